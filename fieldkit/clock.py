@@ -1,0 +1,105 @@
+"""The clock of a session: UTC anchored once to the monotonic counter, and the ways to wait.
+
+Nothing else in fieldkit asks the system for the time or sleeps, so a day of field work can
+be tested in seconds by handing over another clock. Checks against the system clock are
+recorded, never applied while recording.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class ClockCheck:
+    """One comparison of the system's UTC with the monotonic counter.
+
+    `utc_minus_mono_ns` as found; `error_ns` is half the time the comparison took;
+    `suspended_ns` is how long the computer has slept since it booted, which the monotonic
+    counter does not see.
+    """
+
+    mono_ns: int
+    utc_minus_mono_ns: int
+    error_ns: int
+    source: str = "system"
+    suspended_ns: int = 0
+
+
+class Clock(Protocol):
+    """What a session needs of a clock. Times are int64 nanoseconds."""
+
+    def mono_ns(self) -> int:
+        """Monotonic time, never steps."""
+
+    def to_utc_ns(self, mono_ns: int) -> int:
+        """UTC of a monotonic time by the anchor taken at the start."""
+
+    def check(self) -> ClockCheck:
+        """Compare the system's UTC with the monotonic counter now."""
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+
+    def wait_readable(self, fd: int, timeout_s: float) -> bool:
+        """Wait until `fd` has bytes to read; False if it has none within `timeout_s`."""
+
+    def taking_part(self) -> AbstractContextManager[None]:
+        """Around the work of a thread that waits by this clock."""
+
+    def hold_while(self, busy: Callable[[], bool]) -> None:
+        """Ask that time not be hurried while `busy()`; real time cannot be held and ignores it."""
+
+
+class HostClock:
+    """The computer's own clock."""
+
+    def __init__(self) -> None:
+        self.anchor = self.check()
+
+    def mono_ns(self) -> int:
+        """CLOCK_MONOTONIC in nanoseconds."""
+        return time.monotonic_ns()
+
+    def to_utc_ns(self, mono_ns: int) -> int:
+        """UTC nanoseconds since 1970 by the anchor of the start."""
+        return mono_ns + self.anchor.utc_minus_mono_ns
+
+    def check(self) -> ClockCheck:
+        """Tightest of eight comparisons (monotonic, wall, monotonic)."""
+        return min((self._compare() for _ in range(8)), key=lambda check: check.error_ns)
+
+    @staticmethod
+    def _compare() -> ClockCheck:
+        before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        middle = (before + after) // 2
+        return ClockCheck(middle, wall - middle, (after - before) // 2, suspended_ns=_suspended_ns())
+
+    def sleep(self, seconds: float) -> None:
+        """Wait in real time; nothing to do for zero or less."""
+        if seconds > 0:
+            time.sleep(seconds)
+
+    def wait_readable(self, fd: int, timeout_s: float) -> bool:
+        """`poll` on the descriptor."""
+        poll = select.poll()
+        poll.register(fd, select.POLLIN | select.POLLERR | select.POLLHUP)
+        return bool(poll.poll(max(0.0, timeout_s) * 1000.0))
+
+    def taking_part(self) -> AbstractContextManager[None]:
+        """Nothing to do: real time passes for everybody."""
+        return nullcontext()
+
+    def hold_while(self, busy: Callable[[], bool]) -> None:
+        """Nothing to do: real time cannot be held."""
+
+
+def _suspended_ns() -> int:
+    if not hasattr(time, "CLOCK_BOOTTIME"):  # only Linux counts the time asleep
+        return 0
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)

@@ -1,0 +1,106 @@
+"""Errors of fieldkit, each with what happened, to which thing, and what to do next.
+
+::
+
+    FieldkitError                    exit code 1
+     +-- ConfigError                 3   a key, a file or an option is wrong
+     +-- DeviceError                 4   an instrument cannot be used
+     |    +-- DeviceNotFoundError        not plugged in, or another one is
+     |    +-- DeviceAccessError          present, but refused
+     |    +-- DeviceTimeoutError         nothing arrived in time (also TimeoutError)
+     |    +-- DeviceLostError        5   was there, is gone
+     |    +-- DecodeError                bytes make no sense; keeps the bytes
+     +-- SessionError                3   not a session, a newer version, damaged
+     |    +-- IntegrityError         7   stored data do not match their checksums
+     +-- StorageError                6   disk full, read-only, too slow
+     +-- NoAnswerError               8   the data do not determine the answer
+     |    +-- CalibrationError
+     +-- RefusedError                9   preflight refused, or another recording runs
+
+Nature is not an error: night, shade or a closed shutter give NaN and a `Quality` flag.
+"""
+
+from __future__ import annotations
+
+
+class FieldkitError(Exception):
+    """Something fieldkit can explain; `fix` says what to type or do next."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, fix: str | None = None) -> None:
+        super().__init__(message)
+        self.message = message
+        self.fix = fix
+
+
+class ConfigError(FieldkitError, ValueError):
+    """A configuration key, an input file or an option is wrong."""
+
+    exit_code = 3
+
+
+class DeviceError(FieldkitError):
+    """An instrument cannot be used."""
+
+    exit_code = 4
+
+
+class DeviceNotFoundError(DeviceError):
+    """The instrument asked for is not plugged in, or another one is in its place."""
+
+
+class DeviceAccessError(DeviceError):
+    """The instrument is there but may not be opened."""
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """Nothing arrived in time."""
+
+
+class DeviceLostError(DeviceError):
+    """The instrument was open and is gone."""
+
+    exit_code = 5
+
+
+class DecodeError(DeviceError):
+    """Bytes make no sense to the driver; `raw` keeps them."""
+
+    def __init__(self, message: str, raw: bytes = b"", *, fix: str | None = None) -> None:
+        super().__init__(message, fix=fix)
+        self.raw = raw
+
+
+class SessionError(FieldkitError):
+    """A file is not a session, is of a newer version, or cannot be read."""
+
+    exit_code = 3
+
+
+class IntegrityError(SessionError):
+    """Stored data do not match their checksums, or samples had to be dropped."""
+
+    exit_code = 7
+
+
+class StorageError(FieldkitError):
+    """The disk is full, read-only or too slow."""
+
+    exit_code = 6
+
+
+class NoAnswerError(FieldkitError):
+    """The data do not determine the answer."""
+
+    exit_code = 8
+
+
+class CalibrationError(NoAnswerError):
+    """The data do not determine the calibration; the message says what would."""
+
+
+class RefusedError(FieldkitError):
+    """Preflight refused to start, or another recording is running."""
+
+    exit_code = 9

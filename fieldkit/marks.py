@@ -1,0 +1,86 @@
+"""Marks: what somebody notes while a recording runs, dropped as small files for the recorder.
+
+``fieldkit mark`` writes one JSON file per mark beside the journal; the recorder looks there
+each second and turns each file into an event. A mark's time is absolute (ISO 8601) or in
+seconds before now: "now" is the recording's, which need not be the wall's when the field is
+simulated.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import uuid
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+
+from fieldkit.clock import Clock
+from fieldkit.samples import Event, EventKind, Severity
+
+SECOND_NS = 1_000_000_000
+When = float | str
+"""Seconds before now (zero or negative), or an ISO 8601 time with its zone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A note on the recording: at one time, or from `at` to `to`; `label` is one word to sort by."""
+
+    text: str
+    label: str = ""
+    at: When = 0.0
+    to: When | None = None
+
+
+def marks_folder(session: Path) -> Path:
+    """Where the marks of a session that is being recorded are dropped."""
+    return session.with_name(session.name + ".journal") / "marks"
+
+
+def drop_mark(folder: Path, mark: Mark) -> Path:
+    """Write a mark so that it is there as a whole or not at all; raises `OSError`."""
+    folder.mkdir(exist_ok=True)
+    name = uuid.uuid4().hex
+    draft, final = folder / f".{name}", folder / f"{name}.json"
+    draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
+    os.replace(draft, final)
+    return final
+
+
+def read_marks(folder: Path, clock: Clock) -> Iterator[Event]:
+    """Events for the marks dropped since the last call, oldest first; their files are removed.
+
+    A file that is no mark becomes a warning, because a note must not vanish without a word.
+    """
+    if not folder.is_dir():
+        return
+    for file in sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns):
+        text = file.read_text(encoding="utf-8", errors="replace")
+        try:
+            yield _event(Mark(**json.loads(text)), clock)
+        except (ValueError, TypeError) as error:
+            now = clock.mono_ns()
+            said = f"a mark could not be read ({error}): {text.strip()}"
+            yield Event(EventKind.MARK, now, clock.to_utc_ns(now), said, severity=Severity.WARNING)
+        file.unlink()
+
+
+def _event(mark: Mark, clock: Clock) -> Event:
+    now_mono_ns = clock.mono_ns()
+    now_ns = clock.to_utc_ns(now_mono_ns)
+    start_ns = _time_ns(mark.at, now_ns)
+    data: dict[str, str | int] = {"label": mark.label} if mark.label else {}
+    if mark.to is not None:
+        data["end_ns"] = _time_ns(mark.to, now_ns)
+    return Event(EventKind.MARK, now_mono_ns - (now_ns - start_ns), start_ns, mark.text, data=data)
+
+
+def _time_ns(when: When, now_ns: int) -> int:
+    if isinstance(when, int | float):
+        return now_ns + round(when * SECOND_NS)
+    moment = datetime.fromisoformat(when)
+    if moment.tzinfo is None:
+        raise ValueError(f"{when!r} has no time zone")
+    return round(moment.timestamp() * 1e6) * 1000

@@ -1,0 +1,156 @@
+"""What instruments deliver: frames, readings and events, immutable and stamped near the wire.
+
+Two clocks stamp each sample: `mono_ns` (host monotonic nanoseconds, never steps) and
+`time_ns` (UTC nanoseconds since 1970, the monotonic stamp plus the one anchor taken at
+the start). Values are stored as they came; doubts travel beside them as `Quality` flags.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+NO_COUNTER = -(2**63)
+"""Stands for "the device has no clock or counter of its own" in int64 columns."""
+
+
+class Quality(enum.IntFlag):
+    """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
+
+    GOOD = 0
+    STALE = 1  # older than it looks: the device repeated or delayed it
+    FROZEN = 2  # identical pictures for longer than a shutter correction lasts
+    DUPLICATE = 4  # the same picture once more (frame counter or pixels)
+    DROPPED_BEFORE = 8  # samples were lost between the previous one and this
+    SHUTTER = 16  # during, or within 10 s after, a shutter correction (FFC, NUC)
+    SATURATED = 32  # at the end of the camera's counts
+    OVERRANGE = 64  # at the end of the meter's range
+    CLOCK_STEP = 128  # the system clock was stepped since the previous sample
+    BAD_CRC = 256  # stored bytes do not match their checksum
+    INTERPOLATED = 512  # not measured at this time
+    LOW_SUN = 1024  # sun too low for the estimate to mean anything
+    SHADED = 2048  # this region alone lost its sun
+    CLOUD = 4096  # the light changed faster than the sun can
+    UNRESOLVED = 8192  # data fit more than one slope
+    NO_VALUE = 16384  # open probe, overload, or no temperature scale known
+    MOVED = 32768  # the picture moved: regions may be off their beds
+
+
+class Severity(enum.IntEnum):
+    """How loudly an event should be told."""
+
+    INFO = 0
+    WARNING = 1
+    ERROR = 2
+
+
+class EventKind(enum.IntEnum):
+    """What can happen in a session; the numbers are stored in the file."""
+
+    START = 0
+    STOP = 1
+    MARK = 2
+    LOST = 3
+    BACK = 4
+    GAP = 5
+    SHUTTER = 6
+    FROZEN = 7
+    GARBLED = 8
+    CLOUD = 9
+    CLOCK_STEP = 10
+    CLOCK_CHECK = 11
+    DISK = 12
+    ESTIMATOR = 13
+    VIEW = 14
+    RECOVERED = 15
+    IMPORTED = 16
+    SLEPT = 17
+    MOVED = 18
+    OVERRANGE = 19
+    REGION = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One picture of a camera.
+
+    `counts` has shape (rows, cols), uint16; `metadata_rows` (extra rows, cols), uint16, is
+    what the camera sent with it (telemetry), possibly of zero rows. `fpa_temperature_k` is
+    NaN where the camera does not tell. `seq` is given by the recorder.
+    """
+
+    stream: str
+    mono_ns: int
+    time_ns: int
+    counts: NDArray[np.uint16]
+    metadata_rows: NDArray[np.uint16]
+    quality: Quality = Quality.GOOD
+    device_time: int = NO_COUNTER
+    device_seq: int = NO_COUNTER
+    fpa_temperature_k: float = float("nan")
+    seq: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One reading of a meter: a value per channel in the stream's unit, NaN where there is none.
+
+    `raw` keeps the bytes as they came. `seq` is given by the recorder.
+    """
+
+    stream: str
+    mono_ns: int
+    time_ns: int
+    values: tuple[float, ...]
+    raw: bytes = b""
+    quality: Quality = Quality.GOOD
+    device_time: int = NO_COUNTER
+    device_seq: int = NO_COUNTER
+    seq: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened, in words, with machine-readable details in `data`."""
+
+    kind: EventKind
+    mono_ns: int
+    time_ns: int
+    text: str
+    stream: str = ""
+    severity: Severity = Severity.INFO
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHealth:
+    """How one stream is doing: samples so far, lost so far, waiting now, worst delay of the last second."""
+
+    stream: str
+    received: int
+    dropped: int
+    queued: int
+    late_max_us: int = 0
+    rejected: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How the recording is doing, once a second."""
+
+    mono_ns: int
+    time_ns: int
+    streams: tuple[StreamHealth, ...]
+    disk_free_bytes: int
+    written_bytes: int = 0
+    sync_ms: float = 0.0
+    cpu_percent: float = 0.0
+    lag_ms: float = 0.0
+
+
+Sample = Frame | Reading

@@ -1,0 +1,62 @@
+"""Where the experiment is, and which parts of the picture belong to which bed.
+
+Angles in degrees: latitude north and longitude east positive; tilt from horizontal,
+azimuth of the surface normal from north, clockwise.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A place on the Earth; `timezone` is an IANA name and only used for display."""
+
+    latitude_deg: float
+    longitude_deg: float
+    elevation_m: float = 0.0
+    timezone: str = "UTC"
+
+
+class RegionKind(enum.IntEnum):
+    """What a region is for; the numbers are stored in the session file."""
+
+    REFERENCE = 0
+    TARGET = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A named polygon of the picture.
+
+    `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers.
+    `tilt_deg` and `azimuth_deg` are what an inclinometer and a compass said: used by the
+    estimator for references, for targets only to compare (NaN: not known).
+    """
+
+    name: str
+    kind: RegionKind
+    vertices: tuple[tuple[float, float], ...]
+    tilt_deg: float = float("nan")
+    azimuth_deg: float = float("nan")
+    emissivity: float = float("nan")
+
+    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Pixels whose centre lies inside the polygon or on its edge, shape (rows, cols).
+
+        Even-odd rule, so an outline that crosses itself is still defined.
+        """
+        y, x = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float64)
+        inside = np.zeros(shape, dtype=np.bool_)
+        on_edge = np.zeros(shape, dtype=np.bool_)
+        for (x0, y0), (x1, y1) in zip(self.vertices, (*self.vertices[1:], self.vertices[0]), strict=True):
+            cross = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+            on_edge |= (np.abs(cross) < 1e-9) & ((x - x0) * (x - x1) + (y - y0) * (y - y1) <= 0)
+            if y0 != y1:
+                inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+        return inside | on_edge

@@ -1,0 +1,64 @@
+"""The answer: a slope estimate for one region at one minute, with how far it may be trusted.
+
+`tilt` is the angle of the surface from horizontal, `azimuth` the direction of its normal
+from north, clockwise; both in degrees.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from fieldkit.samples import Quality
+
+NAN = float("nan")
+
+
+class SlopeState(enum.IntEnum):
+    """What may be said about a slope; the numbers are stored in the session file."""
+
+    OK = 0
+    TOO_FEW = 1  # not enough minutes in the window yet
+    NOT_RESOLVED = 2  # more than one slope fits
+    FLAT = 3  # the likelihood region contains the vertical normal
+    NO_INTERSECTION = 4  # no slope explains the minutes together (the paper's Fig. 14)
+    HELD_CLOUD = 5  # the last estimate before the cloud is held
+    LOW_SUN = 6
+    SHADED = 7
+    NO_DATA = 8  # no frames, no irradiance or no reference in the window
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeEstimate:
+    """Slope of one region from the minutes `window_start_ns`..`time_ns`.
+
+    Angles in degrees, NaN where not determined; bounds are the projections of the 90 %
+    likelihood region, which allows for noise and for the stated doubts of scale and offset;
+    the `noise_` bounds allow for noise alone. Azimuth bounds are unwrapped (low <= azimuth
+    <= high, so below 0 or above 360 across north). `kelvin_per_degree` is the change of
+    surface temperature per degree of tilt here and now. `chi_square` is reduced (per degree
+    of freedom). `reason` says in words why the state is not `OK`.
+    """
+
+    time_ns: int
+    region: str
+    state: SlopeState
+    tilt_deg: float = NAN
+    azimuth_deg: float = NAN
+    tilt_low_deg: float = NAN
+    tilt_high_deg: float = NAN
+    azimuth_low_deg: float = NAN
+    azimuth_high_deg: float = NAN
+    second_tilt_deg: float = NAN
+    second_azimuth_deg: float = NAN
+    kelvin_per_degree: float = NAN
+    chi_square: float = NAN
+    flags: Quality = Quality.GOOD
+    window_start_ns: int = 0
+    n_bins: int = 0
+    model: str = ""
+    reason: str = ""
+    noise_tilt_low_deg: float = NAN
+    noise_tilt_high_deg: float = NAN
+    noise_azimuth_low_deg: float = NAN
+    noise_azimuth_high_deg: float = NAN
