@@ -1,0 +1,1 @@
+"""Physics of sun, surface and radiation: pure functions, arrays in, arrays out."""

@@ -1,0 +1,151 @@
+"""From what a light meter reads to direct normal irradiance, by a named model.
+
+The paper's eq. (10) turns lux into the irradiance of 400-700 nm light on the meter's
+plane. Three things stand between that and S of eq. (2), each explicit in
+`IrradianceModel`: the share of the band in sunlight (`par_fraction`), the share of sky
+light in the reading, and the angle of the sun on the meter's plane. Lux in, W/m2 out;
+NaN where the reading does not determine the beam.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.physics.facet import VERTICAL, FloatArray, normal
+from fieldkit.physics.illumination import diffuse_fraction_erbs, perez_efficacy
+from fieldkit.physics.sky import extraterrestrial, sky_view
+
+Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"]
+Mounting = Literal["horizontal", "sun-pointing", "in-plane"]
+Diffuse = Literal["none", "fraction", "erbs"]
+
+MICROMOL_PER_JOULE = 4.57
+LUX_PER_MICROMOL = 54.0
+LOWEST_COSINE = 0.2
+"""Below this cosine on the meter's plane its cosine error and the sky's share rule the reading."""
+
+
+@dataclass(frozen=True, slots=True)
+class IrradianceModel:
+    """How a light meter's reading becomes direct normal irradiance.
+
+    `kind`: ``eq10`` lux by the paper's eq. (10) over `par_fraction` (1.0 is the paper to
+    the letter); ``efficacy`` lux over `efficacy_lm_w`; ``perez`` lux over the Perez
+    efficacy of the sky at hand; ``calibrated`` reading times `factor`;
+    ``pyrheliometer`` and ``file`` the direct normal irradiance itself, taken as it is.
+    `mounting` is the plane the meter lies in; `plane_tilt_deg` and `plane_azimuth_deg`
+    count for ``in-plane``. `diffuse`: ``none`` for a baffled tube, ``fraction`` of the
+    global horizontal light (`diffuse_fraction`), or the ``erbs`` decomposition.
+    """
+
+    kind: Kind = "eq10"
+    par_fraction: float = 0.44
+    efficacy_lm_w: float = 105.0
+    factor: float = float("nan")
+    mounting: Mounting = "horizontal"
+    plane_tilt_deg: float = 0.0
+    plane_azimuth_deg: float = 0.0
+    diffuse: Diffuse = "fraction"
+    diffuse_fraction: float = 0.15
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether the reading already is direct normal irradiance."""
+        return self.kind in ("pyrheliometer", "file")
+
+    @property
+    def label(self) -> str:
+        """The model in at most 64 characters, as stored and shown beside every value."""
+        if self.is_direct:
+            return f"{self.kind}, direct normal as measured"
+        scale = {
+            "eq10": f"eq10 /{self.par_fraction:g}",
+            "efficacy": f"efficacy {self.efficacy_lm_w:g} lm/W",
+            "perez": "Perez efficacy",
+            "calibrated": f"calibrated x{self.factor:.6g}",
+        }[self.kind]
+        share = f"diffuse {self.diffuse_fraction:.0%}"
+        sky = {"none": "no diffuse", "fraction": share, "erbs": "Erbs diffuse"}[self.diffuse]
+        tilted = f"plane {self.plane_tilt_deg:g}/{self.plane_azimuth_deg:g}"
+        return f"{scale}, {sky}, {tilted if self.mounting == 'in-plane' else self.mounting}"
+
+
+def eq10(illuminance_lx: ArrayLike, par_fraction: float = 0.44) -> FloatArray:
+    """Eq. (10), ``l / (4.57 x 54)``, over the band's share of sunlight: W/m2 on the meter's plane.
+
+    4.57 umol/J and 54 lux per umol/(m2 s) hold for 400-700 nm of daylight (R. Thimijan and
+    R. Heins, HortScience 18, 1983); `par_fraction` 0.44 makes it broadband (ASTM G173
+    spectra), 1.0 is the formula as printed.
+    """
+    band = np.asarray(illuminance_lx, np.float64) / (MICROMOL_PER_JOULE * LUX_PER_MICROMOL)
+    return np.asarray(band / par_fraction)
+
+
+def direct_normal(model: IrradianceModel, value: ArrayLike, sun: ArrayLike, time_ns: ArrayLike) -> FloatArray:
+    """Direct normal irradiance S (n,), W/m2, from readings (n,) in lux or W/m2.
+
+    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. NaN where the cosine on the
+    meter's plane is below 0.2, where the sun is down, and where the reading is NaN.
+    """
+    reading = np.asarray(value, np.float64)
+    rays = np.asarray(sun, np.float64).reshape(-1, 3)
+    if model.is_direct:
+        return np.where(rays[:, 2] > 0.0, reading, np.nan)
+    cos_plane, view = _plane(model, rays)
+    usable = (rays[:, 2] > 0.0) & (cos_plane >= LOWEST_COSINE)
+    cos_zenith = np.where(usable, rays[:, 2], np.nan)
+    top = extraterrestrial(time_ns)
+    return _beam(model, reading, cos_plane, view, cos_zenith, top)
+
+
+def _plane(model: IrradianceModel, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cosine of the sun on the meter's plane and the plane's view of the sky, (n,) each."""
+    if model.mounting == "sun-pointing":
+        return np.ones(len(rays)), sky_view(rays[:, 2])
+    facet = VERTICAL
+    if model.mounting == "in-plane":
+        facet = normal(model.plane_tilt_deg, model.plane_azimuth_deg)
+    return rays @ facet, np.full(len(rays), sky_view(facet[2]))
+
+
+def _beam(
+    model: IrradianceModel,
+    reading: FloatArray,
+    cos_plane: FloatArray,
+    view: FloatArray,
+    cos_zenith: FloatArray,
+    top: FloatArray,
+) -> FloatArray:
+    """Split ``E = S cos_plane + D view`` with ``D = share / (1 - share) S cos_zenith``.
+
+    The share by Erbs and the efficacy by Perez depend on S in turn; the fixed point is
+    damped by one half, because a low sun on a steep meter would make it swing.
+    """
+    share = np.full(reading.shape, {"none": 0.0}.get(model.diffuse, model.diffuse_fraction))
+    efficacy = np.full(reading.shape, model.efficacy_lm_w)
+    beam = np.full(reading.shape, np.nan)
+    rounds = 40 if model.diffuse == "erbs" or model.kind == "perez" else 1
+    for _ in range(rounds):
+        sky_per_beam = share / (1.0 - share) * cos_zenith
+        beam = _on_plane(model, reading, efficacy) / (cos_plane + sky_per_beam * view)
+        if model.diffuse == "erbs":
+            clearness = beam * (cos_zenith + sky_per_beam) / (top * cos_zenith)
+            share = 0.5 * (share + diffuse_fraction_erbs(clearness))
+        if model.kind == "perez":
+            of_global, of_direct = perez_efficacy(beam, beam * sky_per_beam, cos_zenith, top)
+            found = of_direct if model.mounting == "sun-pointing" else of_global
+            efficacy = 0.5 * (efficacy + found)
+    return beam
+
+
+def _on_plane(model: IrradianceModel, reading: FloatArray, efficacy: FloatArray) -> FloatArray:
+    """Broadband irradiance on the meter's plane, W/m2."""
+    if model.kind == "eq10":
+        return eq10(reading, model.par_fraction)
+    if model.kind == "calibrated":
+        return reading * model.factor
+    return np.asarray(reading / efficacy)

@@ -1,0 +1,91 @@
+"""What a thermal camera sees: radiance of a flat 8-14 micrometre band, and back to temperature.
+
+Planck's law integrated once on a table; both directions interpolate the same table, so a
+round trip gives the temperature back. A camera's own response is not modelled: 8-14
+micrometres flat stands for the uncooled cameras used here. Kelvin, W/m2 into the hemisphere.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.physics.facet import FloatArray
+
+BAND_UM = (8.0, 14.0)
+TABLE_K = (100.0, 800.0)
+_STEP_K = 0.1  # linear interpolation is then within 2e-5 K
+_FIRST = 3.741771852e-16  # 2 pi h c^2, W m2 (CODATA 2018)
+_SECOND = 1.438776877e-2  # h c / k, m K (CODATA 2018)
+
+
+def band_radiance(temperature_k: ArrayLike) -> FloatArray:
+    """Exitance of a black surface within 8-14 micrometres, W/m2, same shape.
+
+    NaN outside 100-800 K.
+    """
+    temperatures, radiances = _table()
+    return np.interp(np.asarray(temperature_k, np.float64), temperatures, radiances, np.nan, np.nan)
+
+
+def band_temperature(radiance_w_m2: ArrayLike) -> FloatArray:
+    """Temperature of a black surface of this band exitance, kelvin; inverse of `band_radiance`."""
+    temperatures, radiances = _table()
+    return np.interp(np.asarray(radiance_w_m2, np.float64), radiances, temperatures, np.nan, np.nan)
+
+
+def surface_temperature_k(
+    brightness_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
+) -> FloatArray:
+    """Temperature of a grey surface from what the camera reports for emissivity 1, kelvin.
+
+    The camera receives ``e M(T) + (1 - e) M(T_reflected)`` with M the band exitance.
+
+    Parameters
+    ----------
+    brightness_k
+        Brightness temperature, any shape. [K]
+    emissivity
+        Of the camera's band, in (0, 1], broadcastable. [-]
+    reflected_k
+        Band temperature of what the surface mirrors; outdoors the clear sky, -20 to -60 °C. [K]
+
+    Returns
+    -------
+    Same shape; NaN where reflection explains more than was seen. [K]
+
+    Raises
+    ------
+    ValueError
+        If an emissivity lies outside (0, 1].
+    """
+    grey = _checked(emissivity)
+    emitted = band_radiance(brightness_k) - (1.0 - grey) * band_radiance(reflected_k)
+    return band_temperature(emitted / grey)
+
+
+def brightness_temperature_k(
+    temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
+) -> FloatArray:
+    """What the camera reports of a grey surface, kelvin; inverse of `surface_temperature_k`."""
+    grey = _checked(emissivity)
+    return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
+
+
+def _checked(emissivity: ArrayLike) -> FloatArray:
+    values = np.asarray(emissivity, np.float64)
+    if not np.all((values > 0.0) & (values <= 1.0)):
+        raise ValueError(f"emissivity must lie in (0, 1], not {values}")
+    return values
+
+
+@lru_cache(maxsize=1)
+def _table() -> tuple[FloatArray, FloatArray]:
+    temperatures = np.arange(TABLE_K[0], TABLE_K[1] + _STEP_K / 2, _STEP_K)
+    nodes, weights = np.polynomial.legendre.leggauss(32)
+    low, high = BAND_UM[0] * 1e-6, BAND_UM[1] * 1e-6
+    wavelengths = 0.5 * (high - low) * nodes + 0.5 * (high + low)
+    spectral = _FIRST / wavelengths**5 / np.expm1(_SECOND / np.outer(temperatures, wavelengths))
+    return temperatures, spectral @ weights * 0.5 * (high - low)

@@ -1,0 +1,150 @@
+"""The paper's energy balance of a surface, eqs. (1) to (7), one function per equation.
+
+Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for Planetary
+Exploration Rovers". Fluxes in W/m2, positive in the direction of the symbol's arrow;
+temperatures in kelvin. Arrays broadcast. Light of the sky, storage and conduction are not
+here: see `sky` and `slab`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.physics.facet import FloatArray
+
+STEFAN_BOLTZMANN = 5.670374419e-8
+"""W m-2 K-4, exact in the SI since 2019 to the digits given (CODATA 2018)."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceParameters:
+    """What the balance needs to know of a surface; the defaults are the paper's Table 1.
+
+    `emissivity` is the camera band's, `emissivity_broadband` that of eqs. (4), (6), (7);
+    for quartz sand they differ. `exchange_m_s` is C_H U.
+    """
+
+    albedo: float = 0.20
+    emissivity: float = 0.90
+    emissivity_broadband: float = 0.90
+    heat_capacity_j_kg_k: float = 1000.0
+    air_density_kg_m3: float = 1.21
+    exchange_m_s: float = 0.015
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.albedo < 1.0:
+            raise ValueError(f"albedo must lie in [0, 1), not {self.albedo}")
+        for name in ("emissivity", "emissivity_broadband"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise ValueError(f"{name} must lie in (0, 1], not {getattr(self, name)}")
+
+    @property
+    def exchange_w_m2_k(self) -> float:
+        """C_p rho C_H U, W/m2 per kelvin between surface and air."""
+        return self.heat_capacity_j_kg_k * self.air_density_kg_m3 * self.exchange_m_s
+
+    @property
+    def alpha(self) -> float:
+        """The paper's alpha of eq. (6), W m-2 K-4."""
+        return self.emissivity_broadband * STEFAN_BOLTZMANN / (1.0 - self.albedo)
+
+    @property
+    def beta(self) -> float:
+        """The paper's beta of eq. (6), W m-2 K-1."""
+        return self.exchange_w_m2_k / (1.0 - self.albedo)
+
+
+def balance(
+    shortwave_down: ArrayLike,
+    longwave_down: ArrayLike,
+    longwave_emitted: ArrayLike,
+    shortwave_reflected: ArrayLike,
+    longwave_reflected: ArrayLike,
+    sensible_heat: ArrayLike,
+    latent_heat: ArrayLike = 0.0,
+    ground_flux: ArrayLike = 0.0,
+) -> FloatArray:
+    """Eq. (1): what is left of the inputs after all outputs, W/m2; zero in balance."""
+    gained = np.add(shortwave_down, longwave_down)
+    radiated = np.add(longwave_emitted, shortwave_reflected) + np.asarray(longwave_reflected)
+    carried = np.add(sensible_heat, latent_heat) + np.asarray(ground_flux)
+    return np.asarray(gained - radiated - carried)
+
+
+def direct_irradiance(direct_normal_w_m2: ArrayLike, cos_incidence: ArrayLike) -> FloatArray:
+    """Eq. (2): S cos(theta), W/m2; zero on a facet that turns its back to the sun."""
+    return np.asarray(np.multiply(direct_normal_w_m2, np.maximum(cos_incidence, 0.0)))
+
+
+def reflected_shortwave(shortwave_down_w_m2: ArrayLike, albedo: ArrayLike) -> FloatArray:
+    """Eq. (3): A S_w, W/m2."""
+    return np.asarray(np.multiply(albedo, shortwave_down_w_m2))
+
+
+def emitted_longwave(temperature_k: ArrayLike, emissivity: ArrayLike) -> FloatArray:
+    """Eq. (4): epsilon sigma T^4 with the broadband emissivity, W/m2."""
+    return np.asarray(np.multiply(emissivity, STEFAN_BOLTZMANN * np.asarray(temperature_k, np.float64) ** 4))
+
+
+def sensible_heat(
+    temperature_k: ArrayLike, air_temperature_k: ArrayLike, parameters: SurfaceParameters
+) -> FloatArray:
+    """Eq. (5): C_p rho C_H U (T - T_a), W/m2. C_p is in J/(kg K)."""
+    return np.asarray(parameters.exchange_w_m2_k * np.subtract(temperature_k, air_temperature_k))
+
+
+def irradiance_difference(
+    temperature_k: ArrayLike, reference_k: ArrayLike, parameters: SurfaceParameters
+) -> FloatArray:
+    """Eq. (6): direct irradiance of the target less that of the reference, W/m2, from temperatures."""
+    target, reference = np.asarray(temperature_k, np.float64), np.asarray(reference_k, np.float64)
+    return np.asarray(parameters.alpha * (target**4 - reference**4) + parameters.beta * (target - reference))
+
+
+def irradiance_per_kelvin(temperature_k: ArrayLike, parameters: SurfaceParameters) -> FloatArray:
+    """D = 4 alpha T^3 + beta: how eq. (6) grows per kelvin of the target, about 30 W/m2/K."""
+    return np.asarray(4.0 * parameters.alpha * np.asarray(temperature_k, np.float64) ** 3 + parameters.beta)
+
+
+def surface_temperature(
+    shortwave_down_w_m2: ArrayLike,
+    longwave_down_w_m2: ArrayLike,
+    air_temperature_k: ArrayLike,
+    parameters: SurfaceParameters,
+    *,
+    exchange_w_m2_k: ArrayLike | None = None,
+) -> FloatArray:
+    """Eq. (7): the temperature of a dry surface without storage, kelvin.
+
+    `shortwave_down_w_m2` is S_w of eq. (2), before reflection. `exchange_w_m2_k` replaces
+    the parameters' C_p rho C_H U where it varies with the wind.
+    """
+    exchange = parameters.exchange_w_m2_k if exchange_w_m2_k is None else exchange_w_m2_k
+    absorbed = (1.0 - parameters.albedo) * np.asarray(shortwave_down_w_m2, np.float64)
+    absorbed = absorbed + parameters.emissivity_broadband * np.asarray(longwave_down_w_m2, np.float64)
+    supply = absorbed + np.multiply(exchange, air_temperature_k)
+    return balance_temperature(supply, exchange, parameters.emissivity_broadband)
+
+
+def balance_temperature(
+    supply_w_m2: ArrayLike, linear_loss_w_m2_k: ArrayLike, emissivity: ArrayLike
+) -> FloatArray:
+    """Solve ``emissivity sigma T^4 + linear_loss T = supply`` for T >= 0, kelvin.
+
+    By Newton's method from above, where a convex function cannot overshoot. NaN stays NaN;
+    a supply below zero, which no temperature balances, gives NaN.
+    """
+    supply = np.asarray(supply_w_m2, np.float64)
+    supply = np.where(supply >= 0.0, supply, np.nan)
+    linear, quartic = np.asarray(linear_loss_w_m2_k, np.float64), np.multiply(emissivity, STEFAN_BOLTZMANN)
+    temperature = (supply / quartic) ** 0.25 + np.zeros_like(linear)
+    for _ in range(60):  # five are enough near the answer, sixty from anywhere
+        slope = 4.0 * quartic * temperature**3 + linear
+        step = (quartic * temperature**4 + linear * temperature - supply) / np.where(slope > 0, slope, 1.0)
+        temperature = temperature - step
+        if not np.any(np.abs(step) > 1e-10):
+            break
+    return np.asarray(temperature)

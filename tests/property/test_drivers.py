@@ -1,0 +1,195 @@
+"""Any bytes whatsoever give a reading that the layout allows or a reasoned rejection, never an exception."""
+
+import contextlib
+import math
+import random
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fieldkit.drivers import registry
+from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, thermal_master, y16
+from fieldkit.drivers.cameras.boson_serial import pack, unpack
+from fieldkit.drivers.cameras.picture import Picture
+from fieldkit.drivers.framing import Framer
+from fieldkit.drivers.meters import lutron, text
+from fieldkit.drivers.meters.modbus_map import packaged
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import DecodeError
+
+GOLDEN = tomllib.loads((Path(__file__).parents[1] / "data/golden_records.toml").read_text())["record"]
+MEGABYTES_10 = 10_000_000
+
+# What a value can be at most, by the layout of its record; None leaves it open.
+LARGEST = {
+    "lutron": 99_999_999.0,
+    "center-309": 3272.0,
+    "center-303": 3272.0,
+    "konica-minolta": 9999e5,
+    "pce-174": 999_900.0,
+    "ut325": 999.9,
+    "modbus": 65_535.0,
+    "nmea": None,
+    "gpsd": None,
+    "text": None,
+}
+OPTIONS = [(name, {}) for name in LARGEST] + [("modbus", {"map": name}) for name in packaged()]
+FRAMES = {
+    "purethermal": (purethermal.decode, tuple(purethermal.SHAPES)),
+    "p2pro": (p2pro.decode, (p2pro.LENGTH,)),
+    "boson": (boson.decode, (min(boson.SHAPES),)),
+    "ht301": (ht301.decode, tuple(ht301.SHAPES)[1:3]),
+    "thermal-master": (thermal_master.decode, (2 * 242 * 160, 2 * 242 * 160 + 24)),
+    "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
+}
+
+
+def golden_of(name):
+    return [
+        one["text"].encode() if "text" in one else bytes.fromhex(one["hex"])
+        for one in GOLDEN
+        if one["driver"] == name
+    ] or [b"T1=21.5 C\n", b"ms,temp_c\n", b'{"class":"TPV","mode":3,"lat":1,"lon":2}\n']
+
+
+def check(name, options, data):
+    decoded = registry.get(name).decode(data, options)
+    covered = sum(part.length for part in decoded.rejected) + decoded.rest
+    assert 0 <= covered <= len(data)
+    assert all(part.reason and part.length > 0 for part in decoded.rejected)
+    assert all(
+        later.offset >= one.offset + one.length
+        for one, later in zip(decoded.rejected, decoded.rejected[1:], strict=False)
+    )
+    largest = LARGEST[name] if not options else None
+    for value in decoded.values:
+        assert not math.isinf(value.value)
+        assert math.isnan(value.value) <= bool(value.flags)  # no value is always flagged
+        if largest is not None and not math.isnan(value.value):
+            assert abs(value.value) <= largest
+    return decoded
+
+
+@st.composite
+def mutated(draw, records):
+    """Golden records strung together, some bytes changed, some cut out."""
+    data = bytearray(b"".join(draw(st.lists(st.sampled_from(records), min_size=1, max_size=6))))
+    for place in draw(st.lists(st.integers(0, len(data) - 1), max_size=8)):
+        data[place] = draw(st.integers(0, 255))
+    start, end = sorted(draw(st.tuples(st.integers(0, len(data)), st.integers(0, len(data)))))
+    return bytes(data[:start] + data[end:])
+
+
+@pytest.mark.parametrize(("name", "options"), OPTIONS)
+@settings(deadline=None)
+@given(data=st.data())
+def test_any_bytes_give_values_or_reasons(name, options, data):
+    check(name, options, data.draw(st.binary(max_size=600) | mutated(golden_of(name))))
+
+
+@pytest.mark.parametrize("name", LARGEST)
+@settings(max_examples=50, deadline=None)
+@given(chunks=st.lists(st.integers(1, 40), min_size=1, max_size=20), data=st.data())
+def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
+    stream = data.draw(mutated(golden_of(name)))
+    module = __import__(f"fieldkit.drivers.meters.{name.replace('-', '_')}", fromlist=["LAYOUT"])
+    layout = getattr(module, "LAYOUT", None) or (
+        text.Grammar().layout if name == "text" else module.layout(None)
+    )
+    whole, pieces = Framer(1), Framer(1)
+    whole.feed(stream, 0)
+    expected, found = [], []
+    while taken := whole.take(layout):
+        expected.append(taken.raw)
+    position = 0
+    while position < len(stream):
+        size = chunks[len(found) % len(chunks)]
+        pieces.feed(stream[position : position + size], 0)
+        position += size
+        while taken := pieces.take(layout):
+            found.append(taken.raw)
+    assert found == expected
+
+
+@given(
+    value=st.integers(-99_999_999, 99_999_999),
+    decimals=st.integers(0, 3),
+    display=st.sampled_from("123456789ABC"),
+    unit=st.sampled_from(list(lutron.UNITS)),
+)
+def test_lutron_values_survive_their_record(value, decimals, display, unit):
+    record = f"\x024{display}{unit}{int(value < 0)}{decimals}{abs(value):08d}\r".encode()
+    (found,) = lutron.take(record).values
+    assert found.value == value / 10**decimals
+    assert (found.channel, found.unit) == (display, lutron.UNITS[unit])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.binary(max_size=64))
+def test_boson_frames_survive_their_escapes(sequence, function, payload):
+    assert unpack(pack(sequence, function, payload)) == (sequence, function, 0xFFFFFFFF, payload)
+
+
+@pytest.mark.parametrize("name", FRAMES)
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), head=st.binary(max_size=64))
+def test_any_picture_is_decoded_or_rejected(name, seed, head):
+    decode, lengths = FRAMES[name]
+    length = lengths[seed % len(lengths)]
+    data = head + random.Random(seed).randbytes(length)[len(head) :]
+    found = decode(data)
+    assert isinstance(found, Picture | Rejected)
+    if isinstance(found, Picture):
+        assert found.counts.size + found.metadata_rows.size <= length // 2
+        assert registry.get(name).decode(data, {}).values
+    assert isinstance(decode(data[:-1]), Rejected)
+
+
+@given(st.binary(max_size=2000), st.integers(0, 2**32 - 1))
+def test_any_file_is_a_picture_or_no_flir_file(data, seed):
+    dice = random.Random(seed)
+    header = bytearray(b"FFF\0".ljust(64, b"\0"))
+    header[0x14:0x20] = b"\x64\0\0\0\x40\0\0\0" + bytes([dice.randrange(4), 0, 0, 0])
+    for attempt in (data, bytes(header) + data, b"\xff\xd8" + data):
+        with contextlib.suppress(DecodeError):
+            assert all(one.counts.ndim == 2 for one in flir_file.pictures(attempt))
+
+
+def noise(name, seed):
+    """Ten million bytes: half of them random, half golden records with one byte in a hundred changed."""
+    dice = random.Random(seed)
+    records = golden_of(name)
+    size = sum(len(record) for record in records)
+    mixed = bytearray(b"".join(records) * (MEGABYTES_10 // 2 // size))
+    for place in dice.sample(range(len(mixed)), len(mixed) // 100):
+        mixed[place] = dice.randrange(256)
+    return dice.randbytes(MEGABYTES_10 - len(mixed)) + bytes(mixed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LARGEST)
+def test_ten_million_bytes_through_every_meter(name):
+    decoded = check(name, {}, noise(name, 1))
+    assert decoded.values
+    assert decoded.rejected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FRAMES)
+def test_ten_million_bytes_through_every_picture(name):
+    decode, lengths = FRAMES[name]
+    dice = random.Random(2)
+    done = 0
+    while done < MEGABYTES_10:
+        length = dice.choice(lengths)
+        kind = dice.randrange(3)
+        data = bytearray(dice.randbytes(length) if kind else bytes([0x00, 0x20]) * (length // 2))
+        if kind == 2:
+            data = bytearray(length)
+        for _ in range(20):
+            data[dice.randrange(length)] = dice.randrange(256)
+        assert isinstance(decode(bytes(data)), Picture | Rejected)
+        assert registry.get(name).decode(bytes(data), {})
+        done += length
