@@ -1,0 +1,95 @@
+"""Trouble, as part of a scene's description: what, when, for how long."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldkit.physics.facet import FloatArray
+
+SECOND_NS = 1_000_000_000
+
+
+class FaultKind(enum.StrEnum):
+    """What can go wrong in a scene."""
+
+    CLOUD = "cloud"  # a cloud passes before the sun
+    CABLE = "cable"  # the camera is unplugged and plugged in again
+    SHUTTER = "shutter"  # the camera corrects itself unasked, and its level is off until it does so again
+    FROZEN = "frozen"  # the camera sends one picture again and again
+    GARBLED = "garbled"  # bytes of the serial instruments are spoilt
+    DISK = "disk"  # something else fills the disk
+    CLOCK = "clock"  # the computer's UTC is put forward by an hour, and stays so
+
+
+LASTS_S = {
+    FaultKind.CLOUD: 360.0,
+    FaultKind.CABLE: 90.0,
+    FaultKind.SHUTTER: 240.0,
+    FaultKind.FROZEN: 150.0,
+    FaultKind.GARBLED: 120.0,
+    FaultKind.DISK: 600.0,
+    FaultKind.CLOCK: 0.0,
+}
+"""How long each kind lasts unless told otherwise."""
+
+CLOCK_STEP_S = 3600.0
+SHUTTER_STEP_K = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault; it begins in the middle of the scene and lasts as `LASTS_S` says, unless told."""
+
+    kind: FaultKind
+    after_s: float | None = None
+    duration_s: float | None = None
+
+    def span_ns(self, start_ns: int, scene_s: float) -> tuple[int, int]:
+        """Begin and end in UTC nanoseconds, in a scene that starts then and lasts so long."""
+        lasts_s = LASTS_S[self.kind] if self.duration_s is None else self.duration_s
+        after_s = scene_s / 2.0 if self.after_s is None else self.after_s
+        begin_ns = start_ns + round(after_s * SECOND_NS)
+        return begin_ns, begin_ns + round(lasts_s * SECOND_NS)
+
+
+@dataclass(frozen=True, slots=True)
+class LightStep:
+    """From `time_ns` on, all light of sun and sky is `factor` times what it would be."""
+
+    time_ns: int
+    factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Veil:
+    """What changes the light: factors at times (n,) in seconds, straight lines in between."""
+
+    time_s: FloatArray
+    direct: FloatArray
+    diffuse: FloatArray
+    longwave_w_m2: FloatArray
+
+    def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Factors of direct and diffuse light and added long wave, each of the shape of `time_s`."""
+        direct, diffuse, longwave = (
+            np.interp(time_s, self.time_s, column)
+            for column in (self.direct, self.diffuse, self.longwave_w_m2)
+        )
+        return direct, diffuse, longwave
+
+
+def cloud_veil(begin_s: float, end_s: float) -> Veil:
+    """A small cumulus before the sun: a fifth of the beam is left, its own light is added."""
+    edge_s = min(20.0, (end_s - begin_s) / 3.0)
+    times = np.array([begin_s, begin_s + edge_s, end_s - edge_s, end_s])
+    inside = np.array([0.0, 1.0, 1.0, 0.0])
+    return Veil(times, 1.0 - 0.8 * inside, 1.0 + 0.6 * inside, 15.0 * inside)
+
+
+def step_veil(at_s: float, factor: float) -> Veil:
+    """A step of all light, as from a shutter before a lamp, within a microsecond."""
+    factors = np.array([1.0, factor])
+    return Veil(np.array([at_s - 1e-6, at_s]), factors, factors, np.zeros(2))

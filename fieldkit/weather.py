@@ -1,0 +1,219 @@
+"""One measured day of sun, sky and air, minute by minute.
+
+Here is the table that the package carries (NOAA SURFRAD, Alamosa, 2016-01-01), the reader
+of SURFRAD's own daily files, and the command that makes the table from such a file::
+
+    python -m fieldkit.weather slv16001.dat --station alamosa --out fieldkit/data/alamosa-20160101.csv
+
+Not here: what a sky does to a surface (`fieldkit.scene`) and skies without a file.
+
+SURFRAD stamps the *end* of the averaged minute; `Weather.time_ns` is its *middle*, so that
+a straight line between two rows passes where the means belong. Missing minutes are missing
+rows in SURFRAD and stay so here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.errors import ConfigError
+from fieldkit.site import Site
+
+FloatArray = NDArray[np.float64]
+Rows = list[tuple[str, ...]]
+
+PACKAGED = "alamosa-20160101.csv"
+
+STATIONS = {
+    # The sign of the longitude differs between SURFRAD headers (Alamosa: +105.92, meaning
+    # west), so the place is taken from here and the header only has to agree in size.
+    "alamosa": Site(37.70, -105.92, 2317.0, "America/Denver"),
+    "bondville": Site(40.05, -88.37, 230.0, "America/Chicago"),
+    "boulder": Site(40.125, -105.237, 1689.0, "America/Denver"),
+    "desert-rock": Site(36.624, -116.019, 1007.0, "America/Los_Angeles"),
+    "fort-peck": Site(48.308, -105.102, 634.0, "America/Denver"),
+    "goodwin-creek": Site(34.255, -89.873, 98.0, "America/Chicago"),
+    "penn-state": Site(40.72, -77.931, 376.0, "America/New_York"),
+    "sioux-falls": Site(43.734, -96.623, 473.0, "America/Chicago"),
+}
+"""Where the stations stand, by the network's station list; west is negative."""
+
+_MISSING = -9999.9
+_FIRST_VALUE = 8  # year, day of year, month, day, hour, minute, decimal hour, zenith come before
+_COLUMNS = {
+    # our column: which of SURFRAD's 20 value/quality pairs
+    "dni_w_m2": 2,
+    "dhi_w_m2": 3,
+    "longwave_down_w_m2": 4,
+    "air_temperature_c": 15,
+    "wind_m_s": 17,
+    "pressure_hpa": 19,
+    "ghi_w_m2": 0,
+    "longwave_up_w_m2": 7,
+}
+_CELSIUS_0_K = 273.15
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """Measured weather at one station; every array has shape (n,), NaN where not measured.
+
+    `time_ns` is the middle of each averaged minute, UTC nanoseconds since 1970. Direct
+    normal (`dni`), diffuse horizontal (`dhi`) and global horizontal (`ghi`) irradiance and
+    the two long-wave fluxes are in W/m², pressure in Pa.
+    """
+
+    time_ns: NDArray[np.int64]
+    dni: FloatArray
+    dhi: FloatArray
+    longwave_down_w_m2: FloatArray
+    air_temperature_k: FloatArray
+    wind_m_s: FloatArray
+    pressure_pa: FloatArray
+    ghi: FloatArray
+    longwave_up_w_m2: FloatArray
+    site: Site
+    source: str
+
+
+def packaged() -> Weather:
+    """The day that comes with the package: Alamosa, Colorado, 2016-01-01, clear all day."""
+    text = (resources.files("fieldkit") / "data" / PACKAGED).read_text(encoding="utf-8")
+    return read_table(io.StringIO(text))
+
+
+def read_table(lines: Iterable[str]) -> Weather:
+    """Weather from a table as `write_table` makes it.
+
+    Raises `ConfigError` where a header line or a column is missing.
+    """
+    about: dict[str, str] = {}
+    body: list[str] = []
+    for line in lines:
+        if line.startswith("#"):
+            key, _, value = line[1:].partition(":")
+            about[key.strip()] = value.strip()
+        else:
+            body.append(line)
+    rows = list(csv.DictReader(body))
+    try:
+        site = Site(
+            float(about["latitude_deg"]),
+            float(about["longitude_deg"]),
+            float(about["elevation_m"]),
+            about["timezone"],
+        )
+        ends = np.array([row["end_utc"].rstrip("Z") for row in rows], dtype="datetime64[ns]")
+        values = {name: np.array([float(row[name] or "nan") for row in rows]) for name in _COLUMNS}
+    except KeyError as missing:
+        raise ConfigError(
+            f"the weather table lacks {missing}", fix="make it anew with: python -m fieldkit.weather"
+        ) from None
+    return _weather(ends, values, site, about.get("source", ""))
+
+
+def read_surfrad(path: Path, station: str) -> Weather:
+    """Weather from a daily file of NOAA's SURFRAD network; bad values (quality 1) become NaN.
+
+    `station` is a name of `STATIONS`. Raises `ConfigError` if the file is none of SURFRAD's
+    or belongs to another station.
+    """
+    _, site, rows = _surfrad_rows(path, station)
+    return read_table(_table_lines(rows, site, path.name))
+
+
+def write_table(surfrad: Path, station: str, out: Path) -> None:
+    """Write the attributed table of a SURFRAD day, comma-separated, one row a minute."""
+    _, site, rows = _surfrad_rows(surfrad, station)
+    out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
+
+
+def _weather(ends: NDArray[np.datetime64], values: dict[str, FloatArray], site: Site, source: str) -> Weather:
+    return Weather(
+        time_ns=ends.astype(np.int64) - 30_000_000_000,
+        dni=values["dni_w_m2"],
+        dhi=values["dhi_w_m2"],
+        longwave_down_w_m2=values["longwave_down_w_m2"],
+        air_temperature_k=values["air_temperature_c"] + _CELSIUS_0_K,
+        wind_m_s=values["wind_m_s"],
+        pressure_pa=values["pressure_hpa"] * 100.0,
+        ghi=values["ghi_w_m2"],
+        longwave_up_w_m2=values["longwave_up_w_m2"],
+        site=site,
+        source=source,
+    )
+
+
+def _surfrad_rows(path: Path, station: str) -> tuple[str, Site, Rows]:
+    """Name of the station, its place, and the rows of our table as text."""
+    if station not in STATIONS:
+        raise ConfigError(
+            f"no SURFRAD station is called {station!r}", fix=f"one of {', '.join(sorted(STATIONS))}"
+        )
+    site = STATIONS[station]
+    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    try:
+        latitude, longitude = (float(word) for word in lines[1].split()[:2])
+        rows = [_surfrad_row(line.split()) for line in lines[2:] if line.strip()]
+    except (IndexError, ValueError) as cause:
+        raise ConfigError(
+            f"{path} is not a SURFRAD daily file: {cause}",
+            fix="give a file as NOAA names it, like slv16001.dat",
+        ) from cause
+    if abs(latitude - site.latitude_deg) > 0.1 or abs(abs(longitude) - abs(site.longitude_deg)) > 0.1:
+        raise ConfigError(
+            f"{path} was recorded at {latitude}, {longitude}, not at {station}",
+            fix="give the right --station",
+        )
+    return lines[0].strip(), site, rows
+
+
+def _surfrad_row(words: list[str]) -> tuple[str, ...]:
+    year, month, day, hour, minute = (int(words[i]) for i in (0, 2, 3, 4, 5))
+    cells = [f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}Z"]
+    for pair in _COLUMNS.values():
+        value, quality = words[_FIRST_VALUE + 2 * pair], int(words[_FIRST_VALUE + 2 * pair + 1])
+        cells.append("" if quality == 1 or float(value) <= _MISSING else value)
+    return tuple(cells)
+
+
+def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
+    yield f"# source: NOAA Global Monitoring Laboratory, SURFRAD, {file_name}\n"
+    yield "# terms: U.S. Government data, public domain\n"
+    yield (
+        "# cite: Augustine, J. A., DeLuisi, J. J. and Long, C. N. (2000). SURFRAD - a national surface"
+        " radiation budget network for atmospheric research. Bull. Amer. Meteor. Soc. 81, 2341-2357\n"
+    )
+    yield "# made by: python -m fieldkit.weather\n"
+    yield f"# latitude_deg: {site.latitude_deg}\n"
+    yield f"# longitude_deg: {site.longitude_deg}\n"
+    yield f"# elevation_m: {site.elevation_m}\n"
+    yield f"# timezone: {site.timezone}\n"
+    yield "# end_utc: end of the averaged minute; air temperature at 10 m\n"
+    yield ",".join(("end_utc", *_COLUMNS)) + "\n"
+    yield from (",".join(row) + "\n" for row in rows)
+
+
+def _main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="python -m fieldkit.weather",
+        description="Make the table of a measured day from a SURFRAD daily file.",
+    )
+    parser.add_argument("surfrad_file", type=Path)
+    parser.add_argument("--station", required=True, choices=sorted(STATIONS))
+    parser.add_argument("--out", required=True, type=Path)
+    chosen = parser.parse_args()
+    write_table(chosen.surfrad_file, chosen.station, chosen.out)
+
+
+if __name__ == "__main__":
+    _main()
