@@ -1,0 +1,245 @@
+"""Minute bins: what is kept of the samples, and all that an estimate is made of.
+
+A minute gathers samples in any order and closes once. Pictures are summed as whole
+numbers, which no order of adding can change; readings are sorted by their time first. So
+live, replay and batch bins are equal to the last bit. Nothing here knows about slopes.
+
+Frames during a shutter correction, frozen or repeated ones, saturated ones, damaged ones
+and those without a temperature scale are held out of the sums; their flags stay on the bin.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.device import StreamInfo
+from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.samples import Frame, Quality, Reading
+from fieldkit.site import Region
+
+MINUTE_NS = 60_000_000_000
+LAW_STEP_K = 0.01
+HELD_OUT = (
+    Quality.SHUTTER
+    | Quality.FROZEN
+    | Quality.DUPLICATE
+    | Quality.SATURATED
+    | Quality.NO_VALUE
+    | Quality.BAD_CRC
+)
+"""Flags of frames and readings that do not enter the means."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bin:
+    """One closed minute. Temperatures per region in the order of the regions, NaN without pictures.
+
+    `time_ns` is the mean time of the pictures that count (the middle of the minute without
+    any), `sun` the unit vector to the sun then. `spread_k` is the standard deviation over a
+    region's pixels, `jitter_k` that of its mean from picture to picture (NaN for one).
+    Irradiances in W/m2, NaN where not measured; `direct_w_m2` is normal to the beam, the
+    others are on the horizontal. `flags` hold for the minute, `region_flags` for one region.
+    """
+
+    minute: int
+    time_ns: int
+    sun: FloatArray
+    temperature_k: FloatArray
+    spread_k: FloatArray
+    jitter_k: FloatArray
+    pixels: NDArray[np.int64]
+    frames: int
+    direct_w_m2: float
+    illuminance_lx: float = float("nan")
+    diffuse_w_m2: float = float("nan")
+    longwave_w_m2: float = float("nan")
+    contact_k: tuple[float, ...] = ()
+    flags: Quality = Quality.GOOD
+    region_flags: tuple[Quality, ...] = ()
+
+    @property
+    def start_ns(self) -> int:
+        """UTC nanoseconds at which the minute begins."""
+        return self.minute * MINUTE_NS
+
+
+class Outline:
+    """Regions flattened once into pixel indices, so that a picture costs one gather."""
+
+    def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
+        masks = [np.flatnonzero(region.mask(shape)) for region in regions]
+        self.pixels: NDArray[np.int64] = np.array([mask.size for mask in masks], np.int64)
+        self._indices = np.concatenate([*masks, np.array([], np.intp)])
+        # an empty region would make reduceat repeat its neighbour, so only the others are summed
+        self._filled = np.flatnonzero(self.pixels)
+        self._starts = (np.cumsum(self.pixels) - self.pixels)[self._filled]
+
+    def gather(self, picture: NDArray[Any]) -> NDArray[Any]:
+        """The pixels of all regions, one region after the other."""
+        return np.asarray(picture.ravel()[self._indices])
+
+    def sums(self, numbers: NDArray[np.integer[Any]]) -> tuple[list[int], list[int]]:
+        """Sum and sum of squares over each region of a picture of whole numbers, exact in a double."""
+        totals, squares = np.zeros(self.pixels.size), np.zeros(self.pixels.size)
+        if self._filled.size:
+            values = self.gather(numbers).astype(np.float64)
+            totals[self._filled] = np.add.reduceat(values, self._starts)
+            values *= values
+            squares[self._filled] = np.add.reduceat(values, self._starts)
+        return [int(total) for total in totals], [int(square) for square in squares]
+
+
+@dataclass(slots=True)
+class CameraSums:
+    """Whole-number sums over the pictures of one minute."""
+
+    regions: int
+    frames: int = 0
+    offset_ns: int = 0
+    totals: list[int] = field(init=False)
+    squares: list[int] = field(init=False)
+    totals_squared: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.totals, self.squares = [0] * self.regions, [0] * self.regions
+        self.totals_squared = [0] * self.regions
+
+    def add(self, totals: list[int], squares: list[int], offset_ns: int) -> None:
+        """Add one picture's region sums, taken `offset_ns` after the minute's start."""
+        self.frames += 1
+        self.offset_ns += offset_ns
+        for index, (total, square) in enumerate(zip(totals, squares, strict=True)):
+            self.totals[index] += total
+            self.squares[index] += square
+            self.totals_squared[index] += total * total
+
+
+class Camera:
+    """The picture stream that feeds the bins: its law, its regions, how counts become kelvin.
+
+    Counts of a linear law are summed as they are; other laws give kelvin picture by picture,
+    which are summed in whole hundredths, finer than the noise of one pixel.
+    """
+
+    def __init__(
+        self, info: StreamInfo, regions: Sequence[Region], emissivity: float, reflected_k: float
+    ) -> None:
+        self.info = info
+        self.outline = Outline(regions, (info.shape[0], info.shape[1]))
+        given = np.array([region.emissivity for region in regions], np.float64)
+        self._emissivity = np.where(np.isnan(given), emissivity, given)
+        self._reflected_k = reflected_k
+        self._is_linear = info.law == "linear"
+        self._scale = info.scale if self._is_linear else LAW_STEP_K
+        self._offset = info.offset if self._is_linear else 0.0
+
+    def sums(self, frame: Frame) -> tuple[list[int], list[int]] | None:
+        """Sums of a picture's regions; None where its law has no answer for a pixel in them."""
+        if self._is_linear:
+            return self.outline.sums(frame.counts)
+        info = self.info
+        kelvin = temperature_k(info.law, frame.counts, frame.metadata_rows, info.settings)
+        if not np.isfinite(self.outline.gather(kelvin)).all():
+            return None
+        return self.outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
+
+    def means(self, sums: CameraSums) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Surface temperature, spread over pixels and jitter over pictures of each region, kelvin."""
+        samples = self.outline.pixels * sums.frames
+        if sums.frames == 0 or not np.isfinite(self._scale):
+            return tuple(np.full(samples.size, np.nan) for _ in range(3))  # type: ignore[return-value]
+        mean, spread, jitter = np.full((3, samples.size), np.nan)
+        for index in np.flatnonzero(samples):
+            total, n, pixels = sums.totals[index], int(samples[index]), int(self.outline.pixels[index])
+            mean[index] = total / n
+            # integer numerators: variances of large counts without cancellation
+            spread[index] = np.sqrt((n * sums.squares[index] - total * total) / (n * n))
+            if sums.frames > 1:
+                scatter = sums.frames * sums.totals_squared[index] - total * total
+                jitter[index] = np.sqrt(scatter / (sums.frames * (sums.frames - 1))) / pixels
+        kelvin = surface_temperature_k(mean * self._scale + self._offset, self._emissivity, self._reflected_k)
+        return kelvin, spread * abs(self._scale), jitter * abs(self._scale)
+
+
+class OpenMinute:
+    """One minute while its samples arrive, in whatever order."""
+
+    def __init__(self, minute: int, regions: int) -> None:
+        self.minute = minute
+        self.pictures = CameraSums(regions)
+        self.flags = Quality.GOOD
+        self.readings: dict[str, list[Reading]] = defaultdict(list)
+        self.first_frame: Frame | None = None
+
+    def add_frame(self, frame: Frame, camera: Camera) -> None:
+        """Sum a picture, unless its flags or its law hold it out."""
+        self.flags |= frame.quality
+        if frame.quality & HELD_OUT or (sums := camera.sums(frame)) is None:
+            return
+        if self.first_frame is None or frame.time_ns < self.first_frame.time_ns:
+            self.first_frame = frame
+        self.pictures.add(*sums, frame.time_ns - self.minute * MINUTE_NS)
+
+    def add_reading(self, reading: Reading) -> None:
+        """Keep a reading until the minute closes."""
+        self.readings[reading.stream].append(reading)
+
+    @property
+    def time_ns(self) -> int:
+        """Mean time of the pictures that count, else the middle of the minute."""
+        start, frames = self.minute * MINUTE_NS, self.pictures.frames
+        return start + (self.pictures.offset_ns // frames if frames else MINUTE_NS // 2)
+
+    def sorted_readings(self, stream: str) -> list[Reading]:
+        """Readings of one stream by time; equal times by value, so the order of arrival never shows."""
+        return sorted(self.readings.get(stream, []), key=lambda r: (r.time_ns, r.values, r.quality))
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3)."""
+
+    minute: NDArray[np.int64]
+    time_ns: NDArray[np.int64]
+    sun: FloatArray
+    temperature_k: FloatArray
+    direct_w_m2: FloatArray
+    diffuse_w_m2: FloatArray
+    longwave_w_m2: FloatArray
+    flags: NDArray[np.int64]
+    region_flags: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, bins: Sequence[Bin]) -> History:
+        """Stack bins, which must be in order of time."""
+        regions = bins[0].temperature_k.size if bins else 0
+        return cls(
+            np.array([b.minute for b in bins], np.int64),
+            np.array([b.time_ns for b in bins], np.int64),
+            np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
+            np.array([b.temperature_k for b in bins], np.float64).reshape(-1, regions),
+            np.array([b.direct_w_m2 for b in bins], np.float64),
+            np.array([b.diffuse_w_m2 for b in bins], np.float64),
+            np.array([b.longwave_w_m2 for b in bins], np.float64),
+            np.array([int(b.flags) for b in bins], np.int64),
+            np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(-1, regions),
+        )
+
+    def __len__(self) -> int:
+        return self.minute.size
+
+    def since(self, first: int) -> History:
+        """The rows from index `first` on."""
+        return History(*(getattr(self, field.name)[first:] for field in fields(self)))
+
+    def until(self, last: int) -> History:
+        """The rows before index `last`."""
+        return History(*(getattr(self, field.name)[:last] for field in fields(self)))

@@ -1,0 +1,163 @@
+"""The paper's method: a table of radiation differences, contours through it, and votes.
+
+For each time the table holds ``S (n . s - reference . s)`` for all slopes of a grid. The
+paper gives a vote to each cell "on the contour" of the measured difference and takes the
+cell with most votes, but says neither how near is on the contour nor how ties are
+resolved. Here a cell is on the contour within a stated tolerance, tied cells are averaged
+as normals (never as azimuths), the column 360 that repeats column 0 is dropped, and the
+winner needs a stated share of all votes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.physics.facet import FloatArray, normal
+
+TILT_STEP_DEG = 0.5
+AZIMUTH_STEP_DEG = 1.0
+
+
+def slope_grid(tilt_limit_deg: float = 30.0) -> FloatArray:
+    """Normals (cells, 3) of the paper's grid: tilt 0 to the limit by 0.5, azimuth 0 to 359 by 1 degree."""
+    tilts = np.arange(0.0, tilt_limit_deg + TILT_STEP_DEG / 2, TILT_STEP_DEG)
+    azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG)
+    return normal(tilts[:, np.newaxis], azimuths).reshape(-1, 3)
+
+
+@dataclass(frozen=True, slots=True)
+class Votes:
+    """Outcome for m slopes: mean normal of the winning cells (m, 3), their votes (m,), how many tied (m,).
+
+    The normal is NaN where no cell reached the threshold.
+    """
+
+    normals: FloatArray
+    best: NDArray[np.int64]
+    tied: NDArray[np.int64]
+
+
+class RadiationTable:
+    """Radiation differences (times, cells) of the paper's section 3, W/m2, ready for scoring.
+
+    `cells` are normals (cells, 3), `lamps` sun vectors (times, 3) times direct irradiance,
+    `reference` the reference's normal.
+    """
+
+    def __init__(self, cells: FloatArray, lamps: FloatArray, reference: FloatArray) -> None:
+        self.cells = cells
+        self.values: FloatArray = lamps @ (cells - reference).T
+        self._by_cell = np.ascontiguousarray(self.values.T)
+
+    def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> NDArray[np.int64]:
+        """Votes (cells,) of every cell for one slope: the paper's Fig. 8.
+
+        Measured differences (times,), tolerances (times,) or one for all; NaN gives no vote.
+        """
+        near = np.abs(self._by_cell - difference_w_m2) <= tolerance_w_m2
+        return np.asarray(np.count_nonzero(near, axis=1))
+
+    def winner(
+        self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
+    ) -> Votes:
+        """Winning cells of one slope with measured differences (times,), all cells scored."""
+        scores = self.scores(difference_w_m2, tolerance_w_m2)
+        best = int(scores.max())
+        cells = np.flatnonzero(scores == best) if best else np.array([], np.intp)
+        total = self.cells[cells].sum(axis=0)
+        return _elected(
+            total[np.newaxis], np.array([best]), np.array([cells.size]), threshold * difference_w_m2.size
+        )
+
+    @cached_property
+    def _order(self) -> NDArray[np.intp]:
+        """Cells of every time (times, cells) in order of their value."""
+        return np.argsort(self.values, axis=1)
+
+    def vote(
+        self, differences_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
+    ) -> Votes:
+        """Winning cells of m slopes with measured differences (m, times).
+
+        The same winners, votes and ties as `scores` would give for all cells, without
+        scoring all of them: a cell with at most j misses lies in at least one of any j + 1
+        contours. So the cells of the shortest contours are scored first, and only where the
+        winner has more misses than that are further contours drawn in.
+        """
+        slopes, times = differences_w_m2.shape
+        tolerance = np.broadcast_to(np.asarray(tolerance_w_m2, np.float64), (times,))
+        best, tied = np.zeros(slopes, np.int64), np.zeros(slopes, np.int64)
+        sums = np.zeros((slopes, 3))
+        low, high = self._bands(differences_w_m2, tolerance)
+        drawn = np.argsort(high - low, axis=1, kind="stable")
+        open_slopes, contours = np.arange(slopes), 1
+        while open_slopes.size:
+            for part in np.array_split(open_slopes, 1 + open_slopes.size * contours // 2000):
+                chosen = drawn[part, :contours]
+                found = self._winners(differences_w_m2[part], tolerance, low[part], high[part], chosen)
+                best[part], tied[part], sums[part] = found
+            settled = best[open_slopes] >= times - contours + 1
+            open_slopes = open_slopes[~settled] if contours < times else open_slopes[:0]
+            contours = min(2 * contours, times)
+        return _elected(sums, best, tied, threshold * times)
+
+    def _bands(
+        self, differences: FloatArray, tolerance: FloatArray
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Where each contour begins and ends (m, times) among the cells sorted by their value."""
+        low, high = np.zeros((2, *differences.shape), np.intp)
+        # a hair wider than the tolerance: rounding is left to the comparison that counts votes
+        reach = tolerance * (1.0 + 1e-9) + 1e-9
+        for time, row in enumerate(np.take_along_axis(self.values, self._order, axis=1)):
+            low[:, time] = np.searchsorted(row, differences[:, time] - reach[time])
+            high[:, time] = np.searchsorted(row, differences[:, time] + reach[time], side="right")
+            blank = np.isnan(differences[:, time])
+            high[blank, time] = low[blank, time]
+        return low, high
+
+    def _winners(
+        self,
+        differences: FloatArray,
+        tolerance: FloatArray,
+        low: NDArray[np.intp],
+        high: NDArray[np.intp],
+        chosen: NDArray[np.intp],
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Best votes, ties and sum of the tied normals among the cells of the chosen contours."""
+        slope, cell = self._candidates(low, high, chosen)
+        near = np.abs(self._by_cell[cell] - differences[slope]) <= tolerance
+        votes = np.count_nonzero(near, axis=1)
+        best = np.zeros(len(differences), np.int64)
+        np.maximum.at(best, slope, votes)
+        winners = (votes == best[slope]) & (votes > 0)
+        slope, cell = slope[winners], cell[winners]
+        tied = np.bincount(slope, minlength=best.size)
+        sums = [np.bincount(slope, self.cells[cell, axis], best.size) for axis in range(3)]
+        return best, tied, np.column_stack(sums)
+
+    def _candidates(
+        self, low: NDArray[np.intp], high: NDArray[np.intp], chosen: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Pairs (slope, cell), each once, of all cells on the chosen contours (m, contours)."""
+        slopes = np.arange(len(chosen))[:, np.newaxis]
+        start, count = low[slopes, chosen], (high - low)[slopes, chosen]
+        total = count.ravel()
+        owner = np.repeat(np.broadcast_to(slopes, chosen.shape).ravel(), total)
+        time = np.repeat(chosen.ravel(), total)
+        within = np.arange(total.sum()) - np.repeat(np.cumsum(total) - total, total)
+        cell = self._order[time, np.repeat(start.ravel(), total) + within]
+        if chosen.shape[1] == 1:
+            return owner, cell
+        pairs = np.unique(owner * len(self.cells) + cell)
+        return pairs // len(self.cells), pairs % len(self.cells)
+
+
+def _elected(sums: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64], needed: float) -> Votes:
+    """Mean normals from the sums (m, 3) over the tied cells, NaN below the votes needed."""
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    enough = ((best > 0) & (best >= needed))[:, np.newaxis]
+    return Votes(np.where(enough, sums / np.where(length > 0.0, length, 1.0), np.nan), best, tied)

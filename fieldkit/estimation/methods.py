@@ -1,0 +1,241 @@
+"""The three ways from rows to a slope of one region, and what each answer comes with.
+
+Unit-norm least squares is the default, contour scoring the paper's, the posterior the
+robust one. They differ in the answer; the likelihood regions are drawn the same way for
+all, once for noise alone and once with the stated doubts of scale, offset and stored heat.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation import quality
+from fieldkit.estimation.balance import Rows
+from fieldkit.estimation.contours import RadiationTable, slope_grid
+from fieldkit.estimation.likelihood import (
+    NINETY_PERCENT,
+    NINETY_PERCENT_ONE,
+    DoubtfulMisfit,
+    LikelihoodRegion,
+    MisfitOf,
+    region,
+    region_known_azimuth,
+    with_doubts,
+)
+from fieldkit.estimation.normal import Misfit, choose, solve, solve_known_azimuth
+from fieldkit.estimation.posterior import posterior
+from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.site import Region
+from fieldkit.slope import SlopeState
+
+NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What is known of one slope: best normal (3,) or None, the second that fits, both regions, the state."""
+
+    state: SlopeState
+    reason: str
+    best: FloatArray | None
+    second: FloatArray | None
+    whole: LikelihoodRegion
+    noise: LikelihoodRegion
+    chi_square: float
+    used: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Rows of one region, their weights (n,), the azimuth where it is known, and what else counts."""
+
+    rows: Rows
+    index: int
+    weights: FloatArray
+    azimuth_deg: float | None
+    settings: EstimatorSettings
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Rows that count."""
+        return self.weights > 0.0
+
+    @property
+    def lamps(self) -> FloatArray:
+        """Lamps of the rows that count."""
+        return np.asarray(self.rows.lamps[self.used])
+
+    @property
+    def y(self) -> FloatArray:
+        """Measured cosines of the rows that count."""
+        return np.asarray(self.rows.y[self.used, self.index])
+
+    @property
+    def misfit(self) -> Misfit:
+        """Noise only."""
+        return Misfit.of_rows(self.lamps, self.y, self.weights[self.used])
+
+    @property
+    def doubtful(self) -> DoubtfulMisfit:
+        """With the stated doubts of offset, stored heat and scale."""
+        settings, used = self.settings, self.used
+        doubts = self.rows.doubts[:, used, self.index]
+        summed = with_doubts(self.lamps, self.y, self.weights[used], doubts)
+        left_out = PAPER_SCALE_SD if settings.model == "paper" else 0.0
+        return DoubtfulMisfit(summed, self.rows.reference, math.hypot(settings.scale_sd, left_out))
+
+    @property
+    def freedom(self) -> int:
+        """Rows less fitted angles."""
+        return int(self.used.sum()) - (2 if self.azimuth_deg is None else 1)
+
+    @property
+    def drop(self) -> float:
+        """How far the misfit may rise within the 90 % region."""
+        return NINETY_PERCENT if self.azimuth_deg is None else NINETY_PERCENT_ONE
+
+    def standardised(self, best: FloatArray) -> FloatArray:
+        """What a normal leaves unexplained, in standard deviations."""
+        return np.asarray((self.y - self.lamps @ best) * np.sqrt(self.weights[self.used]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Least squares: the normal to believe, the other branch within the limit or None, their misfits."""
+
+    best: FloatArray
+    other: FloatArray | None
+    misfit: float
+    other_misfit: float
+    steeper_misfit: float  # of the better branch, where both break the limit; else that of best
+
+
+def solution(
+    rows: Rows, index: int, weights: FloatArray, bed: Region, settings: EstimatorSettings
+) -> Solution:
+    """Slope of one region from its rows; weights (n,), zero for rows that do not count."""
+    known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
+    problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
+    fit = _least_squares(problem)
+    lit = problem.used & (np.nan_to_num(rows.lamps) @ fit.best >= quality.LOWEST_COS_INCIDENCE)
+    if 3 <= lit.sum() < problem.used.sum():
+        problem = replace(problem, weights=np.where(lit, weights, 0.0))
+        fit = _least_squares(problem)
+    ratio = quality.noise_ratio(problem.standardised(fit.best))
+    if ratio > 1.0:
+        problem = replace(problem, weights=problem.weights / ratio)
+        fit = _least_squares(problem)
+    best, votes, problem = _answer(problem, fit)
+    if problem.settings.method == "posterior":
+        fit = _least_squares(problem)
+    if best is None:
+        return _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
+    return _judged(problem, fit, best)
+
+
+def _least_squares(problem: _Problem) -> _Fit:
+    limit, misfit = problem.settings.tilt_limit_deg, problem.misfit
+    if problem.azimuth_deg is not None:
+        return _along_azimuth(misfit, problem.azimuth_deg, limit)
+    branches = solve(misfit)
+    choice = choose(misfit, branches, limit)
+    other = None if np.isnan(choice.other).any() else choice.other
+    least = min(float(branches.first_misfit), float(choice.misfit))
+    steeper = float(choice.misfit) if other is not None else least
+    return _Fit(choice.best, other, float(choice.misfit), float(choice.other_misfit), steeper)
+
+
+def _along_azimuth(misfit: Misfit, azimuth_deg: float, limit: float) -> _Fit:
+    """Along a known azimuth; of two tilts that both fit the flatter one is believed."""
+    tilt, other = solve_known_azimuth(misfit, azimuth_deg, limit)
+    best, second = normal([tilt, other], azimuth_deg)
+    values = misfit(np.stack([best, second]))
+    if np.isnan(other):
+        return _Fit(best, None, float(values[0]), float("nan"), float(values[0]))
+    if other < tilt and values[1] - values[0] < NINETY_PERCENT_ONE:
+        best, second, values = second, best, values[::-1]
+    return _Fit(best, second, float(values[0]), float(values[1]), float(values[0]))
+
+
+def _answer(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Problem]:
+    """The method's own best normal (None with the votes in words), and the weights it gave."""
+    settings = problem.settings
+    if settings.method == "unit-norm" or problem.azimuth_deg is not None:
+        return fit.best, "", problem
+    if settings.method == "contours":
+        return *_scored(problem), problem
+    used = problem.used
+    found = posterior(problem.lamps, problem.y, problem.weights[used], settings.tilt_limit_deg)
+    weights = np.zeros_like(problem.weights)
+    weights[used] = found.weights
+    return found.mean, "", replace(problem, weights=weights)
+
+
+def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
+    """Contour scoring on the cosine of incidence, so that every minute's tolerance is its own."""
+    settings, used, reference = problem.settings, problem.used, problem.rows.reference
+    table = RadiationTable(slope_grid(settings.tilt_limit_deg), problem.lamps, reference)
+    tolerance = 2.0 * problem.rows.sigma[used, problem.index]
+    if settings.contour_tolerance_w_m2 is not None:
+        tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
+    difference = problem.y - problem.lamps @ reference
+    votes = table.winner(difference, tolerance, settings.contour_threshold)
+    if np.isnan(votes.normals).any():
+        return None, f"at most {votes.best[0]} of {used.sum()} minutes agree"
+    return votes.normals[0], ""
+
+
+def _nowhere(problem: _Problem, fit: _Fit, reason: str) -> Solution:
+    chi_square = fit.misfit / problem.freedom
+    used = int(problem.used.sum())
+    return Solution(SlopeState.NO_INTERSECTION, reason, None, None, NOWHERE, NOWHERE, chi_square, used)
+
+
+def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
+    """State and regions of a method's answer."""
+    if fit.misfit - fit.steeper_misfit > problem.drop:
+        limit = problem.settings.tilt_limit_deg
+        return _nowhere(problem, fit, f"what fits best is steeper than the limit of {limit:g}°")
+    misfit, doubtful = problem.misfit, problem.doubtful
+    alarm = quality.chi_square_limit(problem.freedom)
+    chi_square = fit.misfit / problem.freedom
+    is_bad = float(doubtful(fit.best)) / problem.freedom > alarm
+    # beyond what noise explains, the misfit itself is the measure of how far to trust
+    swollen = chi_square if chi_square > alarm else 1.0
+    if swollen > 1.0:
+        loose = replace(problem, weights=problem.weights / swollen)
+        misfit, doubtful = loose.misfit, loose.doubtful
+    noise = _region(problem, misfit, misfit.H, best)
+    whole = _region(problem, doubtful, doubtful.linearised(best), best)
+    second = fit.other if fit.other_misfit - fit.misfit < problem.drop * swollen else None
+    state, reason = SlopeState.OK, ""
+    if is_bad:
+        state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, chi_square)
+    elif second is not None:
+        tilt, azimuth = tilt_azimuth(second)
+        state, reason = SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
+    elif whole.vertical:
+        state, reason = SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
+    return Solution(state, reason, best, second, whole, noise, chi_square, int(problem.used.sum()))
+
+
+def _misfit_reason(problem: _Problem, chi_square: float) -> str:
+    """What the misfit looks like, in words."""
+    brightest = float(problem.y.max())
+    if brightest > 1.0:
+        return f"warmer than any slope explains (cosine {brightest:.2f}): scale, offset or emissivity is off"
+    return f"the minutes agree on no slope (chi-square {chi_square:.1f}): cloud, shade, wind or a drift"
+
+
+def _region(
+    problem: _Problem, misfit: MisfitOf, information: FloatArray, best: FloatArray
+) -> LikelihoodRegion:
+    limit = problem.settings.tilt_limit_deg
+    if problem.azimuth_deg is not None:
+        return region_known_azimuth(misfit, problem.azimuth_deg, best, problem.drop, limit)
+    return region(misfit, information, best, problem.drop, limit)

@@ -1,0 +1,331 @@
+"""Unit normals by least squares: the sun as a moving lamp, the normal on the unit sphere.
+
+Every minute is one row ``y = n . u + error``: `u` points to the sun (or is the effective
+lamp of the full surface model), `y` is the measured cosine of incidence. With weights
+``w = 1 / sigma_y**2`` the misfit of a normal is ``q(n) = n'Hn - 2 b'n + c``, so `Misfit`
+is all that has to be kept of any number of rows. The three-vector solution ``H x = b`` is
+never used as an answer: below three hours its length is noise. Two circles on a sphere
+meet in two points, so there are always two branches; which of them is meant is decided by
+the tilt limit, and said.
+
+Angles in degrees at every boundary; vectors are east, north, up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+
+POLISH_STEPS = 30
+_MERGED = 1e-5
+"""Branches closer than this (chord) are one: the slope lies on the fold."""
+_ONES = np.ones(3)  # a product with it adds up components faster than a sum over three
+_ROUNDING_DEG = 1e-3
+"""A slope on the very limit must not be ruled out by rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """The misfit ``q(n) = n'Hn - 2 b'n + c`` of unit normals, for one slope or many.
+
+    `H` has shape (3, 3) or (m, 3, 3), `b` (3,) or (m, 3), `c` and `count` () or (m,); an
+    `H` common to all slopes is shared.
+    """
+
+    H: FloatArray
+    b: FloatArray
+    c: FloatArray
+    count: NDArray[np.int64]
+
+    @classmethod
+    def of_rows(cls, lamps: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
+        """Sum rows: lamps (n, 3), y (n,) or (m, n), weights that broadcast with y; zero weight drops a row.
+
+        A row whose y is NaN counts as dropped.
+        """
+        u, y = np.asarray(lamps, np.float64), np.asarray(y, np.float64)
+        w = np.asarray(weights, np.float64)
+        shared = y.ndim > 1 and w.ndim < 2 and not np.isnan(y).any()
+        used = np.where(np.isnan(y), 0.0, np.broadcast_to(w, y.shape))
+        common = used if y.ndim == 1 else np.broadcast_to(w, y.shape[-1:]) if shared else None
+        if common is not None:
+            H = (u * common[:, np.newaxis]).T @ u
+        else:
+            H = np.einsum("mk,ki,kj->mij", used, u, u, optimize=True)
+        weighted = used * np.nan_to_num(y)
+        return cls(
+            H,
+            weighted @ u,
+            np.sum(weighted * np.nan_to_num(y), axis=-1),
+            np.asarray(np.sum(used > 0.0, axis=-1)),
+        )
+
+    def __call__(self, normals: ArrayLike) -> FloatArray:
+        """Misfit of normals (..., 3) that broadcast against the slopes."""
+        n = np.asarray(normals, np.float64)
+        pulled = (n @ self.H if self.H.ndim == 2 else _times(self.H, n)) - 2.0 * self.b
+        return np.asarray((pulled * n) @ _ONES + self.c)
+
+
+@dataclass(frozen=True, slots=True)
+class Branches:
+    """Both minima of a misfit on the sphere, (..., 3) each, the better one first.
+
+    `merged` where they are one point: on the fold, or where the sun's circles do not meet.
+    """
+
+    first: FloatArray
+    second: FloatArray
+    first_misfit: FloatArray
+    second_misfit: FloatArray
+    merged: NDArray[np.bool_]
+
+
+def solve(misfit: Misfit) -> Branches:
+    """Both unit normals that minimise the misfit locally.
+
+    Closed-form starts ``c1 e1 + c2 e2 +- sqrt(1 - c1**2 - c2**2) m`` in the eigenvectors of
+    H, then Newton steps on the sphere. Exact without noise. NaN where H or b is NaN or no
+    row was summed.
+    """
+    known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
+    # what is not known is solved as a flat bed and blanked at the end
+    H = (
+        misfit.H
+        if misfit.H.ndim == 2 and known.any()
+        else np.where(known[..., np.newaxis, np.newaxis], misfit.H, np.eye(3))
+    )
+    values, vectors = np.linalg.eigh(H)
+    shared = H.ndim == 2
+    b = np.where(known[..., np.newaxis], misfit.b, VERTICAL)
+    beta = np.moveaxis(b @ vectors if shared else _times(np.swapaxes(vectors, -1, -2), b), -1, 0)
+    lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else np.moveaxis(values, -1, 0)
+    starts = np.stack(_starts(lam, beta), axis=1)
+    found = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
+    normals = [_back(vectors, found[:, branch], shared) for branch in (0, 1)]
+    misfits = [misfit(normal) for normal in normals]
+    return _ordered(normals, misfits, known)
+
+
+def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Closed-form solutions in eigen-coordinates (3, ...), ascending eigenvalues: m, e2, e1."""
+    safe = np.where(lam > 0.0, lam, 1.0)
+    c1 = np.clip(beta[2] / safe[2], -1.0, 1.0)
+    room = np.sqrt(1.0 - c1**2)
+    c2 = np.clip(beta[1] / safe[1], -room, room)
+    across = np.sqrt(np.maximum(room**2 - c2**2, 0.0))
+    return np.stack([across, c2, c1]), np.stack([-across, c2, c1])
+
+
+def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
+    """Newton steps in the tangent plane for ``sum lam x**2 - 2 beta x`` on the unit sphere, (3, ...).
+
+    The Hessian is shifted to be positive where the sphere curves away (near the fold), and
+    a step that does not improve is halved.
+    """
+    shape = x.shape
+    lam, beta = (np.broadcast_to(array, shape).reshape(3, -1) for array in (lam, beta))
+    x = x.reshape(3, -1).copy()
+    value = np.sum((lam * x - 2.0 * beta) * x, axis=0)
+    # most are done after three steps: only the others are carried on
+    left, trust = np.arange(value.size), np.ones(value.size)
+    for _ in range(POLISH_STEPS):
+        here, pull = lam[:, left], beta[:, left]
+        step = trust * _newton_step(here, pull, x[:, left])
+        trial = x[:, left] + step
+        trial = trial / np.sqrt(np.sum(trial**2, axis=0))
+        trial_value = np.sum((here * trial - 2.0 * pull) * trial, axis=0)
+        better = trial_value <= value[left]
+        x[:, left[better]], value[left[better]] = trial[:, better], trial_value[better]
+        # a tiny step that does not improve has met the rounding of q: done there
+        open_ = np.max(np.abs(step), axis=0) >= np.where(better, 1e-11, 1e-7)
+        left, trust = left[open_], np.where(better, 1.0, 0.25 * trust)[open_]
+        if not left.size:
+            break
+    return x.reshape(shape)
+
+
+def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
+    along, across = _tangents(x)
+    slope = lam * x - beta
+    g1, g2 = np.sum(along * slope, axis=0), np.sum(across * slope, axis=0)
+    pull = np.sum(x * slope, axis=0)
+    a = np.sum(lam * along**2, axis=0) - pull
+    d = np.sum(lam * across**2, axis=0) - pull
+    b = np.sum(lam * along * across, axis=0)
+    lowest = 0.5 * (a + d) - np.hypot(0.5 * (a - d), b)
+    floor = 1e-12 * (np.abs(a) + np.abs(d)) + 1e-300
+    shift = np.where(lowest > floor, 0.0, floor - 2.0 * np.minimum(lowest, 0.0))
+    a, d = a + shift, d + shift
+    determinant = a * d - b * b
+    s1, s2 = (b * g2 - d * g1) / determinant, (b * g1 - a * g2) / determinant
+    length = np.hypot(s1, s2)
+    shorten = np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
+    return np.asarray(shorten * (s1 * along + s2 * across))
+
+
+def _tangents(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors square to x (3, ...) and to each other, without a singular direction.
+
+    T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017.
+    """
+    sign = np.copysign(1.0, x[2])
+    a = -1.0 / (sign + x[2])
+    b = x[0] * x[1] * a
+    return (
+        np.stack([1.0 + sign * x[0] ** 2 * a, sign * b, -sign * x[0]]),
+        np.stack([b, sign + x[1] ** 2 * a, -x[1]]),
+    )
+
+
+def _back(vectors: FloatArray, x: FloatArray, shared: bool) -> FloatArray:
+    columns = np.moveaxis(x, 0, -1)
+    return columns @ vectors.T if shared else _times(vectors, columns)
+
+
+def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:
+    return np.asarray(np.matmul(matrices, rows[..., np.newaxis])[..., 0])
+
+
+def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: NDArray[np.bool_]) -> Branches:
+    swap = misfits[1] < misfits[0]
+    blank = np.where(known, 0.0, np.nan)
+    first = np.where(swap[..., np.newaxis], normals[1], normals[0]) + blank[..., np.newaxis]
+    second = np.where(swap[..., np.newaxis], normals[0], normals[1]) + blank[..., np.newaxis]
+    return Branches(
+        first,
+        second,
+        np.where(swap, misfits[1], misfits[0]) + blank,
+        np.where(swap, misfits[0], misfits[1]) + blank,
+        np.linalg.norm(first - second, axis=-1) < _MERGED,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The normal to believe (..., 3), its misfit, and the other branch where it keeps the limit, else NaN."""
+
+    best: FloatArray
+    misfit: FloatArray
+    other: FloatArray
+    other_misfit: FloatArray
+
+
+def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
+    """Choose between the branches, given that the tilt does not exceed the limit.
+
+    In 20 minutes both often fit equally well. Then the prior decides, uniform in tilt and
+    azimuth up to the limit: per solid angle it falls as 1 / sin(tilt), so of two equal fits
+    the flatter one is believed. Where both branches are steeper, the least misfit on the
+    limit itself is taken: its misfit tells whether the limit is to blame.
+    """
+    normals = np.stack([branches.first, branches.second])
+    misfits = np.stack([branches.first_misfit, branches.second_misfit])
+    tilts = tilt_azimuth(normals)[0]
+    allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
+    price = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
+    price = np.where(allowed, price, np.inf)
+    swap = price[1] < price[0]
+    swapped = swap[..., np.newaxis]
+    best, other = np.where(swapped, normals[::-1], normals)
+    misfit_best, misfit_other = np.where(swap, misfits[::-1], misfits)
+    lone = branches.merged | ~allowed.all(axis=0)
+    other = np.where(lone[..., np.newaxis], np.nan, other)
+    steep = ~allowed.any(axis=0) & np.isfinite(misfits[0])
+    if np.any(steep):
+        edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
+        best = np.where(steep[..., np.newaxis], edge, best)
+        misfit_best = np.where(steep, edge_misfit, misfit_best)
+    return Choice(best, misfit_best, other, np.where(lone, np.nan, misfit_other))
+
+
+def _on_limit(
+    misfit: Misfit, tilt_limit_deg: float, wanted: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Least misfit among normals of the limit's tilt, for the slopes wanted (NaN for the others)."""
+    rim = normal(tilt_limit_deg, np.arange(0.0, 360.0, 0.1))
+    best, least = np.full((*wanted.shape, 3), np.nan), np.full(wanted.shape, np.nan)
+    # in parts, so that many slopes do not fill the memory
+    for part in np.array_split(np.argwhere(wanted), 1 + int(wanted.sum()) // 1000):
+        index = tuple(part.T)
+        H = misfit.H if misfit.H.ndim == 2 else misfit.H[index]
+        values = np.einsum("ri,...ij,rj->...r", rim, H, rim, optimize=True)
+        values = values - 2.0 * misfit.b[index] @ rim.T + np.asarray(misfit.c)[index][..., np.newaxis]
+        best[index], least[index] = rim[np.argmin(values, axis=-1)], values.min(axis=-1)
+    return best, least
+
+
+def solve_known_azimuth(misfit: Misfit, azimuth_deg: float, tilt_limit_deg: float) -> tuple[float, float]:
+    """Tilts of least misfit along one azimuth, degrees: the best, and the other local minimum or NaN.
+
+    For one slope. Both lie within 0..`tilt_limit_deg`; an end of the range is a minimum
+    where the misfit falls towards it.
+    """
+    azimuth = np.radians(azimuth_deg)
+    facing = np.array([[np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
+    H, b = facing @ misfit.H @ facing.T, facing @ misfit.b
+    limit = float(np.radians(tilt_limit_deg))
+    tilts = np.linspace(0.0, limit, 721)
+    values = np.concatenate([[np.inf], _along(H, b, tilts), [np.inf]])
+    lows = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] < values[2:]))
+    found = [_polish_tilt(H, b, float(tilts[low]), limit) for low in lows]
+    found.sort(key=lambda tilt: float(_along(H, b, np.asarray(tilt))))
+    return float(np.degrees(found[0])), float(np.degrees(found[1])) if len(found) > 1 else float("nan")
+
+
+def _along(H: FloatArray, b: FloatArray, tilt: FloatArray) -> FloatArray:
+    """Misfit less its constant along one azimuth; H (2, 2) and b (2,) in its direction and the vertical."""
+    sine, cosine = np.sin(tilt), np.cos(tilt)
+    quadratic = H[0, 0] * sine**2 + 2.0 * H[0, 1] * sine * cosine + H[1, 1] * cosine**2
+    return np.asarray(quadratic - 2.0 * (b[0] * sine + b[1] * cosine))
+
+
+def _polish_tilt(H: FloatArray, b: FloatArray, tilt: float, limit: float) -> float:
+    for _ in range(8):
+        sine, cosine = np.sin(tilt), np.cos(tilt)
+        double, twice = np.sin(2.0 * tilt), np.cos(2.0 * tilt)
+        slope = (H[0, 0] - H[1, 1]) * double + 2.0 * H[0, 1] * twice - 2.0 * (b[0] * cosine - b[1] * sine)
+        bend = (
+            2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * (b[0] * sine + b[1] * cosine)
+        )
+        if bend <= 0.0:
+            break
+        tilt = float(np.clip(tilt - slope / bend, 0.0, limit))
+    return tilt
+
+
+def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
+    """Mirror images ``n - 2 (n . m) m`` of normals (..., 3) in the plane of the sun's motion.
+
+    `m`, the eigenvector of H with the smallest eigenvalue, is the direction the sun never
+    showed; what fits a slope fits its mirror image nearly as well.
+    """
+    n = np.asarray(normals, np.float64)
+    across = np.linalg.eigh(H)[1][..., :, 0]
+    return np.asarray(n - 2.0 * np.sum(n * across, axis=-1, keepdims=True) * across)
+
+
+def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors along growing tilt and growing azimuth at normals (..., 3).
+
+    At the vertical, where azimuth has no meaning, those of azimuth 0.
+    """
+    tilt, azimuth = (np.radians(angle) for angle in tilt_azimuth(normals))
+    level = np.zeros_like(tilt)
+    along = np.stack([np.cos(tilt) * np.sin(azimuth), np.cos(tilt) * np.cos(azimuth), -np.sin(tilt)], axis=-1)
+    return along, np.stack([np.cos(azimuth), -np.sin(azimuth), level], axis=-1)
+
+
+def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:
+    """Smallest possible covariance (..., 2, 2) of an unbiased estimate at normals (..., 3), rad**2.
+
+    Entry 0 is tilt, entry 1 direction on the ground (azimuth times the sine of tilt). S. Kay,
+    "Fundamentals of statistical signal processing: estimation theory", 1993. Needs only sun,
+    irradiance and noise, so it can be drawn before the day. Near the fold it is too small.
+    """
+    basis = np.stack(tangents(normals), axis=-1)
+    return np.asarray(np.linalg.inv(np.swapaxes(basis, -1, -2) @ H @ basis))

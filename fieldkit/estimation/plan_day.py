@@ -1,0 +1,193 @@
+"""A day of measuring laid out beforehand: when it is worth it, for which bed, and what to beware of.
+
+Puts `plan` together over one day at one site. Pure: the sun and the irradiance of the day
+are given as arrays by the minute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.plan import (
+    Bound,
+    Sensitivity,
+    bound,
+    bounds_over_day,
+    cosine_noise,
+    expected_temperature,
+    sensitivity,
+)
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.surface import SurfaceParameters
+
+RISING_DEG = -0.833
+"""Elevation of the sun's centre at sunrise and sunset: half its width and the refraction there."""
+
+LONG_SHADOWS_DEG = 15.0
+WEAK_K_PER_DEG = 1.0 / 30.0
+"""Below this a tenth of a kelvin between two beds is more than three degrees of tilt."""
+
+FLAT_DEG = 3.0
+"""A flatter bed has no azimuth worth asking for."""
+
+LONGEST_MIN = 360
+
+
+TABLE_1 = SurfaceParameters()
+
+
+@dataclass(frozen=True, slots=True)
+class PlanSettings:
+    """What is assumed of the beds, the camera and the air.
+
+    `noise_k` is the standard deviation of one region's minute mean, `window_min` the
+    length of the windows whose bound is drawn, `bias_deg` the tilt error to budget for.
+    """
+
+    surface: SurfaceParameters = TABLE_1
+    noise_k: float = 0.1
+    window_min: int = 20
+    low_sun_deg: float = 8.0
+    tilt_limit_deg: float = 45.0
+    air_k: float = 288.15
+    bias_deg: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class DayPlan:
+    """One day for some facets (tilt, azimuth), by the minute (n,) and at chosen rows (r,).
+
+    `rows` index minutes; `bounds` hold for the window that starts at each of them.
+    """
+
+    facets: tuple[tuple[float, float], ...]
+    settings: PlanSettings
+    time_ns: NDArray[np.int64]
+    sun: FloatArray
+    direct_w_m2: FloatArray
+    sensitivity: Sensitivity
+    sigma: FloatArray
+    rows: NDArray[np.int64]
+    bounds: tuple[Bound, ...]
+
+    @property
+    def elevation_deg(self) -> FloatArray:
+        """Elevation of the sun at each minute."""
+        return _elevation_deg(self.sun)
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Minutes (n,) with the sun high enough for the irradiance to be known."""
+        return self.elevation_deg >= self.settings.low_sun_deg
+
+    @property
+    def weak(self) -> NDArray[np.bool_]:
+        """Facets and minutes (f, n) at which temperature hardly tells the tilt."""
+        return np.abs(self.sensitivity.temperature_k) < WEAK_K_PER_DEG
+
+    @property
+    def best_row(self) -> int | None:
+        """Which of `rows` starts the window with the smallest bound for the worst facet."""
+        last = self.rows + self.settings.window_min
+        whole = [
+            row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
+        ]
+        worst = {row: float(np.max(self.bounds[row].tilt_deg)) for row in whole}
+        known = {row: value for row, value in worst.items() if np.isfinite(value)}
+        return min(known, key=known.__getitem__) if known else None
+
+    def _is_usable(self, row: int) -> bool:
+        first = self.rows[row]
+        return bool(self.usable[first : first + self.settings.window_min + 1].all())
+
+    def bias_budget_k(self) -> FloatArray:
+        """Kelvin between facet and reference that feign `bias_deg` of tilt in the best window, (f,)."""
+        if self.best_row is None:
+            return np.full(len(self.facets), np.nan)
+        first = self.rows[self.best_row]
+        window = self.sensitivity.temperature_k[:, first : first + self.settings.window_min + 1]
+        return np.asarray(np.abs(window.mean(axis=1)) * self.settings.bias_deg)
+
+    def minutes_for_azimuth(self, azimuth_deg: float = 10.0) -> int | None:
+        """Shortest window around the best one that bounds the azimuth of every tilted facet, or None."""
+        sines = np.sin(np.radians([tilt for tilt, _ in self.facets]))
+        tilted = sines > np.sin(np.radians(FLAT_DEG))
+        if self.best_row is None or not tilted.any():
+            return None
+        middle = int(self.rows[self.best_row]) + self.settings.window_min // 2
+        normals, usable = _normals(self.facets)[tilted], np.where(self.usable, self.sigma, np.inf)[tilted]
+        for minutes in range(10, LONGEST_MIN + 1, 10):
+            window = slice(max(0, middle - minutes // 2), middle + minutes // 2 + 1)
+            found = bound(normals, self.sun[window], usable[:, window])
+            if np.all(found.direction_deg / sines[tilted] <= azimuth_deg):
+                return minutes
+        return None
+
+    def spells(self, condition: NDArray[np.bool_]) -> list[tuple[int, int]]:
+        """First and last usable minute of every stretch in which `condition` (n,) holds, UTC nanoseconds."""
+        minutes = np.flatnonzero(self.usable)
+        held = np.concatenate([[False], condition[minutes], [False]])
+        starts, ends = np.flatnonzero(held[1:] & ~held[:-1]), np.flatnonzero(held[:-1] & ~held[1:]) - 1
+        times = self.time_ns[minutes]
+        return [(int(times[a]), int(times[b])) for a, b in zip(starts, ends, strict=True)]
+
+    def verdict(self, row: int) -> str:
+        """What to think of the minute of `rows[row]`: good, fair, weak or poor, and why."""
+        minute = int(self.rows[row])
+        elevation = self.elevation_deg[minute]
+        if elevation < self.settings.low_sun_deg:
+            return "poor: irradiance unknown near the horizon"
+        feeble = [label(facet) for facet, weak in zip(self.facets, self.weak[:, minute], strict=True) if weak]
+        if feeble:
+            return f"weak for {', '.join(feeble)}"
+        if elevation < LONG_SHADOWS_DEG:
+            return "fair: low sun, long shadows"
+        return "good"
+
+
+def label(facet: tuple[float, float]) -> str:
+    """A facet in words: ``10°/180°``."""
+    return f"{facet[0]:g}°/{facet[1]:g}°"
+
+
+def plan_day(
+    facets: Sequence[tuple[float, float]],
+    time_ns: NDArray[np.int64],
+    sun: FloatArray,
+    direct_w_m2: FloatArray,
+    settings: PlanSettings,
+    step_min: int = 30,
+) -> DayPlan:
+    """Lay out the minutes (n,) of a day; rows are the multiples of `step_min` with the sun up."""
+    normals = _normals(facets)
+    elevation = _elevation_deg(sun)
+    up = elevation > RISING_DEG
+    light = np.where(up, direct_w_m2, 0.0)
+    warm = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
+    sigma = cosine_noise(light, warm, settings.noise_k, settings.surface)
+    on_step = (time_ns - time_ns[0]) % (step_min * 60_000_000_000) == 0
+    rows = np.flatnonzero(up & on_step)
+    usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
+    return DayPlan(
+        tuple(facets),
+        settings,
+        time_ns,
+        sun,
+        light,
+        sensitivity(normals, sun, light, warm, settings.surface),
+        sigma,
+        rows,
+        tuple(bounds_over_day(normals, sun, usable_sigma, rows, settings.window_min)),
+    )
+
+
+def _elevation_deg(sun: FloatArray) -> FloatArray:
+    return np.asarray(90.0 - tilt_azimuth(sun)[0])
+
+
+def _normals(facets: Sequence[tuple[float, float]]) -> FloatArray:
+    return normal([tilt for tilt, _ in facets], [azimuth for _, azimuth in facets])

@@ -1,0 +1,64 @@
+"""What the estimator may be told; every default is the paper's or stated in the decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fieldkit.physics.irradiance import IrradianceModel
+from fieldkit.physics.slab import Slab
+from fieldkit.physics.surface import SurfaceParameters
+
+Method = Literal["unit-norm", "contours", "posterior"]
+Model = Literal["paper", "full"]
+
+PAPER_SCALE_SD = 0.20
+"""Sky light, long wave of the ground and stored heat act on slopes like a scale error of this size."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """How slopes are worked out of minutes.
+
+    `window_s` None means since the last change of weather. `noise_k` is the standard
+    deviation of one region's minute mean that does not repeat. `scale` is the calibrated
+    kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty
+    (irradiance, albedo), `exchange_sd` the relative one of the exchange with the air;
+    `offsets_k` are calibrated offsets of regions (measured minus true against the
+    reference), `offset_sd_k` theirs and `drift_sd_k_per_h` how steady they are. All this
+    goes into the likelihood region, and with the paper's model so does `PAPER_SCALE_SD` for
+    what that model leaves out. The fields after them belong to the full model: the slab
+    under the surface and the relative uncertainty of its conductivity and heat capacity,
+    the sky's model, what lies around the beds, and what stands in for instruments that are
+    not there.
+    """
+
+    surface: SurfaceParameters = field(default_factory=SurfaceParameters)
+    irradiance: IrradianceModel = field(default_factory=IrradianceModel)
+    method: Method = "unit-norm"
+    model: Model = "paper"
+    window_s: float | None = 1200.0
+    azimuth: Literal["free", "known"] = "free"
+    tilt_limit_deg: float = 45.0
+    refraction: bool = False
+    reflected_temperature_k: float = 233.15
+    noise_k: float = 0.05
+    low_sun_deg: float = 8.0
+    settle_s: float = 600.0
+    min_minutes: int = 5
+    contour_tolerance_w_m2: float | None = None
+    contour_threshold: float = 0.5
+    scale: float = 1.0
+    scale_sd: float = 0.08
+    exchange_sd: float = 0.15
+    offsets_k: Mapping[str, float] = field(default_factory=dict)
+    offset_sd_k: float = 0.25
+    drift_sd_k_per_h: float = 0.10
+    slab: Slab = field(default_factory=Slab)
+    conductivity_sd: float = 0.20
+    capacity_sd: float = 0.10
+    sky: Literal["isotropic", "hay-davies"] = "hay-davies"
+    ground_albedo: float = 0.20
+    longwave_down_w_m2: float = 300.0
+    diffuse_fraction: float = 0.15

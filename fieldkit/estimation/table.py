@@ -1,0 +1,110 @@
+"""Slopes from a table of temperatures, for people who have neither a session nor this camera.
+
+Rows are averaged into minutes and go the way of all bins. Temperatures are surface
+temperatures as they stand: emissivity is the business of whoever made the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slopes import slopes
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.irradiance import direct_normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.samples import Quality
+from fieldkit.site import Region, RegionKind, Site
+from fieldkit.slope import SlopeEstimate
+
+HELD_OUT = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureTable:
+    """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2 or lux; NaN where missing.
+
+    Either `irradiance_w_m2` (direct normal) or `illuminance_lx` (as the irradiance model's
+    mounting says) is given. `flags` are `Quality` numbers; rows with a flag that holds
+    samples out are left out.
+    """
+
+    time_ns: NDArray[np.int64]
+    reference_k: FloatArray
+    targets_k: Mapping[str, FloatArray]
+    irradiance_w_m2: FloatArray | None = None
+    illuminance_lx: FloatArray | None = None
+    diffuse_w_m2: FloatArray | None = None
+    longwave_w_m2: FloatArray | None = None
+    flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+
+def slopes_of_table(
+    table: TemperatureTable,
+    site: Site,
+    settings: EstimatorSettings,
+    *,
+    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
+    azimuths_deg: Mapping[str, float] | None = None,
+) -> tuple[SlopeEstimate, ...]:
+    """Slope of every target over the whole table, or over the settings' window at its end.
+
+    `reference_slope_deg` is tilt and azimuth of the reference; `azimuths_deg` those of
+    targets, for ``settings.azimuth == "known"``. Three minutes are enough here: a table of
+    a few hours may well have hourly rows.
+    """
+    none = ((0.0, 0.0),)
+    known = azimuths_deg or {}
+    regions = [Region("reference", RegionKind.REFERENCE, none, *reference_slope_deg)] + [
+        Region(name, RegionKind.TARGET, none, azimuth_deg=known.get(name, float("nan")))
+        for name in table.targets_k
+    ]
+    return slopes(_history(table, site, settings), regions, replace(settings, min_minutes=3))
+
+
+def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -> History:
+    time_ns, rows = table.time_ns, table.time_ns.size
+    flags = table.flags if table.flags.size else np.zeros(rows, np.int64)
+    sun = sun_vectors(time_ns, site, refraction=settings.refraction).reshape(-1, 3)
+    direct = table.irradiance_w_m2
+    if direct is None:
+        lux = table.illuminance_lx if table.illuminance_lx is not None else np.full(rows, np.nan)
+        direct = direct_normal(settings.irradiance, lux, sun, time_ns)
+    nothing = np.full(rows, np.nan)
+    columns = [direct, _or(table.diffuse_w_m2, nothing), _or(table.longwave_w_m2, nothing)]
+    columns += [table.reference_k, *table.targets_k.values()]
+    values = np.column_stack(columns)
+    values[(flags & int(HELD_OUT)) != 0] = np.nan
+    minutes, start = np.unique(time_ns // MINUTE_NS, return_index=True)
+    means = _means(values, start)
+    counts = np.diff(np.append(start, rows))
+    middle = np.add.reduceat(time_ns - minutes[0] * MINUTE_NS, start) // counts + minutes[0] * MINUTE_NS
+    merged = np.bitwise_or.reduceat(flags, start)
+    return History(
+        minutes,
+        middle,
+        sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
+        means[:, 3:],
+        means[:, 0],
+        means[:, 1],
+        means[:, 2],
+        merged,
+        np.zeros((minutes.size, values.shape[1] - 3), np.int64),
+    )
+
+
+def _or(column: FloatArray | None, otherwise: FloatArray) -> FloatArray:
+    return otherwise if column is None else column
+
+
+def _means(values: FloatArray, start: NDArray[np.intp]) -> FloatArray:
+    """Means of the rows that begin at `start`, over what is not NaN."""
+    known = np.isfinite(values)
+    total = np.add.reduceat(np.where(known, values, 0.0), start, axis=0)
+    count = np.add.reduceat(known.astype(np.int64), start, axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,0 +1,293 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
+from fieldkit.physics.camera_laws import Planck, planck_counts
+from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.samples import EventKind, Frame, Quality, Reading
+from fieldkit.site import Region, RegionKind
+from fieldkit.slope import SlopeState
+
+MINUTE_NS = 60_000_000_000
+
+
+def run(yard, samples, settings=None) -> list[Minute]:
+    estimator = Estimator(yard.site, yard.beds, yard.streams, settings or EstimatorSettings())
+    closed = [minute for sample in samples for minute in estimator.add(sample)]
+    return closed + estimator.finish()
+
+
+def by_name(minute: Minute) -> dict:
+    return {estimate.region: estimate for estimate in minute.estimates}
+
+
+@pytest.fixture
+def an_hour(yard):
+    return run(yard, yard.samples(61), EstimatorSettings(window_s=3600.0))
+
+
+def test_one_hour_of_the_papers_physics_gives_every_slope_back(yard, an_hour):
+    estimates = by_name(an_hour[-1])
+    assert list(estimates) == ["b08", "b17", "b25"]
+    for bed in yard.beds[1:]:
+        found = estimates[bed.name]
+        truth = normal(bed.tilt_deg, bed.azimuth_deg)
+        # counts are rounded to 0.01 K
+        assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), truth) < 0.2
+        assert found.tilt_low_deg < bed.tilt_deg < found.tilt_high_deg
+        assert found.azimuth_low_deg < bed.azimuth_deg < found.azimuth_high_deg
+        assert found.tilt_low_deg <= found.noise_tilt_low_deg
+        assert found.noise_tilt_high_deg <= found.tilt_high_deg
+        assert found.model == "paper, unit-norm"
+
+
+def test_a_minute_tells_what_was_measured(yard, an_hour):
+    minute = an_hour[10]
+    assert minute.irradiance_w_m2 == pytest.approx(800.0, rel=1e-9)
+    assert minute.irradiance_model == "eq10 /0.44, diffuse 15%, horizontal"
+    assert minute.contact_k[0] == pytest.approx(304.15)
+    assert np.isnan(minute.contact_k[1])
+    assert minute.pixels == {"flat": 315, "b08": 315, "b17": 315, "b25": 315}
+    # eq. (7) at the sun of that minute, through emissivity 0.90 and a sky of 233.15 K and back
+    assert minute.temperature_k["flat"] == pytest.approx(an_hour[9].temperature_k["flat"] + 0.08, abs=0.08)
+    assert minute.time_ns // MINUTE_NS == yard.start_ns // MINUTE_NS + 10
+
+
+def test_surface_temperature_is_corrected_for_emissivity_and_sky(yard, an_hour):
+    # 9:00 local, S = 800, Ta = 303.15, L = 400 on the flat bed: 318.655 K (independent reference)
+    assert an_hour[0].temperature_k["flat"] == pytest.approx(318.655, abs=0.02)
+
+
+def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
+    samples = replace(yard, noise_k=0.05).samples(25, frames=3)
+    random = np.random.default_rng(3)
+    late = [sample.time_ns + int(random.uniform(0, 0.99e9)) for sample in samples]
+    shuffled = [samples[index] for index in np.argsort(late, kind="stable")]
+    assert [s.time_ns for s in shuffled] != [s.time_ns for s in samples]
+    assert repr(run(yard, samples)) == repr(run(yard, shuffled))
+
+
+@pytest.mark.parametrize("settings", [EstimatorSettings(method=m) for m in ("contours", "posterior")])
+def test_every_method_finds_the_beds_within_its_region(yard, settings):
+    settings = replace(settings, window_s=3600.0, tilt_limit_deg=30.0)
+    minute = run(yard, yard.samples(61), settings)[-1]
+    for bed in yard.beds[1:]:
+        found = by_name(minute)[bed.name]
+        assert found.tilt_deg == pytest.approx(bed.tilt_deg, abs=1.0)
+        assert settings.method in found.model
+
+
+def test_known_azimuth_needs_few_minutes(yard):
+    minute = run(yard, yard.samples(8), EstimatorSettings(azimuth="known"))[-1]
+    for bed in yard.beds[1:]:
+        assert by_name(minute)[bed.name].tilt_deg == pytest.approx(bed.tilt_deg, abs=0.1)
+        assert by_name(minute)[bed.name].azimuth_deg == pytest.approx(bed.azimuth_deg)
+
+
+def test_too_few_minutes_is_said(yard):
+    states = [m.estimates[0].state for m in run(yard, yard.samples(6))]
+    assert states[:4] == [SlopeState.TOO_FEW] * 4
+    assert SlopeState.TOO_FEW not in states[4:]
+
+
+def test_tilted_reference_and_several_references(yard):
+    leaning = Region("leaning", RegionKind.REFERENCE, yard.beds[2].vertices, 17.0, 250.0)
+    beds = (yard.beds[0], yard.beds[1], leaning, yard.beds[3])
+    for chosen in (beds, beds[1:]):
+        minute = run(
+            replace(yard, beds=chosen),
+            replace(yard, beds=chosen).samples(61),
+            EstimatorSettings(window_s=None),
+        )[-1]
+        found = by_name(minute)["b08"]
+        assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(8.0, 140.0)) < 0.3
+
+
+def test_flat_target_is_called_flat(yard):
+    beds = (*yard.beds[:1], replace(yard.beds[1], tilt_deg=0.0))
+    level = replace(yard, beds=beds)
+    found = run(level, level.samples(30))[-1].estimates[0]
+    assert found.state == SlopeState.FLAT
+    assert found.tilt_low_deg == 0.0
+    assert found.azimuth_high_deg - found.azimuth_low_deg == pytest.approx(360.0)
+    assert found.reason.startswith("flat within")
+
+
+def test_both_branches_are_reported_when_both_fit(yard):
+    noon = replace(
+        yard,
+        start_ns=int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64)),
+        beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0, azimuth_deg=180.0)),
+    )
+    found = run(noon, noon.samples(21))[-1].estimates[0]
+    assert found.state == SlopeState.NOT_RESOLVED
+    assert found.flags & Quality.UNRESOLVED
+    assert found.second_tilt_deg == pytest.approx(33.0, abs=1.0)
+
+
+@pytest.mark.parametrize("flag", [Quality.SHUTTER, Quality.FROZEN, Quality.DUPLICATE, Quality.SATURATED])
+def test_flagged_pictures_are_held_out_but_not_forgotten(yard, flag):
+    samples = yard.samples(21)
+    hot = np.full((60, 80), 65000, np.uint16)
+    spoilt = [
+        replace(s, counts=hot, quality=flag) if isinstance(s, Frame) and i % 17 == 0 else s
+        for i, s in enumerate(samples)
+    ]
+    kept = [s for s in spoilt if not s.quality]
+    with_them, without = run(yard, spoilt), run(yard, kept)
+    assert any(minute.flags & flag for minute in with_them)
+    assert with_them[-1].estimates[0].tilt_deg == without[-1].estimates[0].tilt_deg
+
+
+def test_overrange_light_is_no_light(yard):
+    samples = [
+        replace(s, quality=Quality.OVERRANGE) if isinstance(s, Reading) else s for s in yard.samples(21)
+    ]
+    minute = run(yard, samples)[-1]
+    assert minute.estimates[0].state == SlopeState.NO_DATA
+    assert "irradiance" in minute.estimates[0].reason
+    assert np.isnan(minute.irradiance_w_m2)
+    assert minute.flags & Quality.OVERRANGE
+
+
+def test_night_is_low_sun_not_an_error(yard):
+    night = replace(yard, start_ns=yard.start_ns + 11 * 3600 * 10**9, direct_w_m2=0.0)
+    minute = run(night, night.samples(10))[-1]
+    assert minute.estimates[0].state == SlopeState.LOW_SUN
+    assert np.isnan(minute.estimates[0].tilt_deg)
+
+
+def test_pyrheliometer_stream_replaces_lux(yard):
+    from fieldkit.device import StreamInfo
+
+    beam = (yard.streams[0], StreamInfo("beam", "irradiance", "W m-2", (1,)))
+    samples = [
+        Reading("beam", s.mono_ns, s.time_ns, (800.0,)) if s.stream == "lux" else s for s in yard.samples(21)
+    ]
+    minute = run(replace(yard, streams=beam), samples)[-1]
+    assert minute.irradiance_w_m2 == pytest.approx(800.0)
+    assert minute.irradiance_model.startswith("pyrheliometer")
+    assert minute.estimates[2].tilt_deg == pytest.approx(25.0, abs=1.0)
+
+
+def test_cloud_holds_the_estimate_and_tells_when_it_began_and_ended(yard):
+    clouded = replace(yard, clouds=range(25, 31), noise_k=0.02)
+    minutes = run(clouded, clouded.samples(50))
+    before, during = minutes[24].estimates[0], minutes[28].estimates[0]
+    assert during.state == SlopeState.HELD_CLOUD
+    assert during.tilt_deg == before.tilt_deg
+    assert "unsteady" in during.reason
+    events = [event for minute in minutes for event in minute.notices if event.kind == EventKind.CLOUD]
+    assert [event.data["phase"] for event in events] == ["begin", "end"]
+    start = clouded.start_ns + 25 * MINUTE_NS
+    assert events[0].time_ns == start + 1
+    assert events[0].mono_ns == start + 8
+    assert events[0].stream == "lux"
+    assert events[1].time_ns >= clouded.start_ns + 31 * MINUTE_NS
+    assert all(minute.flags & Quality.CLOUD for minute in minutes[25:41])
+    assert not minutes[-1].flags & Quality.CLOUD
+    last = by_name(minutes[-1])["b08"]
+    assert last.state != SlopeState.HELD_CLOUD
+    assert angle_between_deg(normal(last.tilt_deg, last.azimuth_deg), normal(8.0, 140.0)) < 2.0
+
+
+def test_steady_light_makes_no_clouds(yard):
+    assert not any(minute.notices for minute in run(yard, replace(yard, noise_k=0.05).samples(60)))
+
+
+def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
+    shady = replace(yard, shade={"b17": range(30, 38)}, noise_k=0.03)
+    minutes = run(shady, shady.samples(50))
+    for minute in minutes[31:37]:
+        assert by_name(minute)["b17"].state == SlopeState.SHADED
+        assert by_name(minute)["b08"].state != SlopeState.SHADED
+        assert not minute.flags & Quality.CLOUD
+    assert by_name(minutes[34])["b17"].tilt_deg == by_name(minutes[29])["b17"].tilt_deg
+    assert by_name(minutes[45])["b17"].state != SlopeState.SHADED
+
+
+def test_moved_picture_is_noticed_once_and_flagged(yard):
+    samples = replace(yard, noise_k=0.05).samples(12)
+    moved_at = yard.start_ns + 6 * MINUTE_NS
+    shifted = [
+        replace(s, counts=np.roll(s.counts, (3, 2), (0, 1)))
+        if isinstance(s, Frame) and s.time_ns >= moved_at
+        else s
+        for s in samples
+    ]
+    minutes = run(yard, shifted)
+    told = [event for minute in minutes for event in minute.notices if event.kind == EventKind.MOVED]
+    assert len(told) == 1
+    assert "3.6 px" in told[0].text
+    assert [bool(minute.flags & Quality.MOVED) for minute in minutes] == [False] * 7 + [True] * 5
+
+
+def test_frozen_picture_is_seen_without_the_drivers_help(yard):
+    samples = replace(yard, noise_k=0.05).samples(12)
+    first = next(s for s in samples if isinstance(s, Frame))
+    still = [
+        replace(s, counts=first.counts)
+        if isinstance(s, Frame) and s.time_ns >= yard.start_ns + 5 * MINUTE_NS
+        else s
+        for s in samples
+    ]
+    minutes = run(yard, still)
+    assert [bool(minute.flags & Quality.FROZEN) for minute in minutes] == [False] * 6 + [True] * 6
+
+
+def test_late_samples_are_left_out_and_counted(yard):
+    samples = yard.samples(6)
+    late = samples.pop(3)
+    minutes = run(yard, [*samples, late])
+    assert minutes[-1].time_ns == run(yard, samples)[-1].time_ns
+    late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.notices]
+    assert late_notice == ["1 samples came more than 2 s late and were left out of the estimates"]
+
+
+def test_no_reference_is_said_in_words(yard):
+    bare = replace(yard, beds=yard.beds[1:])
+    found = run(bare, bare.samples(6))[-1].estimates[0]
+    assert found.state == SlopeState.NO_DATA
+    assert found.reason == "no reference region"
+
+
+def test_known_offset_of_a_region_is_taken_out(yard):
+    settings = EstimatorSettings(window_s=3600.0)
+    warm = [
+        replace(s, counts=np.where(yard.beds[1].mask((60, 80)), s.counts + 100, s.counts).astype(np.uint16))
+        if isinstance(s, Frame)
+        else s
+        for s in yard.samples(61)
+    ]
+    spoilt = by_name(run(yard, warm, settings)[-1])["b08"]
+    # one kelvin of brightness is 1.11 K of a surface of emissivity 0.9 under a cold sky
+    mended = by_name(run(yard, warm, replace(settings, offsets_k={"b08": 1.1}))[-1])["b08"]
+    assert abs(spoilt.tilt_deg - 8.0) > 1.0
+    assert mended.tilt_deg == pytest.approx(8.0, abs=0.4)
+
+
+def test_camera_with_a_law_of_its_own_gives_the_same_temperatures(yard):
+    """FLIR's Planck law with the constants of a FLIR Duo Pro R file: counts made by its inverse."""
+    constants = {"r1": 364058.0, "b": 1428.0, "f": 1.0, "o": -228.0, "r2": 1.0}
+    law = Planck(**constants)
+    counts_at = {k: round(planck_counts(k * 0.01, law)) for k in range(28_000, 34_000)}
+    to_counts = np.vectorize(counts_at.__getitem__, otypes=[np.uint16])
+    camera = replace(yard.streams[0], scale=math.nan, law="planck", settings=constants)
+    other = replace(yard, streams=(camera, *yard.streams[1:]))
+    samples = yard.samples(12)
+    own = [replace(s, counts=to_counts(s.counts)) if isinstance(s, Frame) else s for s in samples]
+    for one, same in zip(run(yard, samples), run(other, own), strict=True):
+        for name, kelvin in one.temperature_k.items():
+            assert same.temperature_k[name] == pytest.approx(kelvin, abs=0.1)  # a count is 0.08 K here
+
+
+def test_a_last_minute_without_pictures_keeps_the_kelvin_per_degree(yard):
+    samples = yard.samples(20)
+    last_ns = yard.start_ns + 19 * MINUTE_NS
+    cut = [sample for sample in samples if not (isinstance(sample, Frame) and sample.time_ns >= last_ns)]
+    before, without = run(yard, cut)[-2:]
+    for one, other in zip(without.estimates, before.estimates, strict=True):
+        assert one.kelvin_per_degree == pytest.approx(other.kelvin_per_degree, rel=0.05)

@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+
+from fieldkit.estimation.likelihood import (
+    NINETY_PERCENT,
+    DoubtfulMisfit,
+    patch,
+    region,
+    region_known_azimuth,
+    with_doubts,
+)
+from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
+from fieldkit.physics.facet import VERTICAL, normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.site import Site
+
+SITE = Site(35.558675, 139.395232, 9.0)
+
+
+def window(start: str, minutes: int) -> np.ndarray:
+    first = int(np.datetime64(start, "ns").astype(np.int64))
+    return sun_vectors(first + np.arange(minutes) * 60_000_000_000, SITE)
+
+
+def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
+    sun, truth = window("2017-08-30T00:00", 181), normal(10.0, 180.0)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
+    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    covariance = cramer_rao(misfit.H, truth)
+    tilt = np.degrees(np.sqrt(NINETY_PERCENT * covariance[0, 0]))
+    azimuth = np.degrees(np.sqrt(NINETY_PERCENT * covariance[1, 1])) / np.sin(np.radians(10.0))
+    assert 10.0 - found.tilt_low_deg == pytest.approx(tilt, rel=0.08)
+    assert found.tilt_high_deg - 10.0 == pytest.approx(tilt, rel=0.08)
+    assert found.azimuth_high_deg - 180.0 == pytest.approx(azimuth, rel=0.08)
+
+
+@pytest.mark.parametrize("azimuth", [0.2, 359.8])
+def test_region_across_north_is_unwrapped(azimuth):
+    sun, truth = window("2017-08-30T03:00", 61), normal(15.0, azimuth)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
+    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    assert found.azimuth_low_deg < azimuth < found.azimuth_high_deg
+    assert found.azimuth_high_deg - found.azimuth_low_deg < 30.0
+
+
+def test_every_normal_outside_the_projections_is_outside_the_region():
+    sun, truth = window("2017-08-30T03:00", 21), normal(9.3, 77.0)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.006**2)
+    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    tilts, azimuths = np.meshgrid(np.linspace(0, 45, 900), np.linspace(-100, 250, 1400))
+    inside = misfit(normal(tilts, azimuths)) <= NINETY_PERCENT
+    # the strip is thinner than this raster, so the raster can only find less
+    assert tilts[inside].min() >= found.tilt_low_deg - 0.2
+    assert tilts[inside].max() <= found.tilt_high_deg + 0.2
+    assert tilts[inside].max() == pytest.approx(found.tilt_high_deg, abs=0.6)
+
+
+def test_patch_mass_is_the_gaussian_integral():
+    sun, truth = window("2017-08-30T00:00", 181), normal(12.0, 135.0)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
+    found = patch(misfit, misfit.H, truth, 18.0, heights=41, turns=121)
+    mass = np.exp(-0.5 * found.misfit).sum() * found.solid_angle
+    expected = 2.0 * np.pi * np.sqrt(np.linalg.det(cramer_rao(misfit.H, truth)))
+    assert mass == pytest.approx(expected, rel=0.02)
+
+
+def test_additive_doubt_equals_fitting_it_with_its_price():
+    sun, truth = window("2017-08-30T00:00", 40), normal(12.0, 135.0)
+    random = np.random.default_rng(2)
+    doubt, weights = random.uniform(0.5, 1.5, 40), np.full(40, 4e4)
+    y = sun @ truth + 0.02 * doubt
+    free = with_doubts(sun, y, weights, doubt[np.newaxis] * 0.01)
+    for candidate in (truth, normal(20.0, 100.0)):
+        amounts = np.linspace(-10, 10, 200_001)
+        left = y - sun @ candidate
+        fit = (
+            np.sum(weights * left**2)
+            - 2 * amounts * 0.01 * np.sum(weights * left * doubt)
+            + (amounts * 0.01) ** 2 * np.sum(weights * doubt**2)
+            + amounts**2
+        )
+        assert float(free(candidate)) == pytest.approx(fit.min(), rel=1e-6, abs=1e-6)
+
+
+def test_doubtful_scale_equals_the_best_scale_at_its_price():
+    sun, truth = window("2017-08-30T00:00", 60), normal(15.0, 200.0)
+    y = 1.1 * (sun @ (truth - VERTICAL)) + sun[:, 2]
+    misfit = Misfit.of_rows(sun, y, 4e4)
+    doubtful = DoubtfulMisfit(misfit, VERTICAL, 0.1)
+    # a scale of 1.1 explains everything at the price of one standard deviation; a little less is cheaper
+    scales = np.linspace(1.0, 1.2, 20_001)
+    strength = 4e4 * np.sum((sun @ (truth - VERTICAL)) ** 2)
+    by_hand = np.min(strength * (1.1 - scales) ** 2 + ((scales - 1.0) / 0.1) ** 2)
+    assert float(doubtful(truth)) == pytest.approx(by_hand, rel=1e-4)
+    assert float(doubtful(truth)) < 1.0
+    assert float(misfit(truth)) > 5.0
+    assert float(DoubtfulMisfit(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
+    information = doubtful.linearised(truth)
+    assert np.linalg.eigvalsh(misfit.H - information)[0] > -1e-6
+
+
+def test_known_azimuth_region_is_the_stretch_around_the_answer():
+    sun, truth = window("2017-08-30T03:00", 21), normal(10.0, 180.0)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
+    found = region_known_azimuth(misfit, 180.0, truth, 2.706, 45.0)
+    assert found.tilt_low_deg == pytest.approx(10.0, abs=0.6)
+    assert found.tilt_high_deg < 12.0
+    assert (found.azimuth_low_deg, found.azimuth_high_deg) == (180.0, 180.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("minutes", [21, 61])
+@pytest.mark.parametrize("start", ["2017-08-30T00:00", "2017-08-30T03:00", "2017-08-30T06:00"])
+def test_likelihood_region_holds_the_truth_nine_times_in_ten(start, minutes):
+    sun, random = window(start, minutes), np.random.default_rng(7)
+    truths = normal(random.uniform(0, 30, 6000), random.uniform(0, 360, 6000))
+    y = truths @ sun.T + 0.0055 * random.standard_normal((6000, minutes))
+    misfit = Misfit.of_rows(sun, y, 1 / 0.0055**2)
+    choice = choose(misfit, solve(misfit), 45.0)
+    least = np.fmin(choice.misfit, choice.other_misfit)
+    assert np.mean(misfit(truths) - least <= NINETY_PERCENT) == pytest.approx(0.90, abs=0.03)

@@ -1,0 +1,189 @@
+"""Golden numbers: independent SPA sun, Table 1 parameters, S = 800, Ta = 303.15, L = 400.
+
+They were computed outside the project with the solar position algorithm of Reda and Andreas; the sun
+here is astropy's, 0.0015 degrees away, which sets the tolerances.
+"""
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.normal import (
+    Misfit,
+    choose,
+    cramer_rao,
+    mirror,
+    solve,
+    solve_known_azimuth,
+)
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
+from fieldkit.site import Site
+
+SITE = Site(35.558675, 139.395232, 9.0)
+MINUTE_NS = 60_000_000_000
+
+CASE_1 = (
+    ["2017-08-30T03:00", "2017-08-30T04:00", "2017-08-30T05:00", "2017-08-30T06:00"],
+    [325.23205, 324.02574, 321.34508, 317.34486],
+    [323.60330, 322.50984, 320.08268, 316.46441],
+)
+CASE_2 = (
+    ["2017-08-30T00:00", "2017-08-30T01:00", "2017-08-30T02:00", "2017-08-30T03:00"],
+    [321.86850, 324.24478, 325.14110, 324.50615],
+    [318.65543, 321.61792, 323.30003, 323.60330],
+)
+
+
+def utc_ns(text: str) -> int:
+    return int(np.datetime64(text, "ns").astype(np.int64))
+
+
+def window(start: str, minutes: int) -> np.ndarray:
+    return sun_vectors(utc_ns(start) + np.arange(minutes) * MINUTE_NS, SITE)
+
+
+def misfit_of(case, scale: float = 1.0) -> tuple[Misfit, np.ndarray]:
+    times, target, reference = case
+    sun = sun_vectors(np.array([utc_ns(t) for t in times]), SITE)
+    difference = irradiance_difference(target, reference, SurfaceParameters())
+    return Misfit.of_rows(sun, scale * difference / 800.0 + sun[:, 2]), difference
+
+
+@pytest.mark.parametrize(
+    ("case", "differences", "b", "slope"),
+    [
+        (
+            CASE_1,
+            [51.14274, 47.45937, 39.26679, 27.12540],
+            [-1.2973231, -1.2462472, 2.6296975],
+            (10.0, 180.0),
+        ),
+        (CASE_2, [99.82860, 82.17046, 57.78046, 28.32291], [1.0341381, -1.4415853, 2.9886734], (12.0, 135.0)),
+    ],
+)
+def test_temperatures_of_a_known_bed_give_its_slope_back(case, differences, b, slope):
+    misfit, found = misfit_of(case)
+    # the golden temperatures are printed to 1e-5 K: 3e-4 W/m2
+    np.testing.assert_allclose(found, differences, atol=5e-4)
+    np.testing.assert_allclose(misfit.b, b, atol=1e-4)
+    tilt, azimuth = tilt_azimuth(solve(misfit).first)
+    assert tilt == pytest.approx(slope[0], abs=0.001)
+    assert azimuth == pytest.approx(slope[1], abs=0.005)
+
+
+def test_sum_of_sun_products_is_the_golden_matrix():
+    H = misfit_of(CASE_1)[0].H
+    expected = [0.9799023, 0.5479405, -1.2207197, 0.5556927, -1.1674889, 2.4644050]
+    np.testing.assert_allclose(H[np.triu_indices(3)], expected, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("case", "vector", "length", "slope"),
+    [
+        (CASE_1, (0.0, -0.191013, 0.983289), 1.001670, (11.3254, 180.1277)),
+        (CASE_2, (0.161717, -0.161717, 0.975962), 1.002401, (13.5607, 136.2429)),
+    ],
+)
+def test_ten_percent_scale_error_tilts_as_published(case, vector, length, slope):
+    misfit, _ = misfit_of(case, scale=1.1)
+    three = np.linalg.solve(misfit.H, misfit.b)
+    # the three-vector solution is ill-conditioned: the two suns, 0.0015 degrees apart, show
+    np.testing.assert_allclose(three, vector, atol=5e-5)
+    assert np.linalg.norm(three) == pytest.approx(length, abs=5e-5)
+    tilt, azimuth = tilt_azimuth(solve(misfit).first)
+    assert tilt == pytest.approx(slope[0], abs=0.002)
+    assert azimuth == pytest.approx(slope[1], abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("start", "minutes", "tilt_sd", "direction_sd", "correlation", "other"),
+    [
+        ("2017-08-30T00:00", 21, 4.6437, 1.4669, 0.9976, (46.780, 175.139)),
+        ("2017-08-30T03:00", 21, 0.9912, 2.3635, -0.9748, (43.299, 180.825)),
+        ("2017-08-30T06:00", 21, 5.4823, 0.8794, -0.9958, (49.554, 186.190)),
+        ("2017-08-30T00:00", 181, 0.1254, 0.0870, 0.7467, None),
+    ],
+)
+def test_cramer_rao_bound_and_mirror_are_the_golden_ones(
+    start, minutes, tilt_sd, direction_sd, correlation, other
+):
+    sun = window(start, minutes)
+    H = sun.T @ sun / 0.005**2
+    covariance = cramer_rao(H, normal(10.0, 180.0))
+    tilt, direction = np.degrees(np.sqrt(np.diagonal(covariance)))
+    assert tilt == pytest.approx(tilt_sd, rel=1e-3)
+    assert direction == pytest.approx(direction_sd, rel=1e-3)
+    assert covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) == pytest.approx(
+        correlation, abs=1e-4
+    )
+    if other is not None:
+        assert tilt_azimuth(mirror(normal(10.0, 180.0), H)) == pytest.approx(other, abs=0.005)
+
+
+@pytest.mark.parametrize("start", ["2017-08-30T00:00", "2017-08-30T03:00", "2017-08-30T06:00"])
+def test_noiseless_study_is_exact_off_the_papers_grid(start):
+    random = np.random.default_rng(20170830)
+    tilts, azimuths = random.uniform(0.0, 30.0, 3000), random.uniform(0.0, 360.0, 3000)
+    truth, sun = normal(tilts, azimuths), window(start, 21)
+    misfit = Misfit.of_rows(sun, truth @ sun.T)
+    found = choose(misfit, solve(misfit), 30.0).best
+    assert np.percentile(np.abs(tilt_azimuth(found)[0] - tilts), 90) <= 0.01
+    assert np.percentile(angle_between_deg(found, truth), 90) <= 0.01
+
+
+def test_both_branches_fit_and_are_mirrors_of_each_other():
+    sun = window("2017-08-30T03:00", 21)
+    misfit = Misfit.of_rows(sun, sun @ normal(20.0, 180.0), 1 / 0.005**2)
+    both = solve(misfit)
+    tilts, _ = tilt_azimuth(np.stack([both.first, both.second]))
+    # the mirror of 20 degrees south at noon is 33 degrees (independent simulation)
+    assert sorted(tilts) == pytest.approx([20.0, 33.0], abs=0.7)
+    assert both.second_misfit - both.first_misfit < 4.61
+
+
+def test_southern_hemisphere_and_tropics_need_no_southern_sun():
+    for site, date in ((Site(-33.9, 18.4), "2021-06-21T09:30"), (Site(2.0, 36.0), "2021-06-21T08:00")):
+        sun = sun_vectors(utc_ns(date) + np.arange(61) * MINUTE_NS, site)
+        truth = normal(17.3, 41.0)
+        misfit = Misfit.of_rows(sun, sun @ truth)
+        found = choose(misfit, solve(misfit), 45.0).best
+        assert angle_between_deg(found, truth) < 1e-4
+
+
+def test_two_slopes_sharing_the_sun_solve_as_each_alone():
+    sun = window("2017-08-30T00:00", 30)
+    truths = normal([3.0, 22.0, 14.0], [10.0, 250.0, 359.5])
+    together = solve(Misfit.of_rows(sun, truths @ sun.T, 4e4))
+    for row, truth in enumerate(truths):
+        alone = solve(Misfit.of_rows(sun, sun @ truth, 4e4))
+        assert angle_between_deg(together.first[row], alone.first) < 1e-7
+
+
+def test_rows_without_a_value_are_dropped():
+    sun = window("2017-08-30T00:00", 30)
+    y = sun @ normal(12.0, 135.0)
+    gappy = y.copy()
+    gappy[[3, 17]] = np.nan
+    kept = np.isfinite(gappy)
+    whole, part = Misfit.of_rows(sun, gappy), Misfit.of_rows(sun[kept], y[kept])
+    assert whole.count == 28
+    np.testing.assert_allclose(whole.H, part.H)
+    np.testing.assert_allclose(whole.b, part.b)
+
+
+def test_unknown_slopes_stay_unknown_among_known_ones():
+    sun = window("2017-08-30T00:00", 30)
+    y = np.stack([sun @ normal(12.0, 135.0), np.full(30, np.nan)])
+    found = solve(Misfit.of_rows(sun, y)).first
+    assert np.isnan(found[1]).all()
+    assert angle_between_deg(found[0], normal(12.0, 135.0)) < 1e-5
+
+
+def test_known_azimuth_gives_the_tilt_and_the_other_root():
+    sun = window("2017-08-30T03:00", 21)
+    tilt, other = solve_known_azimuth(Misfit.of_rows(sun, sun @ normal(10.0, 180.0)), 180.0, 45.0)
+    assert tilt == pytest.approx(10.0, abs=1e-6)
+    assert 40.0 < other < 45.0
+    tilt, other = solve_known_azimuth(Misfit.of_rows(sun, sun @ VERTICAL), 180.0, 45.0)
+    assert tilt == pytest.approx(0.0, abs=1e-6)

@@ -1,0 +1,122 @@
+"""Expected sizes of uncertainty are those of an independent simulation (20 min and 3 h, 0.1 K)."""
+
+import numpy as np
+import pytest
+
+from fieldkit.errors import CalibrationError
+from fieldkit.estimation.normal import Misfit
+from fieldkit.estimation.scale import identify, joint_slopes, offsets_from_uniform, scale_from_known_bed
+from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
+from fieldkit.site import Site
+
+SITE = Site(35.558675, 139.395232, 9.0)
+PAPER = SurfaceParameters()
+SIGMA = np.sqrt(2.0) * 31.0 * 0.1 / 800.0
+
+
+def sun(minutes: int) -> np.ndarray:
+    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
+    return sun_vectors(start + np.arange(minutes) * 60_000_000_000, SITE)
+
+
+@pytest.mark.parametrize(("minutes", "sd"), [(21, 0.02), (181, 0.006)])
+def test_one_known_bed_tells_the_scale(minutes, sd):
+    rays, bed = sun(minutes), normal(17.0, 180.0)
+    noise = SIGMA * np.random.default_rng(1).standard_normal(minutes)
+    y = 1.13 * (rays @ (bed - VERTICAL)) + rays[:, 2] + noise
+    found = scale_from_known_bed(rays, y, np.full(minutes, SIGMA), VERTICAL, bed)
+    assert found.kappa_sd < sd
+    assert found.kappa == pytest.approx(1.13, abs=3 * found.kappa_sd)
+
+
+def test_stated_uncertainty_of_the_scale_is_its_scatter():
+    rays, bed, random = sun(60), normal(17.0, 180.0), np.random.default_rng(2)
+    clean = rays @ (bed - VERTICAL) + rays[:, 2]
+    sigma = np.full(60, SIGMA)
+    fits = [
+        scale_from_known_bed(rays, clean + SIGMA * random.standard_normal(60), sigma, VERTICAL, bed)
+        for _ in range(300)
+    ]
+    assert np.mean([fit.kappa for fit in fits]) == pytest.approx(1.0, abs=0.002)
+    assert np.std([fit.kappa for fit in fits]) == pytest.approx(fits[0].kappa_sd, rel=0.25)
+
+
+def test_offset_of_the_known_bed_is_told_from_scale_only_as_far_as_it_can_be():
+    rays, bed = sun(181), normal(17.0, 180.0)
+    offset = np.full((1, 181), 0.25 * 31.0 / 800.0)
+    y = 1.1 * (rays @ (bed - VERTICAL)) + rays[:, 2] + offset[0]
+    sigma = np.full(181, SIGMA)
+    naive = scale_from_known_bed(rays, y, sigma, VERTICAL, bed)
+    careful = scale_from_known_bed(rays, y, sigma, VERTICAL, bed, doubts=offset)
+    assert abs(naive.kappa - 1.1) > 3 * naive.kappa_sd
+    assert abs(careful.kappa - 1.1) < 2 * careful.kappa_sd
+    assert careful.kappa_sd > 2 * naive.kappa_sd
+
+
+def test_a_nearly_flat_bed_cannot_tell_the_scale():
+    rays, bed = sun(21), normal(0.2, 180.0)
+    with pytest.raises(CalibrationError, match="too much like the reference"):
+        scale_from_known_bed(rays, rays[:, 2], np.full(21, SIGMA), VERTICAL, bed)
+
+
+def test_uniform_target_gives_offsets_with_honest_errors():
+    random = np.random.default_rng(3)
+    noise = 0.05 * random.standard_normal((30, 2))
+    found = offsets_from_uniform(300.0 + np.array([0.3, -0.2]) + noise, np.full(30, 300.0))
+    assert found.offset_k == pytest.approx([0.3, -0.2], abs=0.03)
+    assert found.offset_sd_k == pytest.approx([0.05 / np.sqrt(30)] * 2, rel=0.5)
+    drifting = 300.0 + np.linspace(0, 0.4, 30)[:, np.newaxis] + noise
+    assert (offsets_from_uniform(drifting, np.full(30, 300.0)).offset_sd_k > found.offset_sd_k).all()
+    with pytest.raises(CalibrationError, match="three minutes"):
+        offsets_from_uniform(np.full((2, 1), 300.0), np.full(2, 300.0))
+
+
+def test_regions_sharing_a_scale_find_it_and_their_slopes():
+    rays = sun(181)
+    truths = normal([5, 10, 15, 20, 25, 28], [20, 80, 150, 200, 260, 320])
+    y = 1.08 * (rays @ (truths - VERTICAL).T).T + rays[:, 2]
+    joint = joint_slopes([Misfit.of_rows(rays, row, 1 / 0.0005**2) for row in y], VERTICAL, 0.1, 45.0)
+    assert joint.kappa == pytest.approx(1.08, abs=0.01)
+    assert angle_between_deg(joint.normals, truths).max() < 0.3
+
+
+def test_without_information_the_prior_speaks():
+    rays = sun(21)
+    y = 1.1 * (rays @ (normal(15.0, 30.0) - VERTICAL)) + rays[:, 2]
+    joint = joint_slopes([Misfit.of_rows(rays, y, 1 / SIGMA**2)], VERTICAL, 0.1, 45.0)
+    assert joint.kappa_sd == pytest.approx(0.1, rel=0.15)
+
+
+def test_known_beds_tell_steepness_but_not_its_split():
+    rays, random = sun(181), np.random.default_rng(4)
+    beds = normal([10.0, 20.0, 25.0], [180.0, 180.0, 90.0])
+    target = surface_temperature(800.0 * (beds @ rays.T), 400.0, 303.15, PAPER)
+    flat = np.tile(surface_temperature(800.0 * rays[:, 2], 400.0, 303.15, PAPER), (3, 1))
+    sunlight = 800.0 * ((beds - VERTICAL) @ rays.T)
+    warm, base = (t + 0.1 * random.standard_normal(t.shape) for t in (target, flat))
+    found = identify(
+        warm.ravel(), base.ravel(), sunlight.ravel(), 0.1, (1.15 * PAPER.alpha, 0.85 * PAPER.beta)
+    )
+    true = float(irradiance_per_kelvin(flat.mean(), PAPER))
+    # published: the common effect to 0.2-0.6 %, the contrast to 37-86 %
+    assert found.steepness_w_m2_k == pytest.approx(true, rel=0.006)
+    assert found.steepness_sd / true < 0.006
+    # of the split the data tell less than an independent thermometer would: a third of the prior is left
+    assert found.share_sd > 0.03
+    assert "apart cannot be told" in found.says
+
+
+def test_split_that_data_do_not_tell_is_called_the_priors():
+    rays, bed = sun(30), normal(20.0, 180.0)
+    target = surface_temperature(800.0 * (rays @ bed), 400.0, 303.15, PAPER)
+    flat = surface_temperature(800.0 * rays[:, 2], 400.0, 303.15, PAPER)
+    found = identify(target, flat, 800.0 * (rays @ (bed - VERTICAL)), 0.1, (PAPER.alpha, PAPER.beta))
+    assert found.share_is_prior
+    assert "the prior, not the data" in found.says
+
+
+def test_identification_refuses_beds_like_the_reference():
+    with pytest.raises(CalibrationError, match="differ too little"):
+        identify(np.full(9, 300.1), np.full(9, 300.0), np.full(9, 3.0), 0.1, (PAPER.alpha, PAPER.beta))

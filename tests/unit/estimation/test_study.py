@@ -1,0 +1,123 @@
+"""The paper's study against its own numbers and against an independent simulation of it.
+
+Clear-sky direct irradiance (Ineichen, Linke turbidity 4.16), T_a 303.15 K,
+L 400 W/m2: figures of an independent simulation with the same conditions.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.study import (
+    Conditions,
+    Outcome,
+    StudySettings,
+    paper_slopes,
+    random_slopes,
+    run_study,
+    simulated_temperatures,
+    summarise,
+)
+from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.facet import normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.site import Site
+
+PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+NOISELESS = StudySettings()
+
+
+def conditions(hour_utc: int, minutes: int = 20, direct: float | None = None) -> Conditions:
+    start = np.datetime64(f"2017-08-30T{hour_utc:02d}:00", "ns").astype(np.int64)
+    times = start + np.arange(minutes + 1, dtype=np.int64) * 60_000_000_000
+    sun = sun_vectors(times, PAPER)
+    modelled, _ = clear_sky(sun[:, 2], times, PAPER.elevation_m, 4.16)
+    light = modelled if direct is None else np.full(times.size, direct)
+    return Conditions(sun, light, np.full(times.size, 400.0), np.full(times.size, 303.15))
+
+
+def test_study_has_the_papers_slopes():
+    slopes = paper_slopes()
+    assert len(slopes) == 61 * 361
+    np.testing.assert_allclose(slopes[:361], [0.0, 0.0, 1.0] * np.ones((361, 1)), atol=1e-15)
+
+
+def test_temperatures_of_the_golden_chain():
+    # S 800: tilt 10 azimuth 180 at 12 h JST is 325.23205 K, the reference 323.60330 K
+    target, reference = simulated_temperatures(normal([10.0], [180.0]), conditions(3, 0, 800.0), NOISELESS)
+    assert target[0, 0] == pytest.approx(325.23205, abs=1e-3)
+    assert reference[0, 0] == pytest.approx(323.60330, abs=1e-3)
+
+
+@pytest.mark.parametrize("hour", [0, 3, 6])
+def test_unit_norm_is_exact_without_noise(hour):
+    slopes = random_slopes(3000, seed=7)
+    found = run_study(slopes, conditions(hour), replace(NOISELESS, method="unit-norm"))
+    assert np.percentile(found.normal_error_deg, 90) <= 0.01
+    assert np.percentile(found.tilt_error_deg, 90) <= 0.01
+
+
+@pytest.mark.parametrize(("hour", "p90", "mean"), [(0, 0.49, 0.16), (3, 0.25, 0.11), (6, 0.50, 0.19)])
+def test_contours_give_the_errors_of_the_grid(hour, p90, mean):
+    # tilts come in half degrees, so the percentile jumps with the last per cent of irradiance;
+    # the paper's Fig. 9 prints 0.43, 0.62, 0.9 for its own weather
+    outcome = run_study(paper_slopes(), conditions(hour), NOISELESS)
+    summary = summarise(outcome.tilt_error_deg)
+    assert summary.p90 == pytest.approx(p90, abs=0.13)
+    assert summary.mae == pytest.approx(mean, abs=0.04)
+    assert summary.unsolved == 0
+
+
+# 0.1 K on both regions, 20 min, unit-norm: 90th percentile and mean of the tilt error
+@pytest.mark.parametrize(("hour", "p90", "mean"), [(0, 6.00, 2.57), (3, 4.19, 1.79), (6, 7.00, 2.99)])
+def test_noise_of_a_tenth_of_a_kelvin(hour, p90, mean):
+    noisy = StudySettings(method="unit-norm", noise_k=0.1)
+    summary = summarise(run_study(random_slopes(8000, seed=3), conditions(hour), noisy).tilt_error_deg)
+    assert summary.p90 == pytest.approx(p90, rel=0.06)
+    assert summary.mae == pytest.approx(mean, rel=0.08)
+
+
+def test_shaded_minutes_are_left_out_in_the_evening():
+    # 180 min from 15 h, 0.1 K: 0.75 degrees; a third of the slopes lose the sun on the way
+    noisy = StudySettings(method="unit-norm", noise_k=0.1)
+    outcome = run_study(random_slopes(2000, seed=5), conditions(6, 180), noisy)
+    assert np.percentile(outcome.tilt_error_deg, 90) <= 0.8
+
+
+def test_posterior_shrinks_what_the_noise_spreads():
+    slopes = random_slopes(150, seed=11)
+    noisy = StudySettings(method="unit-norm", noise_k=0.3)
+    plain = run_study(slopes, conditions(3), noisy)
+    shrunk = run_study(slopes, conditions(3), replace(noisy, method="posterior"))
+    assert summarise(shrunk.normal_error_deg).mae < summarise(plain.normal_error_deg).mae
+
+
+def test_coarse_thermometer_costs_degrees():
+    # steps of 0.1 K without noise: about a degree and more; of 0.01 K at most 0.43
+    slopes = random_slopes(3000, seed=2)
+    coarse, fine = (
+        run_study(slopes, conditions(3), StudySettings(method="unit-norm", quantum_k=step))
+        for step in (0.1, 0.01)
+    )
+    assert 0.5 < summarise(coarse.tilt_error_deg).p90 < 3.3
+    assert summarise(fine.tilt_error_deg).p90 <= 0.43
+
+
+def test_two_definitions_of_the_sd_differ_by_the_root_of_n():
+    summary = summarise(np.array([1.0, 2.0, 3.0, 6.0, np.nan]))
+    assert summary.mae == 3.0
+    # sum of squares 4 + 1 + 0 + 9 = 14 over n 4: eq. (9) as printed sqrt(14) / 4
+    assert summary.sd_paper == pytest.approx(np.sqrt(14.0) / 4.0)
+    assert summary.sd_usual == pytest.approx(np.sqrt(14.0 / 4.0))
+    assert (summary.slopes, summary.unsolved, summary.largest) == (5, 1, 6.0)
+
+
+def test_directions_wrap_at_north():
+    truth = normal([10.0, 10.0, 10.0], [350.0, 8.0, 180.0])
+    estimate = normal([11.0, 13.0, 10.5], [350.0, 8.0, 180.0])
+    centres, errors = Outcome(truth, estimate).by_direction()
+    assert centres[0] == 0.0
+    assert errors[0] == pytest.approx(2.0)
+    assert errors[6] == pytest.approx(0.5)
+    assert np.isnan(errors[3])

@@ -1,0 +1,111 @@
+"""`fieldkit estimate table.csv`: the golden four hours, independent SPA sun and Table 1 parameters."""
+
+import numpy as np
+import pytest
+
+from fieldkit.commands.estimate_table import estimate_table, read_table
+from fieldkit.errors import ConfigError
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.irradiance import IrradianceModel
+from fieldkit.site import Site
+from fieldkit.slope import SlopeState
+
+SITE = Site(35.558675, 139.395232, 9.0)
+WHOLE = EstimatorSettings(window_s=None)
+CASE_1 = """time,reference_k,bed_k,irradiance_w_m2
+2017-08-30T12:00:00+09:00,323.60330,325.23205,800
+2017-08-30T13:00:00+09:00,322.50984,324.02574,800
+2017-08-30T14:00:00+09:00,320.08268,321.34508,800
+2017-08-30T15:00:00+09:00,316.46441,317.34486,800
+"""
+
+
+@pytest.fixture
+def table(tmp_path):
+    def write(text: str):
+        path = tmp_path / "table.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_the_golden_table_gives_ten_degrees_south(table):
+    (bed,) = estimate_table(table(CASE_1), SITE, WHOLE)
+    assert bed.region == "bed"
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+    assert bed.azimuth_deg == pytest.approx(180.0, abs=0.005)
+    assert bed.tilt_low_deg < 10.0 < bed.tilt_high_deg
+    assert bed.n_bins == 4
+    # 0.064 K per degree at 15:00 (d T / d tilt of a 10 degree south slope, S = 800 instead of 850)
+    assert bed.kelvin_per_degree == pytest.approx(0.066 * 800 / 850, abs=0.006)
+
+
+def test_celsius_unsorted_rows_and_other_zones_are_the_same_table(table):
+    first, *rows = CASE_1.splitlines()
+    celsius = [first.replace("_k", "_c")]
+    for row in reversed(rows):
+        time, *kelvin, irradiance = row.split(",")
+        hour = int(time[11:13]) - 9
+        cells = [f"{float(k) - 273.15:.5f}" for k in kelvin]
+        celsius.append(",".join([f"2017-08-30T{hour:02d}:00:00Z", *cells, irradiance]))
+    (bed,) = estimate_table(table("\n".join(celsius)), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+
+
+def test_lux_on_the_horizontal_is_as_good(table):
+    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
+    first, *rows = CASE_1.splitlines()
+    lines = [first.replace("irradiance_w_m2", "illuminance_lx")]
+    for row, up in zip(rows, sun_up, strict=True):
+        lines.append(row.rsplit(",", 1)[0] + f",{800 * up * 0.44 * 246.78:.3f}")
+    settings = EstimatorSettings(window_s=None, irradiance=IrradianceModel(diffuse="none"))
+    (bed,) = estimate_table(table("\n".join(lines)), SITE, settings)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+
+
+def test_leaning_reference_and_known_azimuth(table):
+    swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
+    (bed,) = estimate_table(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
+    assert bed.tilt_deg == pytest.approx(0.0, abs=0.01)
+    settings = EstimatorSettings(window_s=None, azimuth="known")
+    (bed,) = estimate_table(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+
+
+def test_flagged_and_empty_cells_are_left_out(table):
+    lines = CASE_1.splitlines()
+    flagged = [lines[0] + ",flags", *(line + ",0" for line in lines[1:])]
+    flagged.append("2017-08-30T14:30:00+09:00,318.0,340.0,800,32")
+    flagged.append("2017-08-30T14:40:00+09:00,,340.0,800,")
+    (bed,) = estimate_table(table("\n".join(flagged)), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
+    assert bed.n_bins == 4
+
+
+def test_two_rows_are_too_few_and_say_so(table):
+    (bed,) = estimate_table(table("\n".join(CASE_1.splitlines()[:3])), SITE, WHOLE)
+    assert bed.state == SlopeState.TOO_FEW
+    assert np.isnan(bed.tilt_deg)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("", "missing columns: time; reference_k"),
+        ("time,reference_k,bed_k\n", "irradiance_w_m2 or illuminance_lx"),
+        ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
+        (CASE_1.splitlines()[0], "no rows"),
+        (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
+        (CASE_1.replace("322.50984", "warm"), "line 3: reference_k 'warm' is not a number"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint):
+    with pytest.raises(ConfigError, match=r"table\.csv") as caught:
+        read_table(table(text))
+    assert complaint in str(caught.value)
+
+
+def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_table(tmp_path / "nothing.csv")
