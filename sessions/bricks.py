@@ -1,0 +1,153 @@
+"""Growing datasets, written as direct chunks: pictures as compressed bricks, columns as plain chunks.
+
+Direct chunks leave nothing half-written inside the HDF5 library, so a full disk is an
+error at that write and not a crash at exit; and compression happens in our own threads
+instead of all at once in a flush. A reader trusts a row once every dataset of its group
+has it, `time` last.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.sessions.journal import Chunk
+from fieldkit.sessions.layout import Column
+
+_LEVEL = 1
+
+
+def pack(tile: NDArray[np.uint16]) -> bytes:
+    """What HDF5's shuffle and gzip filters make of a chunk of 16-bit numbers."""
+    numbers = tile.reshape(-1)
+    planes = np.empty((2, numbers.size), np.uint8)
+    planes[0], planes[1] = numbers.astype(np.uint8), numbers >> 8
+    return zlib.compress(planes.data, _LEVEL)
+
+
+def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
+    """The chunk that `pack` packed; raises `ValueError` where the bytes are none."""
+    size = 2 * int(np.prod(shape))
+    try:
+        planes = zlib.decompressobj().decompress(data, size)
+    except zlib.error as error:
+        raise ValueError(f"a chunk does not decompress: {error}") from error
+    if len(planes) != size:
+        raise ValueError(f"a chunk has {len(planes)} bytes instead of {size}")
+    return np.frombuffer(planes, np.uint8).reshape(2, -1).T.copy().view("<u2").reshape(shape)
+
+
+def _packed(tile: NDArray[np.uint16]) -> tuple[bytes, int]:
+    data = pack(tile)
+    return data, zlib.crc32(data)
+
+
+class BrickWriter:
+    """One dataset of pictures: gathers frames into a brick and writes it tile by tile."""
+
+    def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:
+        self._dataset = dataset
+        self._pool = pool
+        self.depth, self._rows, self._cols = dataset.chunks
+        fill = int(dataset.fillvalue)
+        self._brick = np.full((self.depth, *dataset.shape[1:]), fill, "<u2")
+        self._fill = fill
+        self.length = 0
+        self.bytes_written = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the brick has its last frame."""
+        return self.length > 0 and self.length % self.depth == 0
+
+    def put(self, picture: NDArray[np.uint16]) -> None:
+        """Take one frame; write the brick before the next when it is full."""
+        self._brick[self.length % self.depth] = picture
+        self.length += 1
+
+    def write(self) -> list[Chunk]:
+        """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
+        start = (self.length - 1) // self.depth * self.depth
+        corners = [
+            (y, x)
+            for y in range(0, self._brick.shape[1], self._rows)
+            for x in range(0, self._brick.shape[2], self._cols)
+        ]
+        tiles = [self._brick[:, y : y + self._rows, x : x + self._cols] for y, x in corners]
+        packed = self._pool.map(_packed, tiles)  # the first are written while the last are being packed
+        self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
+        chunks = [
+            self._write_chunk((start, y, x), data, crc32)
+            for (y, x), (data, crc32) in zip(corners, packed, strict=True)
+        ]
+        if self.is_full:
+            self._brick[:] = self._fill
+        return chunks
+
+    def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
+        self._dataset.id.write_direct_chunk(corner, data)
+        self.bytes_written += len(data)
+        place = self._dataset.id.get_chunk_info_by_coord(corner)
+        return Chunk(self._dataset.name, *corner, place.byte_offset, place.size, crc32)
+
+
+class _ColumnWriter:
+    """One dataset of a table; its last, unfinished chunk stays in memory and is written again as it fills."""
+
+    def __init__(self, dataset: h5py.Dataset, column: Column) -> None:
+        self._dataset = dataset
+        self._rows = column.chunk_rows
+        self._empty = column.unknown(self._rows)
+        self._chunk = self._empty.copy()
+        self.length = 0
+        self.is_dirty = False
+
+    def append(self, values: NDArray[Any]) -> None:
+        while len(values):
+            place = self.length % self._rows
+            part = values[: self._rows - place]
+            self._chunk[place : place + len(part)] = part
+            self.length += len(part)
+            self.is_dirty = True
+            values = values[len(part) :]
+            if self.length % self._rows == 0:
+                self.write()
+                self._chunk[...] = self._empty
+
+    def write(self) -> None:
+        if self.is_dirty:
+            self._dataset.id.set_extent((self.length, *self._chunk.shape[1:]))
+            corner = ((self.length - 1) // self._rows * self._rows, *(0,) * (self._chunk.ndim - 1))
+            self._dataset.id.write_direct_chunk(corner, self._chunk.tobytes())
+            self.is_dirty = False
+
+
+class TableWriter:
+    """The datasets of one group that grow together."""
+
+    def __init__(self, group: h5py.Group, columns: Iterable[Column]) -> None:
+        ordered = sorted(columns, key=lambda column: column.name == "time")  # time last: it declares the row
+        self._writers = {column.name: _ColumnWriter(group[column.name], column) for column in ordered}
+        self._types = {column.name: (column.dtype, column.shape) for column in ordered}
+
+    @property
+    def length(self) -> int:
+        """Rows so far."""
+        return self._writers["time"].length
+
+    def append(self, row: Mapping[str, Any]) -> None:
+        """Take one row, a value for every column."""
+        for name, writer in self._writers.items():
+            dtype, shape = self._types[name]
+            writer.append(np.asarray(row[name], dtype).reshape(1, *shape))
+
+    def write(self) -> None:
+        """Hand everything over to the file."""
+        for writer in self._writers.values():
+            writer.write()

@@ -1,0 +1,105 @@
+"""Checking a session: nothing is changed, everything that can be known from the file is looked at.
+
+Damage and lost samples are failures; what happened in the field (clouds, lost cables,
+stepped clocks) is a warning; the rest is told as it is.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.errors import SessionError
+from fieldkit.samples import EventKind, Severity
+from fieldkit.sessions.check_clock import clock_findings
+from fieldkit.sessions.check_streams import stream_findings
+from fieldkit.sessions.check_sun import sun_findings
+from fieldkit.sessions.findings import Finding
+from fieldkit.sessions.layout import entry_columns, journal_path
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.seal import crc_of_crcs, table_crc32
+from fieldkit.site import RegionKind
+
+_QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGION}
+
+
+def check(path: str | Path) -> list[Finding]:
+    """Everything there is to say about a session file; never raises for what is in it."""
+    path = Path(path)
+    try:
+        session = open_session(path)
+    except SessionError as error:
+        return [Finding("fail", "file", error.message, error.fix or "")]
+    with session:
+        findings: list[Finding] = []
+        for look in (_state, _integrity, _streams, _events, clock_findings, sun_findings, _regions):
+            try:
+                findings.extend(look(session))
+            except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
+                findings.append(Finding("fail", "file", f"damaged: {error}", f"fieldkit recover {path}"))
+        return findings
+
+
+def _state(session: Session) -> Iterator[Finding]:
+    fix = f"fieldkit recover {session.path}"
+    match session.state:
+        case "sealed":
+            yield Finding("ok", "state", "sealed: every sample was compared with the journal")
+        case "recovered":
+            yield Finding("warn", "state", "recovered after an interruption")
+        case "recording":
+            yield Finding("warn", "state", "still being recorded; checked as far as it is")
+        case _ if journal_path(session.path).exists():
+            yield Finding("fail", "state", "interrupted: the journal has samples that the file has not", fix)
+        case _:
+            yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
+
+
+def _integrity(session: Session) -> Iterator[Finding]:
+    """Sealed numbers against what is there; the samples themselves are looked at with their stream."""
+    if session.state not in ("sealed", "recovered"):
+        return
+    sealed = session.integrity()
+    for place, name in enumerate(session.streams):
+        stored = session.stream(name).column("crc32").tolist()
+        if len(stored) != sealed["count"][place] or crc_of_crcs(stored) != sealed["crc_of_crcs"][place]:
+            yield Finding(
+                "fail", name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others"
+            )
+    for place, name in enumerate(entry_columns(session.header)):
+        if table_crc32(session, name) != sealed["table_crc32"][place]:
+            yield Finding("fail", name, "the table is not as it was sealed")
+
+
+def _streams(session: Session) -> Iterator[Finding]:
+    for name in session.streams:
+        yield from stream_findings(session, name)
+
+
+def _events(session: Session) -> Iterator[Finding]:
+    """What was noticed while recording, one line for each kind of event and stream."""
+    events = [event for event in session.events() if event.kind not in _QUIET]
+    counts = Counter((event.kind, event.stream) for event in events)
+    for (kind, stream), count in counts.items():
+        these = [event for event in events if (event.kind, event.stream) == (kind, stream)]
+        first = max(these, key=lambda event: event.severity)
+        serious = first.severity >= Severity.WARNING
+        at = np.datetime64(first.time_ns // 1_000_000_000, "s")
+        more = f", and {count - 1} more" if count > 1 else ""
+        name = kind.name.lower() + (f" {stream}" if stream else "")
+        yield Finding("warn" if serious else "ok", name, f"{at}Z {first.text}{more}")
+
+
+def _regions(session: Session) -> Iterator[Finding]:
+    if not any(info.is_camera for info in session.streams.values()):
+        return
+    kinds = Counter(region.kind for region in session.regions)
+    text = f"{kinds[RegionKind.REFERENCE]} references, {kinds[RegionKind.TARGET]} targets"
+    if not kinds[RegionKind.REFERENCE]:
+        fix = "draw regions in fieldkit.toml (fieldkit roi add) and estimate again"
+        yield Finding("warn", "regions", f"{text}: slopes need a reference", fix)
+    else:
+        yield Finding("ok", "regions", text)

@@ -1,0 +1,1 @@
+"""Sessions from recordings of other programs, and for other programs."""

@@ -1,0 +1,124 @@
+"""Writing what was recorded elsewhere as a session; where it came from is told in an event.
+
+Foreign recordings have no monotonic clock, so their UTC stands for it. Stamps are kept as
+they came: pictures that waited somewhere and arrived in bunches are flagged, not moved.
+"""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import ClockCheck
+from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.seal import SealReport
+from fieldkit.sessions.writer import SessionWriter
+
+
+@dataclass(frozen=True, slots=True)
+class Foreign:
+    """A recording of another program: its streams, its samples in order of time, remarks on it."""
+
+    streams: tuple[StreamInfo, ...]
+    samples: Iterable[Sample]
+    remarks: tuple[tuple[Severity, str], ...] = ()
+
+
+class StampedClock:
+    """A clock that stands where the imported stamps are; `anchor_ns` is UTC less its monotonic time."""
+
+    def __init__(self, start_ns: int, anchor_ns: int = 0) -> None:
+        self.now_ns = start_ns
+        self._anchor_ns = anchor_ns
+
+    def mono_ns(self) -> int:
+        """The last stamp."""
+        return self.now_ns
+
+    def to_utc_ns(self, mono_ns: int) -> int:
+        """That plus the anchor."""
+        return mono_ns + self._anchor_ns
+
+    def check(self) -> ClockCheck:
+        """Nothing to compare."""
+        return ClockCheck(self.now_ns, 0, 0, "imported")
+
+    def sleep(self, seconds: float) -> None:
+        """Nobody waits."""
+
+    def wait_readable(self, fd: int, timeout_s: float) -> bool:
+        """Whether there is something to read now."""
+        return bool(select.select([fd], [], [], 0)[0])
+
+    def taking_part(self) -> AbstractContextManager[None]:
+        """Nothing to do."""
+        return nullcontext()
+
+    def hold_while(self, busy: Callable[[], bool]) -> None:
+        """Nothing to do: the writer reads back what it was not handed."""
+
+
+def write_foreign(path: Path, header: SessionHeader, foreign: Foreign, source: str) -> SealReport:
+    """Write a foreign recording as a session and seal it; `source` names the files it came from.
+
+    Raises `ConfigError` where it has no samples, `StorageError`, `RefusedError`.
+    """
+    samples = iter(foreign.samples)
+    first = next(samples, None)
+    if first is None:
+        raise ConfigError(f"{source} has no samples")
+    clock = StampedClock(first.time_ns)
+    writer = SessionWriter(path, header, clock)
+    try:
+        _tell(writer, clock, Severity.INFO, f"imported from {source}")
+        for severity, text in foreign.remarks:
+            _tell(writer, clock, severity, text)
+        for sample in _chain(first, samples):
+            clock.now_ns = max(clock.now_ns, sample.time_ns)
+            writer.append(sample)
+    except BaseException:
+        writer.discard()
+        raise
+    return writer.close()
+
+
+def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
+    yield first
+    yield from rest
+
+
+def _tell(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
+    writer.event(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
+
+
+def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which pictures came together, having waited: half the usual interval apart or less."""
+    intervals = np.diff(time_ns)
+    late = np.zeros(len(time_ns), np.bool_)
+    if intervals.size >= 3:
+        close = intervals < 0.5 * np.median(intervals)
+        late[1:] |= close
+        late[:-1] |= close
+    return late
+
+
+def flag_bunched(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[tuple[Severity, str], ...]]:
+    """The frames, those that came in bunches flagged `STALE`, and what to say about it."""
+    late = bunched(np.array([frame.time_ns for frame in frames], np.int64))
+    flagged = [
+        replace(frame, quality=frame.quality | Quality.STALE) if is_late else frame
+        for frame, is_late in zip(frames, late, strict=True)
+    ]
+    if not late.any():
+        return flagged, ()
+    text = f"{int(late.sum())} of {len(frames)} pictures came in bunches: stamps of arrival, flagged stale"
+    return flagged, ((Severity.WARNING, text),)

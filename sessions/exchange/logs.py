@@ -1,0 +1,125 @@
+"""Tables of loggers and spreadsheets (CSV) as streams: thermometers, light, anything with a time and numbers.
+
+Zone and clock offset of the logger are said by the user, never guessed; the unit stands in
+the column's header (``T1 [C]``, ``lux (lx)``) or is said.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Reading, Severity
+from fieldkit.sessions.exchange.imported import Foreign
+from fieldkit.sessions.exchange.times import parse_time_ns
+
+_TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
+_UNITS = {
+    "C": (*_TEMPERATURE, 273.15), "°C": (*_TEMPERATURE, 273.15), "degC": (*_TEMPERATURE, 273.15),
+    "K": (*_TEMPERATURE, 0.0), "lx": (*_LIGHT, 0.0), "lux": (*_LIGHT, 0.0),
+    "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
+}  # fmt: skip
+_MAX_BYTES = 500_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class LogColumns:
+    """Which columns count: where empty, the first for `time`, all others with a unit for `values`."""
+
+    time: str = ""
+    values: tuple[str, ...] = ()
+
+
+def read_log(
+    path: Path, name: str, *, zone: tzinfo | None = None, time_format: str | None = None,
+    offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
+) -> Foreign:  # fmt: skip
+    """A table as one stream; `offset_ns` is added to its times. Cells without a number become NaN.
+
+    Raises `ConfigError` where the table cannot be understood; it says what it found.
+    """
+    head, rows = _table(path, encoding)
+    chosen = columns or LogColumns()
+    time_at = _place(path, head, chosen.time) if chosen.time else 0
+    places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, time_at, unit)
+    units = [unit or _unit(head[place]) for place in places]
+    if len(set(units)) != 1 or units[0] not in _UNITS:
+        known = ", ".join(_UNITS)
+        raise ConfigError(
+            f"{path}: units {', '.join(map(repr, units))}", fix=f"one stream, one unit: --unit of {known}"
+        )
+    stored, quantity, add = _UNITS[units[0]]
+    readings = []
+    for row in rows:
+        time_ns = parse_time_ns(row[time_at].strip(), zone, time_format) + offset_ns
+        values = tuple(_number(row[place]) + add if place < len(row) else float("nan") for place in places)
+        raw = ",".join(row).encode()[:255]
+        readings.append(Reading(name, time_ns, time_ns, values, raw))
+    ordered = sorted(readings, key=lambda reading: reading.time_ns)
+    info = StreamInfo(
+        name, quantity, stored, (len(places),), channels=tuple(_label(head[place]) for place in places),
+        rate_hz=_rate(ordered), driver="import", raw_bytes=255,
+    )  # fmt: skip
+    said = f"{path.name}: {len(ordered)} rows, clock offset {offset_ns / 1e9:+g} s applied"
+    return Foreign((info,), ordered, ((Severity.INFO, said),))
+
+
+def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]]]:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
+        text = path.read_text(encoding=encoding)
+        dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
+        rows = [row for row in csv.reader(text.splitlines(), dialect) if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(
+            f"{path} cannot be read as a table: {error}", fix="save it as CSV, UTF-8"
+        ) from error
+    if len(rows) < 2 or len(rows[0]) < 2:
+        raise ConfigError(f"{path} has no table with a header line and rows")
+    return [cell.strip() for cell in rows[0]], rows[1:]
+
+
+def _place(path: Path, head: Sequence[str], name: str) -> int:
+    for place, cell in enumerate(head):
+        if name in (cell, _label(cell)):
+            return place
+    raise ConfigError(f"{path} has no column {name!r}", fix=f"it has: {', '.join(head)}")
+
+
+def _with_units(path: Path, head: Sequence[str], time_at: int, unit: str) -> list[int]:
+    others = [place for place in range(len(head)) if place != time_at]
+    found = others if unit else [place for place in others if _unit(head[place]) in _UNITS]
+    if not found:
+        raise ConfigError(f"{path}: no column has a unit", fix='--unit C, or headers like "T1 [C]"')
+    return found
+
+
+def _unit(cell: str) -> str:
+    found = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", cell)
+    return found[1] if found else ""
+
+
+def _label(cell: str) -> str:
+    return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", cell) or cell
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell.strip().replace(",", "."))
+    except ValueError:
+        return float("nan")
+
+
+def _rate(readings: Sequence[Reading]) -> float:
+    intervals = np.diff(np.array([reading.time_ns for reading in readings], np.int64))
+    usual = float(np.median(intervals)) if intervals.size else 0.0
+    return 1e9 / usual if usual > 0 else 0.0

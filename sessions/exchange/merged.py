@@ -1,0 +1,58 @@
+"""A new session of an old one and a recording that was made beside it; the old one stays as it is."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Event, EventKind, Sample, Severity
+from fieldkit.sessions.exchange.imported import Foreign, StampedClock
+from fieldkit.sessions.reader import Session
+from fieldkit.sessions.records import RegionRecord
+from fieldkit.sessions.seal import SealReport
+from fieldkit.sessions.writer import SessionWriter
+
+
+def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealReport:
+    """Write `session` with the streams of `foreign` as a new session at `path`, and seal it.
+
+    Raises `ConfigError` where a stream of that name is there, or the times do not meet.
+    """
+    taken = {info.name for info in foreign.streams} & set(session.streams)
+    if taken:
+        raise ConfigError(
+            f"{session.path} has a stream {taken.pop()!r} already", fix="another name: --as NAME"
+        )
+    added = list(foreign.samples)
+    if not added or added[-1].time_ns < session.start_ns or added[0].time_ns > session.end_ns:
+        raise ConfigError(
+            f"{source} and {session.path} do not overlap in time",
+            fix="check --zone and --offset of the logger",
+        )
+    header = replace(session.header, streams=(*session.header.streams, *foreign.streams))
+    clock = StampedClock(session.start_ns - session.anchor_ns, session.anchor_ns)
+    writer = SessionWriter(path, header, clock)
+    try:
+        drawn = {(region.name, region.vertices) for region in header.regions}  # the writer has put these
+        for entry in session.entries():
+            if not isinstance(entry, RegionRecord) or (entry.region.name, entry.region.vertices) not in drawn:
+                writer.put(entry)
+        for severity, text in ((Severity.INFO, f"stream added from {source}"), *foreign.remarks):
+            now = clock.mono_ns()
+            writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
+        for sample in _by_time(session, added):
+            writer.append(sample)
+            clock.now_ns = sample.mono_ns
+    except BaseException:
+        writer.discard()
+        raise
+    return writer.close()
+
+
+def _by_time(session: Session, added: list[Sample]) -> Iterator[Sample]:
+    """All samples by the session's monotonic clock, which the added ones are given."""
+    anchored = (replace(sample, mono_ns=sample.time_ns - session.anchor_ns) for sample in added)
+    return heapq.merge(session.samples(), anchored, key=lambda sample: sample.mono_ns)

@@ -1,0 +1,135 @@
+"""The pictures of a session: as radiometric TIFF, or to look at as PNG and MP4 with scale and regions."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.errors import ConfigError, StorageError
+from fieldkit.samples import Frame
+from fieldkit.sessions.analysis import camera_of, own_scale
+from fieldkit.sessions.reader import Session
+from fieldkit.sessions.schema import iso_utc
+
+TIFF_KELVIN_PER_COUNT = 0.01
+_WIDTH, _BAR = 640, 36
+_WHITE = (255, 255, 255)
+Image = NDArray[np.uint8]
+
+
+def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """16-bit TIFFs of 0.01 K per count, with their times in ``times.csv``: `import` reads them back.
+
+    Counts of a camera without a known scale are written as they are. Raises `StorageError`.
+    """
+    import cv2
+
+    info = camera_of(session, stream)
+    convert, paths, rows = own_scale(info), [], []
+    known = np.isfinite(convert(np.array([30_000], np.uint16))).all()
+    for frame in _frames(session, info.name, every):
+        counts = np.rint(convert(frame.counts) / TIFF_KELVIN_PER_COUNT) if known else frame.counts
+        path = folder / f"{session.path.stem}-{frame.seq:07}.tiff"
+        if not cv2.imwrite(str(path), np.clip(counts, 0, 65535).astype(np.uint16)):
+            raise StorageError(f"cannot write {path}")
+        paths.append(path)
+        rows.append((path.name, iso_utc(frame.time_ns)))
+    table = folder / "times.csv"
+    with table.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([("file", "time"), *rows])
+    return [*paths, table]
+
+
+def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """Coloured pictures with the temperature scale, the regions and the time. Raises `StorageError`."""
+    import cv2
+
+    paths = []
+    for frame, image in _drawn(session, stream, every):
+        path = folder / f"{session.path.stem}-{frame.seq:07}.png"
+        if not cv2.imwrite(str(path), image):
+            raise StorageError(f"cannot write {path}")
+        paths.append(path)
+    return paths
+
+
+def export_mp4(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """The same as a film, 25 pictures a second. Raises `StorageError`."""
+    import cv2
+
+    path, film = folder / f"{session.path.stem}.mp4", None
+    for _, image in _drawn(session, stream, every):
+        if film is None:
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            film = cv2.VideoWriter(str(path), code, 25.0, (image.shape[1], image.shape[0]))
+            if not film.isOpened():
+                raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
+        film.write(image)
+    if film is None:
+        raise ConfigError(f"{session.path} has no pictures")
+    film.release()
+    return [path]
+
+
+def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
+    for sample in session.samples(camera):
+        if isinstance(sample, Frame) and sample.seq % every == 0:
+            yield sample
+
+
+def _drawn(session: Session, stream: str | None, every: int) -> Iterator[tuple[Frame, Image]]:
+    info = camera_of(session, stream)
+    low, high = _range(session, info.name)
+    convert = own_scale(info)
+    scaled = np.isfinite(convert(np.array([low, high], np.uint16))).all()
+    ends = convert(np.array([low, high], np.uint16)) - 273.15
+    words = [f"{end:.1f} C" for end in ends] if scaled else [f"{low}", f"{high}"]
+    for frame in _frames(session, info.name, every):
+        yield frame, _draw(session, frame, low, high, words)
+
+
+def _range(session: Session, camera: str) -> tuple[int, int]:
+    """One colour scale for the whole session: the 1st and 99th percentile of about fifty pictures."""
+    counts, length = session.raw(camera), session.count(camera)
+    if not length:
+        raise ConfigError(f"{session.path} has no pictures")
+    some = np.concatenate([counts[n].ravel() for n in range(0, length, max(1, length // 50))])
+    low, high = np.percentile(some, [1, 99])
+    return int(low), max(int(high), int(low) + 1)
+
+
+def _draw(session: Session, frame: Frame, low: int, high: int, words: list[str]) -> Image:
+    import cv2
+
+    factor = max(1, round(_WIDTH / frame.counts.shape[1]))
+    grey = np.clip((frame.counts.astype(np.float64) - low) / (high - low) * 255, 0, 255).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    image: Image = cv2.applyColorMap(large, cv2.COLORMAP_INFERNO).astype(np.uint8)
+    for region in session.regions:
+        corners = np.array([((x + 0.5) * factor, (y + 0.5) * factor) for x, y in region.vertices], np.int32)
+        cv2.polylines(image, [corners], True, _WHITE, 1, cv2.LINE_AA)
+        _write(image, region.name, (int(corners[0][0]) + 3, int(corners[0][1]) + 14))
+    return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z")])
+
+
+def _bar(width: int, words: list[str], moment: str) -> Image:
+    """The colour scale with its ends, and the time."""
+    import cv2
+
+    ramp = np.tile(np.linspace(0, 255, width).astype(np.uint8), (_BAR // 3, 1))
+    black = np.zeros((_BAR - _BAR // 3, width, 3), np.uint8)
+    bar: Image = np.vstack([cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO).astype(np.uint8), black])
+    _write(bar, words[0], (4, _BAR - 8))
+    _write(bar, moment, (width // 2 - 80, _BAR - 8))
+    _write(bar, words[1], (width - 80, _BAR - 8))
+    return bar
+
+
+def _write(image: Image, text: str, place: tuple[int, int]) -> None:
+    import cv2
+
+    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, 1, cv2.LINE_AA)

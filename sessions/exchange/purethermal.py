@@ -1,0 +1,101 @@
+r"""Recordings ``*.raw.y16.gz`` of the PureThermal Y16 recorder.
+
+A gzip stream: the signature ``PTY16V1\n``, a little-endian u32 length, a JSON header of that
+length; then per frame u64 number, f64 Unix seconds, i64 Unix milliseconds, and the
+picture, u16 little-endian. The stamps are arrivals at the recording program. The header
+says the counts are kelvin x 100 *if* the camera's TLinear was on.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Frame, Severity
+from fieldkit.sessions.exchange.imported import Foreign, flag_bunched
+
+SIGNATURE = b"PTY16V1\n"
+_RECORD = struct.Struct("<Qdq")
+_MAX_HEADER, _MAX_SIDE = 1_000_000, 4096
+_PLAUSIBLE_K = (200.0, 700.0)
+
+
+def is_purethermal(path: Path) -> bool:
+    """Whether a file is such a recording."""
+    try:
+        with gzip.open(path) as file:
+            return file.read(len(SIGNATURE)) == SIGNATURE
+    except (OSError, EOFError, zlib.error):
+        return False
+
+
+def read_purethermal(path: Path, name: str = "camera") -> Foreign:
+    """A recording as a camera stream; a last frame that is cut off is left out and told.
+
+    Raises `ConfigError` where the file is not such a recording.
+    """
+    frames: list[Frame] = []
+    remarks: list[tuple[Severity, str]] = []
+    with gzip.open(path) as file:
+        shape, rate_hz = _header(path, file)
+        try:
+            while (frame := _frame(file, name, shape)) is not None:
+                frames.append(frame)
+        except (EOFError, OSError, zlib.error):
+            remarks.append(
+                (Severity.WARNING, f"{path.name} ends within frame {len(frames)}: it was left out")
+            )
+    median = float(np.median(frames[0].counts)) / 100.0 if frames else float("nan")
+    scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
+    if scale == scale:
+        remarks.append(
+            (Severity.INFO, f"counts taken as K/100: the first picture's median is {median:.1f} K")
+        )
+    else:
+        remarks.append((Severity.WARNING, "the counts are no K/100 (TLinear off): temperatures unknown"))
+    flagged, bunches = flag_bunched(frames)
+    info = StreamInfo(
+        name, "brightness_temperature", "K", shape, scale,
+        rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
+    )  # fmt: skip
+    return Foreign((info,), flagged, (*remarks, *bunches))
+
+
+def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
+    try:
+        signature, length = file.read(8), int.from_bytes(file.read(4), "little")
+        if signature != SIGNATURE or length > _MAX_HEADER:
+            raise ValueError("no such signature")
+        header = json.loads(file.read(length))
+        shape = int(header["height"]), int(header["width"])
+        if not all(0 < side <= _MAX_SIDE for side in shape):
+            raise ValueError(f"pictures of {shape}")
+        return shape, float(header["fps"])
+    except (ValueError, KeyError, TypeError, OSError, EOFError, zlib.error) as error:
+        raise ConfigError(
+            f"{path} is not a recording of the PureThermal Y16 recorder: {error}",
+            fix="fieldkit import reads .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
+        ) from error
+
+
+def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | None:
+    """The next frame, or None at the end; raises `EOFError` where it is cut off."""
+    record = file.read(_RECORD.size)
+    if not record:
+        return None
+    size = 2 * shape[0] * shape[1]
+    data = file.read(size)
+    if len(record) < _RECORD.size or len(data) < size:
+        raise EOFError
+    number, seconds, milliseconds = _RECORD.unpack(record)
+    time_ns = round(seconds * 1e6) * 1000
+    counts = np.frombuffer(data, "<u2").reshape(shape)
+    rows = np.empty((0, 0), "<u2")
+    return Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)

@@ -1,0 +1,107 @@
+"""A session as tables: CSV for anybody, Parquet for programs. Tidy: one row a sample, units in the header."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldkit.errors import ConfigError
+from fieldkit.sessions.reader import Session
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def export_tables(session: Session, folder: Path, kind: str) -> list[Path]:
+    """Write every table of a session as `kind` ("csv" or "parquet"); says which files.
+
+    Raises `ConfigError` where pandas (or pyarrow) is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise ConfigError("tables need pandas", fix="pip install 'fieldkit[lab]'") from error
+    del pd
+    written = []
+    for name, table in _tables(session):
+        path = folder / f"{session.path.stem}-{name}.{kind}"
+        if kind == "csv":
+            table.to_csv(path, date_format="%Y-%m-%dT%H:%M:%S.%fZ")
+        else:
+            _parquet(table, path)
+        written.append(path)
+    return written
+
+
+def _parquet(table: pd.DataFrame, path: Path) -> None:
+    try:
+        table.to_parquet(path)
+    except ImportError as error:
+        raise ConfigError("Parquet needs pyarrow", fix="pip install 'fieldkit[lab]'") from error
+
+
+def _tables(session: Session) -> Iterator[tuple[str, pd.DataFrame]]:
+    for name, info in session.streams.items():
+        if not info.is_camera:
+            yield name, session.to_pandas(name)
+        elif session.regions:
+            yield f"{name}-regions", _regions(session, name)
+    yield "slopes", _slopes(session)
+    yield "events", _events(session)
+
+
+def _index(time_ns: object) -> pd.DatetimeIndex:
+    import numpy as np
+    import pandas as pd
+
+    return pd.DatetimeIndex(np.asarray(time_ns, np.int64).view("datetime64[ns]"), tz="UTC", name="time")
+
+
+def _regions(session: Session, camera: str) -> pd.DataFrame:
+    """One row for each picture and region."""
+    import pandas as pd
+
+    series = session.region_series(stream=camera)
+    parts = [
+        pd.DataFrame(
+            {
+                "region": name, "temperature [K]": series.mean_k[:, n], "spread [K]": series.spread_k[:, n],
+                "pixels": series.pixels[n], "flags": series.flags,
+            },
+            index=_index(series.time_ns),
+        )
+        for n, name in enumerate(series.regions)
+    ]  # fmt: skip
+    return pd.concat(parts).sort_index(kind="stable")
+
+
+def _slopes(session: Session) -> pd.DataFrame:
+    import pandas as pd
+
+    estimates = session.estimates()
+    rows = [
+        {
+            "region": one.region, "state": one.state.name.lower(), "tilt [deg]": one.tilt_deg,
+            "tilt low [deg]": one.tilt_low_deg, "tilt high [deg]": one.tilt_high_deg,
+            "azimuth [deg]": one.azimuth_deg, "azimuth low [deg]": one.azimuth_low_deg,
+            "azimuth high [deg]": one.azimuth_high_deg, "sensitivity [K/deg]": one.kelvin_per_degree,
+            "chi-square": one.chi_square, "minutes": one.n_bins, "model": one.model, "reason": one.reason,
+        }
+        for one in estimates
+    ]  # fmt: skip
+    return pd.DataFrame(rows, index=_index([one.time_ns for one in estimates]))
+
+
+def _events(session: Session) -> pd.DataFrame:
+    import pandas as pd
+
+    events = session.events()
+    rows = [
+        {
+            "kind": one.kind.name.lower(), "severity": one.severity.name.lower(),
+            "stream": one.stream, "text": one.text,
+        }
+        for one in events
+    ]  # fmt: skip
+    return pd.DataFrame(rows, index=_index([one.time_ns for one in events]))

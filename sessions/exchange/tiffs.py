@@ -1,0 +1,123 @@
+"""A folder of 16-bit TIFF pictures with stamps in a table or in their names.
+
+What a count means is never guessed: the scale must be given, or said to be unknown.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Frame, Quality
+from fieldkit.sessions.exchange.imported import Foreign, bunched
+from fieldkit.sessions.exchange.times import parse_time_ns
+
+SUFFIXES = (".tif", ".tiff")
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Kelvin = counts * `kelvin_per_count` + `kelvin_at_zero`; NaN where the temperature is not known."""
+
+    kelvin_per_count: float
+    kelvin_at_zero: float = 0.0
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The TIFF files of a folder, by name."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+
+
+def read_tiffs(
+    folder: Path, scale: Scale, *, times: Path | None = None, time_format: str | None = None,
+    zone: tzinfo | None = None, name: str = "camera",
+) -> Foreign:  # fmt: skip
+    """The pictures of a folder as a camera stream, in order of time.
+
+    Stamps come from a table `times` (file name, time; with a header line or without) or
+    from the file names by `time_format` (as for strptime, of the name without its ending).
+    Times without an offset are taken in `zone`. Raises `ConfigError`.
+    """
+    paths = pictures_in(folder)
+    if not paths:
+        raise ConfigError(
+            f"{folder} has no TIFF pictures", fix="name the folder that has the .tif or .tiff files"
+        )
+    if (times is None) == (time_format is None):
+        raise ConfigError(
+            "when the pictures were taken must be said in one way",
+            fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
+        )
+    stamps = _from_table(paths, times, zone) if times else _from_names(paths, time_format or "", zone)
+    ordered = sorted(paths, key=stamps.__getitem__)
+    time_ns = [stamps[path] for path in ordered]
+    first = _picture(ordered[0])
+    info = StreamInfo(
+        name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), scale.kelvin_per_count,
+        scale.kelvin_at_zero,
+        rate_hz=_rate_hz(time_ns), driver="import",
+    )  # fmt: skip
+    return Foreign((info,), _Frames(ordered, time_ns, info))
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """The pictures, read when they are asked for."""
+
+    paths: Sequence[Path]
+    time_ns: Sequence[int]
+    info: StreamInfo
+
+    def __iter__(self) -> Iterator[Frame]:
+        late = bunched(np.array(self.time_ns, np.int64))
+        for number, (path, stamp) in enumerate(zip(self.paths, self.time_ns, strict=True)):
+            counts = _picture(path)
+            if counts.shape != self.info.shape:
+                raise ConfigError(f"{path} has {counts.shape} pixels, the first picture {self.info.shape}")
+            quality = Quality.STALE if late[number] else Quality.GOOD
+            empty = np.empty((0, 0), np.uint16)
+            yield Frame(self.info.name, stamp, stamp, counts, empty, quality, device_seq=number)
+
+
+def _picture(path: Path) -> NDArray[np.uint16]:
+    import cv2
+
+    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if found is None:
+        raise ConfigError(f"{path} cannot be read as a picture")
+    if found.dtype != np.uint16 or found.ndim != 2:
+        raise ConfigError(
+            f"{path} has {found.dtype} values of shape {found.shape}, not one 16-bit number per pixel",
+            fix="export the radiometric pictures, not the coloured ones",
+        )
+    return found.astype(np.uint16)
+
+
+def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:
+    try:
+        with times.open(newline="", encoding="utf-8-sig") as file:
+            rows = {row[0].strip(): row[1].strip() for row in csv.reader(file) if len(row) >= 2}
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"cannot read {times}: {error}") from error
+    missing = [path.name for path in paths if path.name not in rows]
+    if missing:
+        raise ConfigError(f"{times} has no time for {len(missing)} pictures, the first {missing[0]}")
+    return {path: parse_time_ns(rows[path.name], zone) for path in paths}
+
+
+def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:
+    return {path: parse_time_ns(path.stem, zone, time_format) for path in paths}
+
+
+def _rate_hz(time_ns: Sequence[int]) -> float:
+    intervals = np.diff(np.array(time_ns, np.int64))
+    usual = float(np.median(intervals)) if intervals.size else 0.0
+    return 1e9 / usual if usual > 0 else 0.0

@@ -1,0 +1,47 @@
+"""Times as other programs write them, to UTC nanoseconds; a missing zone is never guessed."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime, timedelta, tzinfo
+
+from fieldkit.errors import ConfigError
+
+_EPOCH = datetime.fromtimestamp(0, UTC)
+_WORDS = {"yyyy": "%Y", "mm": "%m", "dd": "%d", "HH": "%H", "MM": "%M", "SS": "%S"}
+
+
+def parse_time_ns(text: str, zone: tzinfo | None, time_format: str | None = None) -> int:
+    """UTC nanoseconds of a time: ISO 8601, Unix seconds, or as `time_format` says.
+
+    `time_format` is written for strptime (``%Y-%m-%d``) or in plain letters (``yyyy/mm/dd
+    HH:MM:SS``). Raises `ConfigError` where the text is no such time, or has no offset and
+    no `zone` is given.
+    """
+    if time_format is None and re.fullmatch(r"\d{9,11}(\.\d+)?", text):
+        seconds, _, fraction = text.partition(".")
+        return int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0"))
+    moment = _parsed(text, time_format)
+    if moment.tzinfo is None:
+        if zone is None:
+            raise ConfigError(
+                f"the time {text!r} has no zone", fix="say which: --zone Asia/Tokyo, or --zone UTC"
+            )
+        moment = moment.replace(tzinfo=zone)
+    return (moment - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def _parsed(text: str, time_format: str | None) -> datetime:
+    try:
+        if time_format is None:
+            return datetime.fromisoformat(text)
+        pattern = time_format if "%" in time_format else _plain(time_format)
+        return datetime.strptime(text, pattern)
+    except ValueError as error:
+        expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
+        raise ConfigError(f"{text!r} is not a time as expected: {expected}") from error
+
+
+def _plain(words: str) -> str:
+    """``yyyy/mm/dd HH:MM:SS`` as strptime has it."""
+    return re.sub("|".join(_WORDS), lambda found: _WORDS[found[0]], words)

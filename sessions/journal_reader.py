@@ -1,0 +1,176 @@
+"""Reading a journal, also one whose writer was killed or whose disk lost the last second.
+
+SQLite recovers its own log; what cannot be read is named in `damage` and left out, and a
+sample whose checksum does not match is never handed out.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import sqlite3
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import SessionError
+from fieldkit.samples import Quality, Sample
+from fieldkit.sessions.journal import Chunk, Identity, open_part
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.records import (
+    Entry,
+    build_frame,
+    build_reading,
+    decode_entry,
+    sample_bytes,
+    sample_crc32,
+)
+
+_SESSION = "SELECT session_id, start_ns, anchor_ns, header FROM session"
+_SAMPLE = (
+    "SELECT id, stream, seq, mono_ns, time_ns, device_time, device_seq, flags, fpa_temperature, crc32,"
+    " data, more FROM sample"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRow:
+    """One sample as the journal keeps it; `data` is None once only the session file has the picture."""
+
+    number: int
+    stream: int
+    seq: int
+    mono_ns: int
+    time_ns: int
+    device_time: int
+    device_seq: int
+    flags: int
+    fpa_temperature: float | None
+    crc32: int
+    data: bytes | None
+    more: bytes | None
+
+    def sample(self, info: StreamInfo) -> Sample | None:
+        """The sample, or None where its bytes are gone or do not match their checksum."""
+        if self.data is None or self.more is None:
+            return None
+        try:
+            sample = self._build(info, self.data, self.more)
+            matches = sample_crc32(sample, *sample_bytes(sample)) == self.crc32
+        except (ValueError, TypeError, OverflowError, struct.error):
+            return None
+        return sample if matches else None
+
+    def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
+        """The same row with its picture found elsewhere."""
+        return replace(self, data=data, more=more)
+
+    def _build(self, info: StreamInfo, data: bytes, more: bytes) -> Sample:
+        stamps: dict[str, Any] = {
+            "mono_ns": self.mono_ns, "time_ns": self.time_ns, "device_time": self.device_time,
+            "device_seq": self.device_seq, "quality": Quality(self.flags), "seq": self.seq,
+        }  # fmt: skip
+        if not info.is_camera:
+            return build_reading(info, stamps, data, more)
+        fpa = float("nan") if self.fpa_temperature is None else self.fpa_temperature
+        return build_frame(info, stamps, data, more, fpa)
+
+
+class JournalReader:
+    """The records of a journal, in the order they were written.
+
+    Raises `SessionError` where the folder holds no readable journal.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.damage: list[str] = []
+        self._parts: dict[str, sqlite3.Connection] = {}
+        self.identity = self._open()
+
+    def __enter__(self) -> JournalReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the databases."""
+        for part in self._parts.values():
+            part.close()
+        self._parts.clear()
+
+    def rows(self, after: int = -1, before: int | None = None) -> Iterator[SampleRow | Entry]:
+        """Records with numbers between two, both left out; those of damaged places are missing."""
+        limit = 2**62 if before is None else before
+        between = " WHERE id > ? AND id < ? ORDER BY id"
+        samples = self._merged(_SAMPLE + between, after, limit)
+        entries = self._merged("SELECT id, kind, body FROM entry" + between, after, limit)
+        for row in heapq.merge(samples, entries, key=lambda row: int(row[0])):
+            yield decode_entry(row[1], row[2]) if len(row) == 3 else SampleRow(*row)
+
+    def stream_rows(self, stream: int) -> Iterator[SampleRow]:
+        """The samples of the stream of that number, in order."""
+        for row in self._merged(_SAMPLE + " WHERE stream = ? ORDER BY id", stream):
+            yield SampleRow(*row)
+
+    def crc32s(self, stream: int) -> list[int]:
+        """The checksums of that stream's samples, in order."""
+        statement = "SELECT id, crc32 FROM sample WHERE stream = ? ORDER BY id"
+        return [crc32 for _, crc32 in self._merged(statement, stream)]
+
+    def entries(self) -> Iterator[Entry]:
+        """Everything that is no sample, in order."""
+        for _, kind, body in self._merged("SELECT id, kind, body FROM entry ORDER BY id"):
+            try:
+                yield decode_entry(kind, body)
+            except SessionError as error:
+                self.damage.append(error.message)
+
+    def last_seq(self, stream: int) -> int:
+        """The number of that stream's last sample; -1 where there is none."""
+        rows = self._merged("SELECT max(id), seq FROM sample WHERE stream = ? HAVING seq IS NOT NULL", stream)
+        return max((int(seq) for _, seq in rows), default=-1)
+
+    def chunks(self, dataset: str, n: int) -> Iterator[Chunk]:
+        """Where the chunks of a dataset from row `n` on lie in the session file."""
+        for part in self._parts:
+            for row in self._select(part, "SELECT * FROM chunk WHERE dataset = ? AND n = ?", dataset, n):
+                yield Chunk(*row)
+
+    def _open(self) -> Identity:
+        identity: Identity | None = None
+        for path in sorted(self.folder.glob("[0-9]*.sqlite")):
+            try:
+                database = open_part(path)
+                self._parts[path.name] = database
+                found = database.execute(_SESSION).fetchone()
+                if found is not None:
+                    identity = identity or Identity(
+                        found[0], found[1], found[2], SessionHeader.from_json(found[3])
+                    )
+            except (sqlite3.Error, SessionError, UnicodeDecodeError) as error:
+                self.damage.append(f"{path.name}: {error}")
+        if identity is None:
+            self.close()
+            raise SessionError(
+                f"{self.folder} holds no readable journal: {'; '.join(self.damage) or 'empty'}"
+            )
+        return identity
+
+    def _merged(self, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:
+        """Rows of all parts by number; of a row that stands in two parts, the one with its bytes."""
+        parts = [self._select(part, statement, *arguments) for part in self._parts]
+        ordered = heapq.merge(*parts, key=lambda row: int(row[0]))
+        for _, same in itertools.groupby(ordered, key=lambda row: int(row[0])):
+            yield min(same, key=lambda row: row[-1] is None)
+
+    def _select(self, part: str, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:
+        """Rows of one part as far as they can be read."""
+        try:
+            yield from self._parts[part].execute(statement, arguments)
+        except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as error:
+            self.damage.append(f"{part}: {error}")

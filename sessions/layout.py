@@ -1,0 +1,349 @@
+"""The session file on paper: names, tables, the header, and how pictures are cut into bricks.
+
+Here is what the format says, not how it is written or read. Every table is one HDF5
+group, every `Column` one dataset in it; all numbers little-endian, all text UTF-8 of a
+fixed width, no compound types. `time` counts microseconds since 1970, UTC; `mono_ns` is
+the host's monotonic clock.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import SessionError
+from fieldkit.samples import NO_COUNTER, EventKind, Quality, Severity
+from fieldkit.site import Region, RegionKind, Site
+from fieldkit.slope import SlopeEstimate, SlopeState
+
+FORMAT_NAME = "fieldkit-session"
+FORMAT_VERSION = "1.0"
+TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
+FILL_COUNT = 65535
+MAX_VERTICES = 64
+RESERVED_NAMES = frozenset(
+    {"entry", "irradiance", "estimates", "regions", "events", "clock", "health", "calibration"}
+    | {"config", "integrity", "time_map"}
+)
+"""Groups of the file itself; no stream may have such a name."""
+
+RECORDING, SEALED, RECOVERED = 0, 1, 2
+"""What `/entry/complete` holds; 0 stands for interrupted as well."""
+
+_TILE_ROWS, _TILE_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
+_CHUNK_BYTES = 65_536
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """What is known about a session before its first sample.
+
+    `config_toml` is the configuration as it was used; `license` and `references` say how
+    the data may be used and cited.
+    """
+
+    title: str
+    site: Site
+    streams: tuple[StreamInfo, ...]
+    regions: tuple[Region, ...] = ()
+    config_toml: str = ""
+    command_line: str = ""
+    operator: str = ""
+    description: str = ""
+    license: str = ""
+    references: str = ""
+
+    def __post_init__(self) -> None:
+        names = [info.name for info in self.streams]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two streams have the same name: {', '.join(names)}")
+        for name in names:
+            if not name or name in RESERVED_NAMES or "/" in name or name.startswith("."):
+                raise ValueError(f"{name!r} cannot be the name of a stream")
+        for region in self.regions:
+            check_region(region)
+
+    @property
+    def region_names(self) -> tuple[str, ...]:
+        """Names of the regions, each once, in order: the columns of the estimates."""
+        return tuple(dict.fromkeys(region.name for region in self.regions))
+
+    def stream(self, name: str) -> StreamInfo:
+        """What was declared of one stream; raises `KeyError`."""
+        return next(info for info in self.streams if info.name == name)
+
+    def to_json(self) -> str:
+        """The header as text, every number exact."""
+        return json.dumps(asdict(self), default=str)
+
+    @classmethod
+    def from_json(cls, text: str) -> SessionHeader:
+        """The header that `to_json` wrote; raises `SessionError` where the text is none."""
+        try:
+            plain = json.loads(text)
+            plain["site"] = Site(**plain["site"])
+            plain["streams"] = tuple(_stream(item) for item in plain["streams"])
+            plain["regions"] = tuple(region_from(item) for item in plain["regions"])
+            return cls(**plain)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise SessionError(f"the session's header makes no sense: {error}") from error
+
+
+def _stream(plain: dict[str, Any]) -> StreamInfo:
+    tuples = {key: tuple(plain[key]) for key in ("shape", "metadata_shape", "channels")}
+    return StreamInfo(**{**plain, **tuples})
+
+
+def region_from(plain: dict[str, Any]) -> Region:
+    """A region from its plain (JSON) form."""
+    vertices = tuple((float(x), float(y)) for x, y in plain["vertices"])
+    return Region(**{**plain, "kind": RegionKind(plain["kind"]), "vertices": vertices})
+
+
+def check_region(region: Region) -> None:
+    """Raise `ValueError` if the file has no room for this outline."""
+    if not 3 <= len(region.vertices) <= MAX_VERTICES:
+        raise ValueError(
+            f"region {region.name!r} has {len(region.vertices)} corners; 3 to {MAX_VERTICES} fit"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One dataset of a table: `shape` and `dims` of a row, what fills unknown places, its attributes.
+
+    A `dtype` of ``S<n>`` is UTF-8 text of n bytes.
+    """
+
+    name: str
+    dtype: str
+    shape: tuple[int, ...] = ()
+    dims: tuple[str, ...] = ()
+    fill: float | None = None
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the column holds text."""
+        return self.dtype.startswith("S")
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one row."""
+        return int(np.dtype(self.dtype).itemsize * np.prod(self.shape, dtype=np.int64))
+
+    def unknown(self, rows: int) -> NDArray[Any]:
+        """That many rows of the fill value."""
+        values = np.zeros((rows, *self.shape), self.dtype)
+        if self.fill is not None:
+            values[:] = self.fill
+        return values
+
+    @property
+    def chunk_rows(self) -> int:
+        """Rows of a chunk: 1024, fewer where rows are wide, as the last chunk is rewritten each second."""
+        return int(np.clip(_CHUNK_BYTES // max(1, self.row_bytes), 16, 1024))
+
+
+def _time(**more: Any) -> Column:
+    units = {"units": TIME_UNITS, "calendar": "proleptic_gregorian", "standard_name": "time", "axis": "T"}
+    return Column("time", "<i8", attributes={**units, "units_metadata": "leap_seconds: none", **more})
+
+
+def _mono(long_name: str = "host monotonic clock at the first byte") -> Column:
+    return Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": long_name})
+
+
+def flag_attributes(kind: type[Quality]) -> dict[str, Any]:
+    """CF attributes that name the bits of a flags dataset."""
+    members = [flag for flag in kind if flag.value]
+    return {
+        "long_name": "quality flags",
+        "flag_masks": np.array([flag.value for flag in members], "<u2"),
+        "flag_meanings": " ".join(str(flag.name).lower() for flag in members),
+    }
+
+
+def meaning_attributes(
+    kind: type[EventKind | Severity | SlopeState | RegionKind], name: str
+) -> dict[str, Any]:
+    """CF attributes that name the values of an enumeration dataset."""
+    return {
+        "long_name": name,
+        "flag_values": np.array([member.value for member in kind], "u1"),
+        "flag_meanings": " ".join(member.name.lower() for member in kind),
+    }
+
+
+def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
+    return Column("flags", "<u2", shape, dims, attributes=flag_attributes(Quality))
+
+
+def _stamps(info: StreamInfo) -> list[Column]:
+    unit = {"units": info.device_time_unit} if info.device_time_unit else {}
+    own = {"long_name": "the device's own stamp", **unit}
+    return [
+        _time(),
+        _mono(),
+        Column("device_time", "<i8", fill=NO_COUNTER, attributes=own),
+        Column("seq", "<i8", attributes={"long_name": "number of the sample, from 0", "units": "1"}),
+        Column("device_seq", "<i8", fill=NO_COUNTER, attributes={"long_name": "the device's own counter"}),
+        _flags(),
+        Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"}),
+    ]
+
+
+def raw_width(info: StreamInfo) -> int:
+    """Room for the bytes of one reading; 64 where the driver does not say."""
+    return info.raw_bytes or 64
+
+
+def stream_columns(info: StreamInfo) -> list[Column]:
+    """The columns of a stream beside its pictures."""
+    if info.is_camera:
+        fpa = {"units": "K", "long_name": "temperature of the camera's sensor"}
+        return [*_stamps(info), Column("fpa_temperature", "<f8", fill=np.nan, attributes=fpa)]
+    value = {"units": info.unit, "long_name": info.quantity, "ancillary_variables": "flags"}
+    if info.unit == "K":
+        value["units_metadata"] = "temperature: on_scale"
+    shape, dims = (info.shape, ("channel",)) if info.shape[0] > 1 else ((), ())
+    return [
+        *_stamps(info),
+        Column("value", "<f8", shape, dims, np.nan, value),
+        Column("raw", "u1", (raw_width(info),), ("byte",), attributes={"long_name": "the bytes as received"}),
+        Column("raw_length", "<u2", attributes={"long_name": "how many bytes were received", "units": "1"}),
+    ]
+
+
+def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
+    """The tables of everything that is no sample, by group."""
+    regions, streams = max(1, len(header.region_names)), len(header.streams)
+    return {
+        "irradiance": [
+            _time(),
+            Column(
+                "value", "<f8", fill=np.nan, attributes={"units": "W m-2", "long_name": "direct irradiance"}
+            ),
+            _flags(),
+            Column("model", "S64"),
+        ],
+        "estimates": [_time(), *_estimate_columns(regions)],
+        "regions": _region_columns(),
+        "events": [
+            _time(),
+            _mono("host monotonic clock"),
+            Column("kind", "u1", attributes=meaning_attributes(EventKind, "what happened")),
+            Column("severity", "u1", attributes=meaning_attributes(Severity, "how bad it is")),
+            Column("stream", "S32"),
+            Column("text", "S256"),
+            Column("data", "S1024", attributes={"long_name": "details, JSON"}),
+        ],
+        "clock": [
+            _time(),
+            _mono("host monotonic clock"),
+            Column("utc_minus_mono_ns", "<i8", attributes={"units": "ns"}),
+            Column("offset_error_ns", "<i8", attributes={"units": "ns"}),
+            Column("suspended_ns", "<i8", attributes={"units": "ns", "long_name": "time asleep since boot"}),
+            Column("source", "S32"),
+        ],
+        "health": [_time(), _mono("host monotonic clock"), *_health_columns(streams)],
+    }
+
+
+ESTIMATE_ANGLES = tuple(item.name for item in fields(SlopeEstimate) if item.name.endswith("_deg"))
+"""Columns of the estimates that are angles, named as in `SlopeEstimate`."""
+
+
+def _estimate_columns(regions: int) -> list[Column]:
+    def by_region(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
+        return Column(name, dtype, (regions,), ("region",), fill, attributes)
+
+    states = meaning_attributes(SlopeState, "what may be said about the slope")
+    return [
+        *(by_region(name, "<f8", np.nan, units="degree") for name in ESTIMATE_ANGLES),
+        by_region("kelvin_per_degree", "<f8", np.nan, units="K degree-1"),
+        by_region("chi_square", "<f8", np.nan, units="1", long_name="reduced chi-square"),
+        by_region("state", "u1", float(SlopeState.NO_DATA), **states),
+        by_region("window_start", "<i8", units=TIME_UNITS, long_name="first minute used"),
+        by_region("n_bins", "<i4", units="1", long_name="minutes used"),
+        _flags("region", shape=(regions,)),
+        by_region("model", "S64"),
+        by_region("reason", "S160"),
+    ]
+
+
+def _region_columns() -> list[Column]:
+    return [
+        _time(),
+        Column("region", "u1", attributes={"long_name": "number of the region", "units": "1"}),
+        Column("version", "<u2", attributes={"long_name": "how often the region was redrawn", "units": "1"}),
+        Column("kind", "u1", attributes=meaning_attributes(RegionKind, "what the region is for")),
+        Column("emissivity", "<f8", fill=np.nan, attributes={"units": "1"}),
+        Column("tilt_deg", "<f8", fill=np.nan, attributes={"units": "degree"}),
+        Column("azimuth_deg", "<f8", fill=np.nan, attributes={"units": "degree"}),
+        Column("n_vertices", "<u2", attributes={"units": "1"}),
+        Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
+        Column("label", "S64"),
+    ]
+
+
+def _health_columns(streams: int) -> list[Column]:
+    count = {"units": "1"}
+    per_stream = [
+        Column(name, "<i8", (max(1, streams),), ("stream",), attributes=unit)
+        for name, unit in (
+            ("received", count), ("dropped", count), ("queued", count), ("rejected", count),
+            ("late_max_us", {"units": "us"}),
+        )
+    ]  # fmt: skip
+    return [
+        *per_stream,
+        Column("disk_free_bytes", "<i8", attributes={"units": "byte"}),
+        Column("written_bytes", "<i8", attributes={"units": "byte"}),
+        Column("sync_ms", "<f8", attributes={"units": "ms"}),
+        Column("cpu_percent", "<f8", attributes={"units": "percent"}),
+        Column("lag_ms", "<f8", attributes={"units": "ms"}),
+    ]
+
+
+def brick_shape(info: StreamInfo) -> tuple[int, int, int]:
+    """One second deep, tiles near 60 x 80 pixels: live after a second; a region's curve reads few tiles."""
+    depth = int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH))
+    rows, cols = info.shape
+    return depth, _divisor_near(rows, _TILE_ROWS), _divisor_near(cols, _TILE_COLS)
+
+
+def _divisor_near(length: int, wanted: int) -> int:
+    """Divisor of `length` nearest to `wanted` by ratio, so that no tile is cut."""
+    divisors = [n for n in range(1, length + 1) if length % n == 0]
+    return min(divisors, key=lambda n: max(n / wanted, wanted / n))
+
+
+def encode_text(text: str, width: int) -> bytes:
+    """UTF-8 of at most `width` bytes, cut between characters."""
+    data = text.encode()
+    return data if len(data) <= width else data[: width - 3].decode(errors="ignore").encode() + "…".encode()
+
+
+def decode_text(data: bytes) -> str:
+    """Text of a fixed-width field."""
+    return data.rstrip(b"\0").decode(errors="replace")
+
+
+def journal_path(path: Path) -> Path:
+    """The folder beside a session file where its journal stands while it is recorded."""
+    return path.with_name(path.name + ".journal")
+
+
+def exact_time_ns(
+    time_us: NDArray[np.int64], mono_ns: NDArray[np.int64], anchor_ns: int
+) -> NDArray[np.int64]:
+    """UTC nanoseconds of stored stamps: to the nanosecond by the anchor, else the microseconds as stored."""
+    exact = mono_ns + anchor_ns
+    return np.where(exact // 1000 == time_us, exact, time_us * 1000)

@@ -1,0 +1,66 @@
+"""Who is writing a session: a lock that the kernel lets go of when its process dies.
+
+So there are no stale locks to be recognised; the file's text only says whom to look for.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from pathlib import Path
+
+from fieldkit.errors import RefusedError
+
+RECORDING = "lock"
+RECOVERY = "recovery.lock"
+
+
+class SessionLock:
+    """Held by the process that records a session, or that recovers one (`name`).
+
+    Raises `RefusedError` if another process has it.
+    """
+
+    def __init__(self, folder: Path, name: str = RECORDING) -> None:
+        self._descriptor = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            owner = os.read(self._descriptor, 32).decode(errors="replace").strip()
+            os.close(self._descriptor)
+            raise RefusedError(
+                f"{folder} is in use by process {owner}", fix="wait until it has ended, or stop it first"
+            ) from error
+        os.ftruncate(self._descriptor, 0)
+        os.pwrite(self._descriptor, f"{os.getpid()}\n".encode(), 0)
+
+    def release(self) -> None:
+        """Let others in; a second call does nothing."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+def is_locked(folder: Path) -> bool:
+    """Whether a living process is recording the session of a journal folder."""
+    try:
+        descriptor = os.open(folder / RECORDING, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def owner(folder: Path) -> int | None:
+    """The process that holds the lock of a journal folder, or None if nobody does."""
+    if not is_locked(folder):
+        return None
+    try:
+        return int((folder / RECORDING).read_text().strip())
+    except (OSError, ValueError):
+        return None

@@ -1,0 +1,132 @@
+"""What a session is made of, one record after the other, and how each becomes bytes.
+
+A record is a sample (`Frame`, `Reading`) or an entry: an `Event`, a `Health`, a
+`ClockCheck`, a `MinuteRecord` or a `RegionRecord`. Samples keep their bytes; entries become
+JSON, in which Python writes every float exactly.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import ClockCheck
+from fieldkit.device import StreamInfo
+from fieldkit.errors import SessionError
+from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Reading, Sample, Severity, StreamHealth
+from fieldkit.sessions.layout import region_from
+from fieldkit.site import Region
+from fieldkit.slope import SlopeEstimate, SlopeState
+
+_STAMPS = struct.Struct("<qqqqqHd")
+_NAN = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class MinuteRecord:
+    """What the estimator said when a minute closed."""
+
+    time_ns: int
+    estimates: tuple[SlopeEstimate, ...]
+    irradiance_w_m2: float = _NAN
+    irradiance_model: str = ""
+    flags: Quality = Quality.GOOD
+
+
+@dataclass(frozen=True, slots=True)
+class RegionRecord:
+    """An outline of a region and when it began to hold."""
+
+    region: Region
+    time_ns: int
+
+
+Entry = Event | Health | ClockCheck | MinuteRecord | RegionRecord
+Record = Sample | Entry
+
+_KINDS: Mapping[str, type[Entry]] = {
+    "event": Event,
+    "health": Health,
+    "clock": ClockCheck,
+    "minute": MinuteRecord,
+    "region": RegionRecord,
+}
+_NAMES = {kind: name for name, kind in _KINDS.items()}
+
+
+def encode_entry(entry: Entry) -> tuple[str, str]:
+    """Kind and JSON of an entry."""
+    return _NAMES[type(entry)], json.dumps(asdict(entry), default=str)
+
+
+def decode_entry(kind: str, body: str) -> Entry:
+    """The entry that `encode_entry` wrote; raises `SessionError` where it is none."""
+    try:
+        return _entry(kind, json.loads(body))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SessionError(f"a journal entry of kind {kind!r} makes no sense: {error}") from error
+
+
+def _entry(kind: str, plain: dict[str, Any]) -> Entry:
+    if kind == "event":
+        enums = {"kind": EventKind(plain["kind"]), "severity": Severity(plain["severity"])}
+        return Event(**{**plain, **enums})
+    if kind == "health":
+        return Health(**{**plain, "streams": tuple(StreamHealth(**item) for item in plain["streams"])})
+    if kind == "minute":
+        estimates = tuple(_estimate(item) for item in plain["estimates"])
+        return MinuteRecord(**{**plain, "estimates": estimates, "flags": Quality(plain["flags"])})
+    if kind == "region":
+        return RegionRecord(region_from(plain["region"]), int(plain["time_ns"]))
+    return ClockCheck(**plain) if kind == "clock" else _KINDS[kind](**plain)
+
+
+def _estimate(plain: dict[str, Any]) -> SlopeEstimate:
+    return SlopeEstimate(**{**plain, "state": SlopeState(plain["state"]), "flags": Quality(plain["flags"])})
+
+
+def sample_bytes(sample: Sample) -> tuple[memoryview, memoryview]:
+    """What was measured and what came with it: counts and metadata rows, or values and raw bytes."""
+    if isinstance(sample, Frame):
+        return _bytes_of(sample.counts), _bytes_of(sample.metadata_rows)
+    return _bytes_of(np.array(sample.values, "<f8")), memoryview(sample.raw)
+
+
+def _bytes_of(array: NDArray[Any]) -> memoryview:
+    """The array's memory, little-endian; an empty array has none to cast."""
+    kind = "<f8" if array.dtype.kind == "f" else "<u2"
+    return memoryview(np.ascontiguousarray(array, kind).data).cast("B") if array.size else memoryview(b"")
+
+
+def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
+    """CRC-32 of a sample: its bytes, then its stamps, counters and flags as they are stored.
+
+    The same value stands in the journal and in the file, so a changed bit anywhere in a
+    sample is noticed.
+    """
+    fpa = sample.fpa_temperature_k if isinstance(sample, Frame) else _NAN
+    stamps = _STAMPS.pack(
+        sample.mono_ns, sample.time_ns // 1000, sample.device_time, sample.seq, sample.device_seq,
+        int(sample.quality), fpa if fpa == fpa else _NAN,  # every NaN is the same NaN
+    )  # fmt: skip
+    return zlib.crc32(stamps, zlib.crc32(more, zlib.crc32(data)))
+
+
+def build_frame(info: StreamInfo, stamps: dict[str, Any], data: bytes, more: bytes, fpa: float) -> Frame:
+    """A frame from its stored bytes; raises `ValueError` if they do not fill the declared shape."""
+    counts = np.frombuffer(data, "<u2").reshape(info.shape)
+    rows = np.frombuffer(more, "<u2").reshape(info.metadata_shape)
+    return Frame(info.name, counts=counts, metadata_rows=rows, fpa_temperature_k=fpa, **stamps)
+
+
+def build_reading(info: StreamInfo, stamps: dict[str, Any], data: bytes, raw: bytes) -> Reading:
+    """A reading from its stored bytes; raises `ValueError` if they do not fill the declared channels."""
+    values = np.frombuffer(data, "<f8").reshape(info.shape)
+    return Reading(info.name, values=tuple(values.tolist()), raw=raw, **stamps)

@@ -1,0 +1,103 @@
+"""Declaring a session complete: every sample in the file compared with the journal first."""
+
+from __future__ import annotations
+
+import shutil
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.errors import IntegrityError
+from fieldkit.samples import Quality
+from fieldkit.sessions.in_place import write_in_place
+from fieldkit.sessions.journal import sync
+from fieldkit.sessions.journal_reader import JournalReader
+from fieldkit.sessions.layout import entry_columns
+from fieldkit.sessions.reader import Session, open_session
+
+
+@dataclass(frozen=True, slots=True)
+class SealReport:
+    """What a sealed session holds: samples per stream, bytes of the file, samples verified."""
+
+    path: Path
+    counts: dict[str, int]
+    bytes: int
+    verified: int
+
+
+def seal(path: Path, expected: dict[str, list[int]], state: int) -> SealReport:
+    """Verify a closed session file and mark it complete with `state`.
+
+    `expected` has the checksums of each stream's samples, in order. Raises `IntegrityError`
+    where the file does not have exactly these.
+    """
+    with open_session(path) as session:
+        crcs = {name: _verified(session, name, crc32s) for name, crc32s in expected.items()}
+        spans = {name: _span(session, name) for name in expected}
+        table_crcs = [table_crc32(session, name) for name in entry_columns(session.header)]
+    columns = {
+        "count": [len(crc32s) for crc32s in expected.values()],
+        "first_time": [span[0] for span in spans.values()],
+        "last_time": [span[1] for span in spans.values()],
+        "crc_of_crcs": list(crcs.values()),
+    }
+    written = {f"integrity/{name}": values for name, values in columns.items() if expected}
+    write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})
+    write_in_place(path, {"entry/complete": state})  # last, one byte: the session is complete or it is not
+    sync(path.parent)
+    counts = {name: len(crc32s) for name, crc32s in expected.items()}
+    return SealReport(path, counts, path.stat().st_size, sum(counts.values()))
+
+
+def journal_crc32s(journal: JournalReader) -> dict[str, list[int]]:
+    """The checksums of every journalled sample, per stream."""
+    streams = journal.identity.header.streams
+    return {info.name: journal.crc32s(number) for number, info in enumerate(streams)}
+
+
+def remove_journal(folder: Path) -> None:
+    """Delete a journal that is not needed any more; its lock goes last."""
+    for path in sorted(folder.glob("*"), key=lambda path: path.name.endswith("lock")):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+    sync(folder.parent)
+
+
+def crc_of_crcs(crc32s: list[int]) -> int:
+    """One number for all samples of a stream."""
+    return zlib.crc32(np.array(crc32s, "<u4").tobytes())
+
+
+def table_crc32(session: Session, name: str) -> int:
+    """CRC-32 over the columns of a table, in their order."""
+    crc = 0
+    for values in session.table(name).values():
+        crc = zlib.crc32(np.ascontiguousarray(values).tobytes(), crc)
+    return crc
+
+
+def _verified(session: Session, stream: str, expected: list[int]) -> int:
+    """CRC of the checksums of a stream, all of whose samples are as expected."""
+    reader = session.stream(stream)
+    stored = reader.column("crc32").tolist()
+    if stored != expected:
+        raise IntegrityError(
+            f"{session.path}: {stream} has {len(stored)} samples, the journal {len(expected)}"
+        )
+    bad = [sample.seq for sample in reader.samples() if sample.quality & Quality.BAD_CRC]
+    if bad:
+        raise IntegrityError(
+            f"{session.path}: {len(bad)} samples of {stream} do not match, first number {bad[0]}"
+        )
+    return crc_of_crcs(stored)
+
+
+def _span(session: Session, stream: str) -> tuple[int, int]:
+    times = session.stream(stream).column("time")
+    return (int(times.min()), int(times.max())) if len(times) else (0, 0)

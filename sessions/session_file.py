@@ -1,0 +1,174 @@
+"""The HDF5 side of a session, for the one thread that owns it: records in, bricks and rows out.
+
+Everything exists before the first record (see `schema`). In SWMR mode another process may
+read what `flush` has handed over.
+"""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.samples import Frame, Reading, Sample
+from fieldkit.sessions.bricks import BrickWriter, TableWriter
+from fieldkit.sessions.guarded import GuardedFile, write_new
+from fieldkit.sessions.in_place import write_in_place
+from fieldkit.sessions.journal import Chunk, Identity, sync
+from fieldkit.sessions.layout import encode_text, entry_columns, raw_width, stream_columns
+from fieldkit.sessions.records import Record, RegionRecord, sample_bytes, sample_crc32
+from fieldkit.sessions.schema import ISO_WIDTH, file_image, iso_utc
+from fieldkit.sessions.tables import EntryRows
+
+PARTIAL_AFTER_S = 1.3
+"""How long a brick may wait for its last frame before it is written as it is."""
+
+
+class SessionFile:
+    """A session file being written.
+
+    `put` may raise `OSError` when the disk does not take what is due; the file is then as
+    good as at its last `flush`.
+    """
+
+    def __init__(self, path: Path, identity: Identity, pool: Executor, *, swmr: bool = True) -> None:
+        self.path = path
+        self._header = identity.header
+        write_new(path, file_image(identity))
+        self._guarded = GuardedFile(path)
+        self._file = self._guarded.file
+        try:
+            self._begin(identity, pool, swmr=swmr)
+        except BaseException:
+            self._guarded.discard()
+            raise
+
+    def _begin(self, identity: Identity, pool: Executor, *, swmr: bool) -> None:
+        self._streams = {
+            info.name: _Stream(self._file[info.name], info, pool) for info in self._header.streams
+        }
+        self._tables = {
+            name: TableWriter(self._file[name], columns)
+            for name, columns in entry_columns(self._header).items()
+        }
+        self._latest = {region.name: region for region in self._header.regions}
+        self._entry_rows = EntryRows(self._header, identity.anchor_ns)
+        if swmr:
+            self._file.swmr_mode = True
+
+    @property
+    def bytes_written(self) -> int:
+        """Compressed bytes of pictures so far."""
+        return sum(stream.bytes_written for stream in self._streams.values())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Samples so far, per stream."""
+        return {name: stream.count for name, stream in self._streams.items()}
+
+    def put(self, record: Record) -> list[Chunk]:
+        """Take a record; says which chunks were written for it."""
+        if isinstance(record, Frame | Reading):
+            return self._streams[record.stream].put(record)
+        if isinstance(record, RegionRecord):
+            self._latest[record.region.name] = record.region
+        for table, row in self._entry_rows.rows(record):
+            self._tables[table].append(row)
+        return []
+
+    def flush(self, *, everything: bool = False) -> list[Chunk]:
+        """Hand over to the kernel what is due: all rows, and bricks that have waited long (or all)."""
+        chunks = [chunk for stream in self._streams.values() for chunk in stream.write(force=everything)]
+        for table in self._tables.values():
+            table.write()
+        self._file.flush()
+        return chunks
+
+    def sync(self) -> None:
+        """Have the disk keep what was flushed; HDF5 itself never asks for that."""
+        sync(self.path)
+
+    def finish(self, end_ns: int) -> list[Chunk]:
+        """Write what is left, the masks and the end time, and close; not yet declared complete."""
+        chunks = self.flush(everything=True)
+        self.sync()
+        self.close()
+        end_time = np.array(encode_text(iso_utc(end_ns), ISO_WIDTH))
+        write_in_place(self.path, {"entry/end_time": end_time, **self._masks()})
+        return chunks
+
+    def close(self) -> None:
+        """Close as it is; a second call does nothing. Raises `OSError` where the disk takes no more."""
+        self._guarded.close()
+
+    def discard(self) -> None:
+        """Close, and leave the file as the disk has it."""
+        self._guarded.discard()
+
+    def _masks(self) -> dict[str, NDArray[np.uint8]]:
+        camera = next((info for info in self._header.streams if info.is_camera), None)
+        if camera is None or not self._header.regions:
+            return {}
+        rows, cols = camera.shape
+        masks = [self._latest[name].mask((rows, cols)) for name in self._header.region_names]
+        return {"regions/mask": np.array(masks, "u1")}
+
+
+class _Stream:
+    """One stream of samples: its columns and, of a camera, its bricks."""
+
+    def __init__(self, group: h5py.Group, info: Any, pool: Executor) -> None:
+        self._table = TableWriter(group, stream_columns(info))
+        names = [name for name in ("counts", "metadata_rows") if name in group]
+        self._bricks = [BrickWriter(group[name], pool) for name in names]
+        self._raw_width = raw_width(info)
+        self._waiting: list[dict[str, Any]] = []
+        self._waiting_since = 0.0
+
+    @property
+    def bytes_written(self) -> int:
+        return sum(brick.bytes_written for brick in self._bricks)
+
+    @property
+    def count(self) -> int:
+        return self._table.length + len(self._waiting)
+
+    def put(self, sample: Sample) -> list[Chunk]:
+        if isinstance(sample, Reading):
+            self._table.append(self._row(sample))
+            return []
+        if not self._waiting:
+            self._waiting_since = time.monotonic()
+        for brick, picture in zip(self._bricks, (sample.counts, sample.metadata_rows), strict=False):
+            brick.put(picture)
+        self._waiting.append(self._row(sample))
+        return self.write(force=True) if self._bricks[0].is_full else []
+
+    def write(self, *, force: bool) -> list[Chunk]:
+        """Write the bricks if due, then the rows that go with them."""
+        chunks: list[Chunk] = []
+        if self._waiting and (force or time.monotonic() - self._waiting_since > PARTIAL_AFTER_S):
+            for brick in self._bricks:
+                chunks += brick.write()
+            for row in self._waiting:
+                self._table.append(row)
+            self._waiting.clear()
+        self._table.write()
+        return chunks
+
+    def _row(self, sample: Sample) -> dict[str, Any]:
+        row: dict[str, Any] = {
+            "time": sample.time_ns // 1000, "mono_ns": sample.mono_ns, "device_time": sample.device_time,
+            "seq": sample.seq, "device_seq": sample.device_seq, "flags": int(sample.quality),
+            "crc32": sample_crc32(sample, *sample_bytes(sample)),
+        }  # fmt: skip
+        if isinstance(sample, Frame):
+            return {**row, "fpa_temperature": sample.fpa_temperature_k}
+        raw = np.zeros(self._raw_width, np.uint8)
+        raw[: len(sample.raw)] = np.frombuffer(sample.raw, np.uint8)
+        return {**row, "value": sample.values, "raw": raw, "raw_length": len(sample.raw)}

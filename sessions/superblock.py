@@ -1,0 +1,131 @@
+"""Opening a session file whose writer was killed, without changing it.
+
+The format of HDF5 1.10 keeps a "being written" byte and the file's length in its first 48
+bytes, the superblock; after a crash an ordinary open refuses. `MendedFile` is a read-only
+file object that shows HDF5 the same file with these two set right. Layout: "HDF5 File
+Format Specification", version 3.0, II.A; checksum: Bob Jenkins, lookup3.c, public domain.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+from fieldkit.errors import SessionError
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
+_MASK = 0xFFFFFFFF
+
+
+def is_clean(path: Path) -> bool:
+    """Whether the file was closed by its writer; raises `SessionError` if it is no such HDF5 file."""
+    return _superblock(path)[_FLAGS] == 0
+
+
+def _superblock(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_SIZE)
+    except OSError as error:
+        raise SessionError(f"cannot read {path}: {error.strerror}") from error
+    if len(head) < _SIZE or not head.startswith(SIGNATURE):
+        raise SessionError(f"{path} is not an HDF5 file", fix="check the path; sessions end in .h5")
+    if head[_VERSION] != 3:
+        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session")
+    return head
+
+
+def mended(superblock: bytes, length: int) -> bytes:
+    """The superblock of a file of `length` bytes that nobody is writing."""
+    head = bytearray(superblock)
+    head[_FLAGS] = 0
+    struct.pack_into("<Q", head, _END, length)
+    struct.pack_into("<I", head, _CHECKSUM, lookup3(bytes(head[:_CHECKSUM])))
+    return bytes(head)
+
+
+def lookup3(data: bytes) -> int:
+    """Jenkins' hashlittle of up to a few dozen bytes, start value 0, as HDF5 checks its metadata."""
+    a = b = c = (0xDEADBEEF + len(data)) & _MASK
+    while len(data) > 12:
+        x, y, z = struct.unpack("<III", data[:12])
+        a, b, c = _mix((a + x) & _MASK, (b + y) & _MASK, (c + z) & _MASK)
+        data = data[12:]
+    if not data:
+        return c
+    x, y, z = struct.unpack("<III", data.ljust(12, b"\0"))
+    return _final((a + x) & _MASK, (b + y) & _MASK, (c + z) & _MASK)
+
+
+def _rotated(value: int, bits: int) -> int:
+    return (value << bits | value >> (32 - bits)) & _MASK
+
+
+def _mix(a: int, b: int, c: int) -> tuple[int, int, int]:
+    for bits in (4, 6, 8, 16, 19, 4):
+        # each round subtracts, rotates and adds; then the three change places
+        a = (a - c) & _MASK ^ _rotated(c, bits)
+        c = (c + b) & _MASK
+        a, b, c = b, c, a
+    return a, b, c
+
+
+def _final(a: int, b: int, c: int) -> int:
+    for bits in (14, 11, 25, 16, 4, 14, 24):
+        c = ((c ^ b) - _rotated(b, bits)) & _MASK
+        a, b, c = b, c, a
+    return b  # the last round's c has moved on by one place
+
+
+class MendedFile(io.RawIOBase):
+    """A session file as HDF5 may open it, whatever became of its writer; for reading only.
+
+    Raises `SessionError` where the superblock itself is gone.
+    """
+
+    def __init__(self, path: Path) -> None:
+        head = _superblock(path)
+        self._file = path.open("rb", buffering=0)
+        self._length = self._file.seek(0, io.SEEK_END)
+        self._head = mended(head, self._length)
+        self._position = 0
+
+    def readable(self) -> bool:
+        """Always."""
+        return True
+
+    def seekable(self) -> bool:
+        """Always."""
+        return True
+
+    def tell(self) -> int:
+        """Where the next read begins."""
+        return self._position
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Move; returns the new position."""
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._length}[whence]
+        self._position = base + offset
+        return self._position
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        """Fill the buffer; raises `OSError` where the file is shorter than HDF5 believes."""
+        view = memoryview(buffer).cast("B")
+        self._file.seek(self._position)
+        count = 0
+        while count < len(view):
+            got = self._file.readinto(view[count:])
+            if not got:
+                raise OSError(f"the file ends at {self._length}")
+            count += got
+        for place in range(self._position, min(_SIZE, self._position + count)):
+            view[place - self._position] = self._head[place]
+        self._position += count
+        return count
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+        super().close()

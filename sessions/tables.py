@@ -1,0 +1,187 @@
+"""How entries lie in the tables of the session file: each to its row, and back.
+
+Numbers are stored as they are; text is cut to the width of its field, details of an event
+that do not fit are left out and say so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import ClockCheck
+from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.sessions.layout import ESTIMATE_ANGLES, MAX_VERTICES, SessionHeader, decode_text, encode_text
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
+from fieldkit.site import Region, RegionKind
+from fieldkit.slope import SlopeEstimate, SlopeState
+
+Table = Mapping[str, NDArray[Any]]
+Row = dict[str, Any]
+_NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square", "n_bins")
+_PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected")
+_HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
+
+
+class EntryRows:
+    """Turns entries into rows, for one session."""
+
+    def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
+        self._regions = {name: number for number, name in enumerate(header.region_names)}
+        self._streams = {info.name: number for number, info in enumerate(header.streams)}
+        self._versions: dict[str, int] = {}
+        self._anchor_ns = anchor_ns
+
+    def rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
+        """The rows of an entry, each with the table it belongs to."""
+        if isinstance(entry, MinuteRecord):
+            yield "irradiance", _irradiance_row(entry)
+            yield "estimates", self._estimates_row(entry)
+        elif isinstance(entry, RegionRecord):
+            yield "regions", self._region_row(entry)
+        elif isinstance(entry, Event):
+            yield "events", _event_row(entry)
+        elif isinstance(entry, Health):
+            yield "health", self._health_row(entry)
+        else:
+            yield "clock", self._clock_row(entry)
+
+    def _estimates_row(self, minute: MinuteRecord) -> Row:
+        count = max(1, len(self._regions))
+        row: Row = {name: np.full(count, np.nan) for name in _NUMBERS}
+        row["n_bins"] = np.zeros(count, np.int32)
+        row["window_start"] = np.zeros(count, np.int64)
+        row["state"] = np.full(count, SlopeState.NO_DATA, np.uint8)
+        row["flags"] = np.zeros(count, np.uint16)
+        row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
+        for estimate in minute.estimates:
+            place = self._regions[estimate.region]
+            for name in _NUMBERS:
+                row[name][place] = getattr(estimate, name)
+            row["window_start"][place] = estimate.window_start_ns // 1000
+            row["state"][place], row["flags"][place] = estimate.state, int(estimate.flags)
+            row["model"][place] = encode_text(estimate.model, 64)
+            row["reason"][place] = encode_text(estimate.reason, 160)
+        return {"time": minute.time_ns // 1000, **row}
+
+    def _region_row(self, record: RegionRecord) -> Row:
+        region = record.region
+        number = self._regions.setdefault(region.name, len(self._regions))
+        version = self._versions[region.name] = self._versions.get(region.name, -1) + 1
+        vertices = np.full((MAX_VERTICES, 2), np.nan)
+        vertices[: len(region.vertices)] = region.vertices
+        return {
+            "time": record.time_ns // 1000, "region": number, "version": version, "kind": int(region.kind),
+            "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
+            "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
+        }  # fmt: skip
+
+    def _health_row(self, health: Health) -> Row:
+        row: Row = {name: getattr(health, name) for name in _HEALTH}
+        for name in _PER_STREAM:
+            row[name] = np.zeros(max(1, len(self._streams)), np.int64)
+            for stream in health.streams:
+                if stream.stream in self._streams:
+                    row[name][self._streams[stream.stream]] = getattr(stream, name)
+        return {"time": health.time_ns // 1000, "mono_ns": health.mono_ns, **row}
+
+    def _clock_row(self, check: ClockCheck) -> Row:
+        return {
+            "time": (check.mono_ns + self._anchor_ns) // 1000, "mono_ns": check.mono_ns,
+            "utc_minus_mono_ns": check.utc_minus_mono_ns, "offset_error_ns": check.error_ns,
+            "suspended_ns": check.suspended_ns, "source": encode_text(check.source, 32),
+        }  # fmt: skip
+
+
+def _irradiance_row(minute: MinuteRecord) -> Row:
+    return {
+        "time": minute.time_ns // 1000, "value": minute.irradiance_w_m2, "flags": int(minute.flags),
+        "model": encode_text(minute.irradiance_model, 64),
+    }  # fmt: skip
+
+
+def _event_row(event: Event) -> Row:
+    data = json.dumps(dict(event.data), default=str) if event.data else ""
+    if len(data.encode()) > 1024:
+        data = json.dumps({"left_out": f"details of {len(data)} characters"})
+    return {
+        "time": event.time_ns // 1000, "mono_ns": event.mono_ns, "kind": int(event.kind),
+        "severity": int(event.severity), "stream": encode_text(event.stream, 32),
+        "text": encode_text(event.text, 256), "data": data.encode(),
+    }  # fmt: skip
+
+
+def events_from(table: Table, time_ns: NDArray[np.int64]) -> list[Event]:
+    """The events of a table."""
+    return [
+        Event(
+            EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(time_ns[n]),
+            decode_text(table["text"][n]), decode_text(table["stream"][n]),
+            Severity(int(table["severity"][n])), json.loads(decode_text(table["data"][n]) or "{}"),
+        )
+        for n in range(len(time_ns))
+    ]  # fmt: skip
+
+
+def health_from(table: Table, time_ns: NDArray[np.int64], streams: tuple[str, ...]) -> list[Health]:
+    """The health of a recording, second by second."""
+    return [
+        Health(
+            int(table["mono_ns"][n]), int(time_ns[n]),
+            tuple(
+                StreamHealth(name, **{key: int(table[key][n][place]) for key in _PER_STREAM})
+                for place, name in enumerate(streams)
+            ),
+            **{name: table[name][n].item() for name in _HEALTH},
+        )
+        for n in range(len(time_ns))
+    ]  # fmt: skip
+
+
+def clock_checks_from(table: Table) -> list[ClockCheck]:
+    """The comparisons of the clocks."""
+    return [
+        ClockCheck(
+            int(table["mono_ns"][n]), int(table["utc_minus_mono_ns"][n]), int(table["offset_error_ns"][n]),
+            decode_text(table["source"][n]), int(table["suspended_ns"][n]),
+        )
+        for n in range(len(table["time"]))
+    ]  # fmt: skip
+
+
+def regions_from(table: Table) -> list[RegionRecord]:
+    """Every outline of every region, in the order they were drawn."""
+    records = []
+    for n in range(len(table["time"])):
+        corners = table["vertices"][n][: int(table["n_vertices"][n])]
+        region = Region(
+            decode_text(table["label"][n]), RegionKind(int(table["kind"][n])),
+            tuple((float(x), float(y)) for x, y in corners), float(table["tilt_deg"][n]),
+            float(table["azimuth_deg"][n]), float(table["emissivity"][n]),
+        )  # fmt: skip
+        records.append(RegionRecord(region, int(table["time"][n]) * 1000))
+    return records
+
+
+def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate]:
+    """The estimates of every minute and region that has one."""
+    return [
+        _estimate(table, n, place, region)
+        for n in range(len(table["time"]))
+        for place, region in enumerate(regions)
+        if decode_text(table["model"][n][place]) or table["state"][n][place] != SlopeState.NO_DATA
+    ]
+
+
+def _estimate(table: Table, n: int, place: int, region: str) -> SlopeEstimate:
+    return SlopeEstimate(
+        int(table["time"][n]) * 1000, region, SlopeState(int(table["state"][n][place])),
+        **{name: table[name][n][place].item() for name in _NUMBERS},
+        flags=Quality(int(table["flags"][n][place])),
+        window_start_ns=int(table["window_start"][n][place]) * 1000,
+        model=decode_text(table["model"][n][place]), reason=decode_text(table["reason"][n][place]),
+    )  # fmt: skip

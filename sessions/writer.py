@@ -1,0 +1,296 @@
+"""Writing a session: the journal first, in the caller's thread; everything else beside it.
+
+::
+
+    append -> journal row -> (returns)
+                 '-> hand-over -> brick thread -> compress pool -> session.h5
+    each second, on its own thread: fdatasync of the journal
+
+`close` completes the file, compares every sample with the journal, and only then lets the
+journal go. A process that dies before leaves both, and `recover` finishes the session.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import shutil
+import sqlite3
+import threading
+import time
+import uuid
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from fieldkit.clock import Clock, ClockCheck
+from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
+from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
+from fieldkit.sessions.brick_thread import BrickThread
+from fieldkit.sessions.journal import Identity, Journal, sync, wal_of
+from fieldkit.sessions.journal_reader import JournalReader
+from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, journal_path, raw_width
+from fieldkit.sessions.lock import SessionLock
+from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
+from fieldkit.sessions.seal import SealReport as SealReport
+from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
+from fieldkit.site import Region
+from fieldkit.slope import SlopeEstimate
+
+log = logging.getLogger(__name__)
+
+SYNC_EVERY_S = 1.0
+RESERVE_BYTES = 64_000_000
+
+
+class SessionWriter:
+    """One session being recorded; `append` and its like may be called from any thread.
+
+    Raises `RefusedError` where the session exists already, `StorageError` where the disk
+    does not take what it is given: that record is then not stored, all before it are.
+    """
+
+    def __init__(self, path: Path, header: SessionHeader, clock: Clock) -> None:
+        self.path = path
+        self.header = header
+        self.is_closed = False
+        self.sync_ms = 0.0
+        self._clock = clock
+        self._counts = {info.name: 0 for info in header.streams}
+        self._shapes = {info.name: info.shape for info in header.streams}
+        self._raw_widths = {info.name: raw_width(info) for info in header.streams}
+        self._lock = threading.Lock()
+        self._report: SealReport | None = None
+        self._folder = journal_path(path)
+        self._open()
+        clock.hold_while(self._bricks.is_behind)
+        for region in header.regions:
+            self.region(region, self._identity.start_ns)
+
+    def _open(self) -> None:
+        start, anchor = self._clock.to_utc_ns(self._clock.mono_ns()), self._clock.to_utc_ns(0)
+        self._identity = Identity(str(uuid.uuid4()), start, anchor, self.header)
+        if self.path.exists() or self._folder.exists():
+            raise RefusedError(f"{self.path} exists already", fix="give the session another name")
+        try:
+            self._folder.mkdir(parents=True)
+            self._session_lock = SessionLock(self._folder)
+            self._reserve = _reserve(self._folder)
+            self._journal = Journal(self._folder, self._identity)
+            self._bricks = BrickThread(self.path, self._journal, self._identity, self._brick_side_failed)
+            sync(self.path.parent)
+        except (OSError, RuntimeError, sqlite3.Error) as error:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
+            raise StorageError(
+                f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
+                fix="choose a folder that can be written and has room",
+            ) from error
+        self._bricks.start()
+        self._syncer = _Syncer(self)
+        self._syncer.start()
+
+    # --- what comes in
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes given to the disk so far, in the journal and in the file."""
+        return self._journal.bytes_written + self._bricks.file.bytes_written
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Samples stored so far, per stream."""
+        return dict(self._counts)
+
+    def append(self, sample: Sample) -> None:
+        """Store a sample: in the journal when this returns. It gets the next number of its stream."""
+        self._check(sample)
+        with self._lock:
+            self._store(replace(sample, seq=self._counts[sample.stream]))
+            self._counts[sample.stream] += 1
+
+    def event(self, event: Event) -> None:
+        """Store what happened."""
+        self.put(event)
+
+    def minute(
+        self,
+        time_ns: int,
+        estimates: Sequence[SlopeEstimate],
+        irradiance_w_m2: float = float("nan"),
+        irradiance_model: str = "",
+        flags: Quality = Quality.GOOD,
+    ) -> None:
+        """Store what the estimator said when a minute closed."""
+        unknown = {estimate.region for estimate in estimates} - set(self.header.region_names)
+        if unknown:
+            raise ValueError(f"estimates for regions the session does not know: {', '.join(sorted(unknown))}")
+        self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags))
+
+    def clock_check(self, check: ClockCheck) -> None:
+        """Store a comparison of the clocks; nothing is corrected by it."""
+        self.put(check)
+
+    def health(self, health: Health) -> None:
+        """Store how the recording is doing."""
+        self.put(health)
+
+    def region(self, region: Region, time_ns: int) -> None:
+        """Store an outline that holds from `time_ns` on; raises `ValueError` for one that does not fit."""
+        check_region(region)
+        self.put(RegionRecord(region, time_ns))
+
+    def put(self, entry: Entry) -> None:
+        """Store an entry of any kind."""
+        with self._lock:
+            self._store(entry)
+
+    def _store(self, record: Record) -> None:
+        if self.is_closed:
+            raise SessionError(f"{self.path} is closed")
+        self._bricks.offer(self._journal.append(record), record)
+
+    def _check(self, sample: Sample) -> None:
+        """A sample must be as its stream was declared; that is the driver's promise."""
+        declared = self._shapes.get(sample.stream)
+        shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
+        if shape != declared:
+            raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
+        if not isinstance(sample, Frame) and len(sample.raw) > self._raw_widths[sample.stream]:
+            raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
+
+    # --- the end
+
+    def close(self) -> SealReport:
+        """Complete, verify and seal the session, then let its journal go; a second call does nothing.
+
+        Raises `StorageError` where that is not possible; the journal then stays for
+        `fieldkit recover`.
+        """
+        if self._report is None:
+            self._stop()
+            try:
+                (self._folder / "reserve").unlink(missing_ok=True)
+                self._report = self._seal()
+            except (OSError, RuntimeError, sqlite3.Error, FieldkitError) as error:
+                raise StorageError(
+                    f"the session could not be sealed: {error}; everything recorded is in its journal",
+                    fix=f"free some space, then: fieldkit recover {self.path}",
+                ) from error
+            finally:
+                self._session_lock.release()
+            with contextlib.suppress(OSError):  # sealed it is; what is left of a journal does no harm
+                remove_journal(self._folder)
+        return self._report
+
+    def abandon(self) -> None:
+        """Stop at once and leave the session interrupted, for `fieldkit recover`."""
+        if not self.is_closed:
+            self._stop(at_once=True)
+            self._bricks.close()
+            self._session_lock.release()
+
+    def discard(self) -> None:
+        """Stop and delete what was written: for a session that should not have been begun."""
+        self.abandon()
+        remove_journal(self._folder)
+        self.path.unlink(missing_ok=True)
+
+    def _stop(self, *, at_once: bool = False) -> None:
+        with self._lock:
+            self.is_closed = True
+        self._bricks.stop(at_once=at_once)
+        self._bricks.join()
+        self._syncer.stop()
+        self._journal.close()
+
+    def _seal(self) -> SealReport:
+        from fieldkit.sessions.recovery import rebuild
+
+        end_ns = self._clock.to_utc_ns(self._clock.mono_ns())
+        complete = self._finish_file(end_ns)
+        with JournalReader(self._folder) as journal:
+            if complete:
+                return seal(self.path, journal_crc32s(journal), SEALED)
+        return rebuild(self.path, SEALED)
+
+    def _finish_file(self, end_ns: int) -> bool:
+        """Complete the file; False if it must be made again from the journal."""
+        try:
+            if self._bricks.error is None:
+                self._bricks.finish(end_ns)
+                return True
+        except (OSError, RuntimeError) as error:
+            log.warning("the session file could not be completed: %s", error)
+        finally:
+            self._bricks.close()
+        return False
+
+    def _brick_side_failed(self, error: Exception) -> None:
+        text = f"the session file cannot be written: {error}; recording goes on in the journal"
+        self._tell(text, Severity.ERROR)
+
+    def _tell(self, text: str, severity: Severity) -> None:
+        """An event of the writer's own; where even the journal is full there is nobody to tell."""
+        now = self._clock.mono_ns()
+        event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)
+        with contextlib.suppress(StorageError, SessionError):
+            self.event(event)
+
+
+class _Syncer(threading.Thread):
+    """Once a second, has the disk keep what the journal was given; never on the journal's thread."""
+
+    def __init__(self, writer: SessionWriter) -> None:
+        super().__init__(name="session-sync", daemon=True)
+        self._writer = writer
+        self._stopping = threading.Event()
+        self._first = 1
+
+    def run(self) -> None:
+        while not self._stopping.wait(SYNC_EVERY_S):
+            self._sync()
+
+    def stop(self) -> None:
+        """End, after a last sync."""
+        self._stopping.set()
+        self.join()
+        self._sync()
+
+    def _sync(self) -> None:
+        journal, began = self._writer._journal, time.monotonic()
+        try:
+            journal.prepare()
+            last = journal.number
+            for number in range(self._first, last + 1):
+                _data_sync(wal_of(journal.part_path(number)))
+            self._first = last
+        except (OSError, sqlite3.Error) as error:
+            # A sync tells of a failure once only: what came since the last one may be gone.
+            text = f"the disk did not confirm the last second: {error}"
+            log.error(text)
+            self._writer._tell(text, Severity.ERROR)
+        self._writer.sync_ms = (time.monotonic() - began) * 1000.0
+
+
+def _data_sync(path: Path) -> None:
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return  # a part that has gone because the session file has its samples
+    try:
+        os.fdatasync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _reserve(folder: Path) -> Path:
+    """Room kept for closing: a file that is deleted first. Less of it on a small disk."""
+    path = folder / "reserve"
+    size = min(RESERVE_BYTES, shutil.disk_usage(folder).free // 8)
+    with path.open("wb") as file:
+        if size:
+            os.posix_fallocate(file.fileno(), 0, size)
+    return path

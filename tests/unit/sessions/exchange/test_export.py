@@ -1,0 +1,117 @@
+"""What other programs get is what was recorded, with units and times."""
+
+from __future__ import annotations
+
+from datetime import UTC
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldkit.errors import SessionError
+from fieldkit.sessions.exchange.netcdf_out import export_netcdf
+from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
+from fieldkit.sessions.exchange.tables_out import export_tables
+from fieldkit.sessions.exchange.tiffs import Scale, read_tiffs
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import Region, RegionKind
+from tests.harness.recording import CountedClock, fill, header, picture
+
+HEADER = header((24, 32))
+FRAMES = 20
+
+
+@pytest.fixture
+def session(tmp_path: Path):
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
+    fill(writer, FRAMES, clock)
+    writer.close()
+    with open_session(tmp_path / "field.h5") as opened:
+        yield opened
+
+
+def test_region_series_is_mean_and_spread_of_its_pixels(session: Session) -> None:
+    series = session.region_series()
+    assert series.regions == ("flat", "b05")
+    mask = HEADER.regions[0].mask((24, 32))
+    expected = np.array([picture(n, (24, 32))[mask] * 0.01 for n in range(FRAMES)])
+    assert series.mean_k[:, 0] == pytest.approx(expected.mean(axis=1), abs=1e-9)
+    assert series.spread_k[:, 0] == pytest.approx(expected.std(axis=1), abs=1e-9)
+    assert series.pixels.tolist() == [mask.sum()] * 2
+    assert series.flags[7] == 16  # shutter
+    assert series.time_ns[0] == next(session.samples("camera")).time_ns
+
+
+def test_another_calibration_may_be_chosen(session: Session) -> None:
+    doubled = session.kelvin(0, 2, calibration=lambda counts: counts * 0.02)
+    assert doubled == pytest.approx(2 * session.kelvin(0, 2), abs=1e-9)
+    assert np.array_equal(session.raw("camera")[3], picture(3, (24, 32)))
+
+
+def test_region_outside_the_picture_and_meters_are_refused(session: Session) -> None:
+    outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
+    with pytest.raises(SessionError, match="no pixel"):
+        session.region_series([outside])
+    with pytest.raises(SessionError, match="not a camera"):
+        session.raw("lux")
+    with pytest.raises(SessionError, match="no stream 'sonar'"):
+        session.to_pandas("sonar")
+
+
+def test_pandas_has_units_in_its_columns(session: Session) -> None:
+    pytest.importorskip("pandas")
+    table = session.to_pandas("thermometer")
+    assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
+    assert table["T3 [K]"].iloc[4] == 2 + 4 / 3
+    assert str(table.index.tz) == "UTC"
+    assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: str) -> None:
+    pd = pytest.importorskip("pandas")
+    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
+    assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
+    read = pd.read_csv if kind == "csv" else pd.read_parquet
+    regions = read(paths["camera-regions"])
+    assert len(regions) == 2 * FRAMES
+    flat = regions[regions["region"] == "flat"]["temperature [K]"].to_numpy()
+    assert flat == pytest.approx(session.region_series().mean_k[:, 0], abs=1e-9)
+    assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
+
+
+def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    paths = export_tiffs(session, folder, every=4)
+    assert len(paths) == FRAMES // 4 + 1
+    foreign = read_tiffs(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
+    frames = list(foreign.samples)
+    originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
+    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
+    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> None:
+    (path,) = export_pngs(session, tmp_path, every=FRAMES)
+    image = cv2.imread(str(path))
+    assert image.shape == (24 * 20 + 36, 640, 3)
+    first = HEADER.regions[0].vertices[0]
+    x, y = (int((one + 0.5) * 20) for one in first)
+    assert image[y, x + 40].min() > 200  # the outline's upper edge
+    (film,) = export_mp4(session, tmp_path)
+    reader = cv2.VideoCapture(str(film))
+    assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
+    reader.release()
+
+
+def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    names = {path.name for path in export_netcdf(session, tmp_path)}
+    assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
+    with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
+        assert camera["counts"].sizes == {"time": FRAMES, "y": 24, "x": 32}
+        assert camera["counts"].values == pytest.approx(session.kelvin(), abs=1e-9)

@@ -1,0 +1,95 @@
+"""Tables of loggers become streams, alone or beside an old session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Reading
+from fieldkit.sessions.exchange.logs import LogColumns, read_log
+from fieldkit.sessions.exchange.merged import merge
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import START_NS, CountedClock, fill, header, same
+
+TOKYO = ZoneInfo("Asia/Tokyo")
+
+
+def table(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = tmp_path / "log.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
+    path = table(
+        tmp_path, "time,T1 [C],T2 [C],note\n2026/05/12 10:00:00,20.5,,dry\n2026/05/12 10:00:10,21,19,wet\n"
+    )
+    foreign = read_log(
+        path, "logger", zone=TOKYO, time_format="yyyy/mm/dd HH:MM:SS", offset_ns=12_000_000_000
+    )
+    first, second = (one for one in foreign.samples if isinstance(one, Reading))
+    assert first.time_ns == 1_778_547_612_000_000_000  # 2026-05-12T01:00:12Z
+    assert first.values[0] == 293.65
+    assert np.isnan(first.values[1])
+    assert second.values == (294.15, 292.15)
+    (info,) = foreign.streams
+    assert (info.unit, info.channels, info.rate_hz) == ("K", ("T1", "T2"), 0.1)
+    assert "+12 s" in foreign.remarks[0][1]
+
+
+def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
+    path = table(
+        tmp_path,
+        "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n",
+        "cp1252",
+    )
+    foreign = read_log(path, "lux", columns=LogColumns(values=("Licht",)), encoding="cp1252")
+    assert [one.values for one in foreign.samples if isinstance(one, Reading)] == [(52300.5,), (1.0,)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "cannot be read|no table"),
+        ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
+        ("time,T1 [C],L [lx]\n2026-05-12T01:00:00Z,3,4\n", "units 'C', 'lx'"),
+        ("time,T1 [C]\n2026-05-12 01:00:00,3\n", "no zone"),
+        ("time,T1 [C]\nyesterday,3\n", "not a time"),
+        ("time,T1 [furlong]\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
+    ],
+)
+def test_table_that_is_not_understood_is_told(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_log(table(tmp_path, text), "logger")
+
+
+def test_stream_is_added_beside_an_old_session(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
+    appended = fill(writer, 20, clock)
+    writer.close()
+    before = (tmp_path / "old.h5").read_bytes()
+    start_s = START_NS / 1e9 + 5.01
+    rows = "".join(f"{start_s + n / 100:.2f},{20 + n}\n" for n in range(2))
+    foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+    with open_session(tmp_path / "old.h5") as session:
+        report = merge(session, foreign, tmp_path / "new.h5", "log.csv")
+        with pytest.raises(ConfigError, match="already"):
+            merge(session, read_log(tmp_path / "log.csv", "lux"), tmp_path / "x.h5", "log.csv")
+        late = table(tmp_path, "time,T1 [C]\n2031-01-01T00:00:00Z,1\n")
+        with pytest.raises(ConfigError, match="do not overlap"):
+            merge(session, read_log(late, "logger"), tmp_path / "x.h5", "log.csv")
+    assert report.counts == {"camera": 20, "lux": 5, "thermometer": 5, "logger": 2}
+    assert (tmp_path / "old.h5").read_bytes() == before
+    with open_session(tmp_path / "new.h5") as session:
+        old = [one for one in session.samples() if one.stream != "logger"]
+        assert all(same(one, other) for one, other in zip(old, appended, strict=True))
+        texts = [event.text for event in session.events()]
+        assert texts[0] == "wolke über b05"
+        assert "stream added from log.csv" in texts
+        assert len(session.region_history()) == 2

@@ -1,0 +1,76 @@
+"""Direct chunks must be exactly what HDF5's own filters make, or nobody else could read them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.device import StreamInfo
+from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, unpack
+from fieldkit.sessions.layout import Column, brick_shape
+
+
+def camera(rows: int, cols: int, rate_hz: float) -> StreamInfo:
+    return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), 0.01, rate_hz=rate_hz)
+
+
+def test_brick_shapes_of_the_known_cameras() -> None:
+    # The first and last are those the format description was measured with.
+    assert brick_shape(camera(120, 160, 9.0)) == (9, 60, 80)
+    assert brick_shape(camera(192, 256, 25.0)) == (25, 64, 64)
+    assert brick_shape(camera(512, 640, 30.0)) == (30, 64, 80)
+    assert brick_shape(camera(13, 521, 1.0)) == (8, 13, 521)
+
+
+def test_chunk_unpacks_to_what_was_packed() -> None:
+    tile = np.random.default_rng(1).integers(0, 65536, (9, 60, 80)).astype("<u2")
+    assert np.array_equal(unpack(pack(tile), tile.shape), tile)
+    with pytest.raises(ValueError, match="chunk"):
+        unpack(pack(tile)[:-20], tile.shape)
+    with pytest.raises(ValueError, match="chunk"):
+        unpack(b"not zlib at all", tile.shape)
+
+
+def test_hdf5_reads_bricks_and_their_places_are_told(tmp_path: Path) -> None:
+    frames = np.random.default_rng(2).integers(29_000, 29_050, (20, 120, 160)).astype("<u2")
+    path = tmp_path / "bricks.h5"
+    with h5py.File(path, "w", libver=("v110", "v110")) as file, ThreadPoolExecutor(2) as pool:
+        dataset = file.create_dataset(
+            "counts", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(9, 60, 80), fillvalue=65535,
+            shuffle=True, compression="gzip", compression_opts=1,
+        )  # fmt: skip
+        writer = BrickWriter(dataset, pool)
+        chunks = []
+        for number, frame in enumerate(frames):
+            writer.put(frame)
+            if writer.is_full or number in (3, 19):  # 3: a brick written before it is full, then again
+                chunks += writer.write()
+        file.flush()
+        assert np.array_equal(dataset[:], frames)
+        assert len(chunks) == 4 * 4
+    data = path.read_bytes()
+    for chunk in chunks[4:8]:
+        tile = unpack(data[chunk.offset : chunk.offset + chunk.size], (9, 60, 80))
+        assert np.array_equal(tile, frames[0:9, chunk.y : chunk.y + 60, chunk.x : chunk.x + 80])
+
+
+def test_table_grows_in_all_columns_over_chunk_borders(tmp_path: Path) -> None:
+    columns = [Column("time", "<i8"), Column("value", "<f8", fill=np.nan), Column("text", "S16")]
+    with h5py.File(tmp_path / "table.h5", "w", libver=("v110", "v110")) as file:
+        for column in columns:
+            kind = h5py.string_dtype("utf-8", 16) if column.is_text else column.dtype
+            file.create_dataset(column.name, (0,), kind, maxshape=(None,), chunks=(column.chunk_rows,))
+        table = TableWriter(file["/"], columns)
+        for number in range(2500):
+            table.append({"time": number, "value": number / 3, "text": f"é{number}".encode()})
+            if number % 700 == 0:
+                table.write()
+                assert file["time"].shape == file["text"].shape == (number + 1,)
+        table.write()
+        assert np.array_equal(file["time"][:], np.arange(2500))
+        assert np.array_equal(file["value"][:], np.arange(2500) / 3)
+        assert file["text"][2499] == "é2499".encode()

@@ -1,0 +1,200 @@
+"""`check` finds each kind of trouble, and only that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.clock import ClockCheck
+from fieldkit.errors import SessionError
+from fieldkit.samples import Event, EventKind, Quality, Severity
+from fieldkit.sessions.check import check
+from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
+from fieldkit.sessions.check_sun import best_shift_min
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import Site
+from tests.harness.recording import START_NS, CountedClock, header, sample
+from tests.shared_data import shared
+
+HEADER = header((24, 32))
+CAMERA, LUX, _ = HEADER.streams
+STEP_NS = 111_111_111
+
+
+def recorded(
+    path: Path, times_ns: list[int], flags: dict[int, Quality] | None = None, **more: object
+) -> Path:
+    """A session of one camera with frames at these monotonic times, and what `more` says."""
+    clock = CountedClock()
+    writer = SessionWriter(path, HEADER, clock)
+    for seq, mono in enumerate(times_ns):
+        frame = replace(
+            sample(CAMERA, seq, mono, clock.to_utc_ns(mono)), quality=(flags or {}).get(seq, Quality.GOOD)
+        )
+        writer.append(frame)
+    for event in more.get("events", ()):  # type: ignore[attr-defined]
+        writer.event(event)
+    for compared in more.get("checks", ()):  # type: ignore[attr-defined]
+        writer.clock_check(compared)
+    writer.close()
+    return path
+
+
+def said(path: Path, what: str, *levels: str) -> str:
+    return " | ".join(
+        one.text for one in check(path) if one.what == what and one.level in (levels or ("warn", "fail"))
+    )
+
+
+STEADY = [n * STEP_NS for n in range(60)]
+
+
+def test_steady_camera_has_nothing_against_it(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.h5", STEADY)
+    assert said(path, "camera") == ""
+    assert "60 samples, every checksum matches" in said(path, "camera", "ok")
+    assert "compared with the journal" in said(path, "state", "ok")
+
+
+def test_gap_and_order_and_bunches_are_found(tmp_path: Path) -> None:
+    gap = [n * STEP_NS + (n > 30) * 14_000_000_000 for n in range(60)]
+    assert "1 gaps, the longest 14.1 s" in said(recorded(tmp_path / "gap.h5", gap), "camera")
+    back = [*STEADY[:30], STEADY[20], *STEADY[31:]]
+    assert "stand before" in said(recorded(tmp_path / "back.h5", back), "camera", "fail")
+    bunches = [(n // 3) * 3 * STEP_NS + (n % 3) * 1_000_000 for n in range(60)]
+    assert "bunches" in said(recorded(tmp_path / "bunches.h5", bunches), "camera")
+
+
+def test_bursts_have_no_gaps_until_a_minute_is_missing(tmp_path: Path) -> None:
+    def minutes(chosen: list[int]) -> list[int]:
+        return [minute * 60_000_000_000 + n * STEP_NS for minute in chosen for n in range(3)]
+
+    assert "gaps" not in said(recorded(tmp_path / "a.h5", minutes(list(range(20)))), "camera")
+    missing = [n for n in range(24) if n not in (10, 11, 12)]
+    assert "1 gaps, the longest 239.8 s" in said(recorded(tmp_path / "b.h5", minutes(missing)), "camera")
+
+
+def test_flags_are_counted(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.h5", STEADY, {3: Quality.FROZEN, 4: Quality.FROZEN, 9: Quality.SHUTTER})
+    assert "2 samples flagged frozen" in said(path, "camera")
+    assert "1 samples flagged shutter" in said(path, "camera", "ok")
+
+
+@pytest.mark.parametrize(
+    ("kind", "severity", "level"),
+    [
+        (EventKind.LOST, Severity.ERROR, "warn"),
+        (EventKind.GARBLED, Severity.WARNING, "warn"),
+        (EventKind.CLOUD, Severity.WARNING, "warn"),
+        (EventKind.DISK, Severity.ERROR, "warn"),
+        (EventKind.MARK, Severity.INFO, "ok"),
+    ],
+)
+def test_events_are_summed_up(tmp_path: Path, kind: EventKind, severity: Severity, level: str) -> None:
+    events = [Event(kind, n, START_NS, f"number {n}", "lux", severity) for n in range(3)]
+    path = recorded(tmp_path / "a.h5", STEADY, events=events)
+    assert "number 0, and 2 more" in said(path, f"{kind.name.lower()} lux", level)
+
+
+def test_changed_byte_of_a_picture_is_found(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.h5", STEADY)
+    with h5py.File(path) as file:
+        place = file["camera/counts"].id.get_chunk_info(2).byte_offset
+    data = bytearray(path.read_bytes())
+    data[place + 40] ^= 0x10
+    path.write_bytes(data)
+    assert "do not match their checksum" in said(path, "camera", "fail")
+    with open_session(path) as session:
+        bad = [frame.seq for frame in session.samples("camera") if frame.quality & Quality.BAD_CRC]
+        assert bad == list(range(18, 27))  # the third brick, and no other frame
+
+
+def test_changed_byte_of_a_table_is_found(tmp_path: Path) -> None:
+    path = recorded(tmp_path / "a.h5", STEADY, events=[Event(EventKind.MARK, 1, START_NS, "here")])
+    with h5py.File(path) as file:
+        place = file["events/text"].id.get_chunk_info(0).byte_offset
+    data = bytearray(path.read_bytes())
+    data[place] = ord("H")
+    path.write_bytes(data)
+    assert "not as it was sealed" in said(path, "events", "fail")
+
+
+def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path: Path) -> None:
+    anchor = START_NS + 123
+    month_ns = 27 * 86_400_000_000_000
+    checks = [
+        ClockCheck(0, anchor, 50),
+        ClockCheck(3_000_000_000, anchor, 50),
+        ClockCheck(4_000_000_000, anchor + month_ns, 50),
+    ]
+    path = recorded(tmp_path / "a.h5", STEADY, checks=checks)
+    assert "stepped by +2332800.000 s" in said(path, "clock")
+    with open_session(path) as session:
+        before = [frame.time_ns for frame in session.samples()]
+        steps = propose_time_map(session)
+    assert [(step.mono_ns, step.add_ns) for step in steps] == [(0, month_ns)]
+    apply_time_map(path, steps)
+    apply_time_map(path, steps)
+    with open_session(path) as session:
+        assert session.time_map() == steps
+        assert [frame.time_ns for frame in session.samples()] == [time + month_ns for time in before]
+        assert not any(frame.quality & Quality.BAD_CRC for frame in session.samples())
+    assert said(path, "camera", "fail") == ""
+    assert "a time map is in force: +2332800.000 s" in said(path, "clock", "ok")
+
+
+def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:
+    anchor = START_NS + 123
+    checks = [
+        ClockCheck(0, anchor, 50, suspended_ns=5),
+        ClockCheck(3_000_000_000, anchor, 50, suspended_ns=5),
+        ClockCheck(4_000_000_000, anchor, 50, suspended_ns=660_000_000_005),
+    ]
+    path = recorded(tmp_path / "a.h5", STEADY, checks=checks)
+    assert "slept 660 s" in said(path, "clock")
+    with open_session(path) as session:
+        (step,) = propose_time_map(session)
+    assert (step.mono_ns, step.add_ns) == (3_000_000_000, 660_000_000_000)
+
+
+def test_unfinished_session_gets_no_time_map(tmp_path: Path) -> None:
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    writer.abandon()
+    with pytest.raises(SessionError, match="interrupted"):
+        apply_time_map(tmp_path / "a.h5", [])
+    assert "journal" in said(tmp_path / "a.h5", "state", "fail")
+
+
+def test_no_file_is_a_finding_not_an_exception(tmp_path: Path) -> None:
+    (finding,) = check(tmp_path / "nothing.h5")
+    assert (finding.level, finding.what) == ("fail", "file")
+
+
+def alamosa() -> tuple[np.ndarray, np.ndarray]:
+    """Global irradiance of a real day times 110 lm/W: NOAA SURFRAD, Alamosa, 2016-01-01."""
+    rows = np.loadtxt(shared("data/weather/slv16001.dat"), skiprows=2)
+    day = np.datetime64("2016-01-01", "ns").astype(np.int64)
+    time_ns = day + (rows[:, 4] * 3600 + rows[:, 5] * 60).astype(np.int64) * 1_000_000_000
+    return time_ns, np.clip(rows[:, 8], 0, None) * 110.0
+
+
+@pytest.mark.parametrize("wrong_min", [0, 60, -60, 540, -420])
+def test_wrong_zone_is_seen_in_three_hours_of_a_real_day(wrong_min: int) -> None:
+    time_ns, lux = alamosa()
+    hours = time_ns // 3_600_000_000_000 % 24
+    chosen = (hours >= 18) & (hours < 21)
+    site = Site(37.6969, -105.923, 2317.0)  # the station's header
+    shifted = time_ns[chosen] + wrong_min * 60_000_000_000
+    assert best_shift_min(shifted, lux[chosen], site) == -wrong_min
+
+
+def test_night_and_short_sessions_say_nothing_about_the_sun() -> None:
+    site = Site(37.6969, -105.923, 2317.0)
+    minutes = START_NS + np.arange(200, dtype=np.int64) * 60_000_000_000
+    assert best_shift_min(minutes, np.full(200, 0.3), site) is None
+    assert best_shift_min(minutes[:20], np.full(20, 50_000.0), site) is None

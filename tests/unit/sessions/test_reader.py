@@ -1,0 +1,149 @@
+"""What is no session, or means harm, is refused with a clear error and little memory."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.errors import SessionError
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.schema import LIBVER
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, fill, header
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 10, clock)
+    writer.close()
+    return tmp_path / "field.h5"
+
+
+def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(SessionError, match=r"nowhere\.h5"):
+        open_session(tmp_path / "nowhere.h5")
+    with pytest.raises(SessionError, match="directory"):
+        open_session(tmp_path)
+
+
+def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
+    for name, libver in (("old.h5", "earliest"), ("new.h5", LIBVER)):
+        with h5py.File(tmp_path / name, "w", libver=libver) as file:
+            file["numbers"] = np.arange(10)
+        with pytest.raises(SessionError, match="not a fieldkit session"):
+            open_session(tmp_path / name)
+
+
+def test_newer_version_asks_for_an_upgrade(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file.attrs["fieldkit_format_version"] = np.bytes_("2.0")
+    with pytest.raises(SessionError, match=r"version 2\.0") as caught:
+        open_session(path)
+    assert "newer fieldkit" in (caught.value.fix or "")
+
+
+def test_older_minor_version_without_a_column_is_read(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        del file["estimates/noise_tilt_low_deg"]
+        del file["clock/suspended_ns"]
+    with open_session(path) as session:
+        assert session.estimates() == []
+        assert session.clock_checks() == []
+
+
+Harm = Callable[[h5py.File], None]
+
+
+def _remove_group(file: h5py.File) -> None:
+    del file["camera"]
+
+
+def _remove_header(file: h5py.File) -> None:
+    del file["config/header"]
+
+
+def _outside_link(file: h5py.File) -> None:
+    del file["lux/value"]
+    file["lux/value"] = h5py.ExternalLink("/etc/passwd", "/value")
+
+
+def _soft_link(file: h5py.File) -> None:
+    del file["lux/value"]
+    file["lux/value"] = h5py.SoftLink("/lux/mono_ns")
+
+
+def _outside_storage(file: h5py.File) -> None:
+    del file["lux/value"]
+    file.create_dataset("lux/value", (3,), "<f8", external=[("/etc/passwd", 0, 24)])
+
+
+def _virtual(file: h5py.File) -> None:
+    del file["camera/counts"]
+    layout = h5py.VirtualLayout((10, 24, 32), "<u2")
+    layout[:] = h5py.VirtualSource("/etc/passwd", "x", (10, 24, 32))
+    file.create_virtual_dataset("camera/counts", layout)
+
+
+def _claim_many_rows(file: h5py.File) -> None:
+    for name in file["lux"]:
+        if file["lux"][name].maxshape[0] is None:
+            file["lux"][name].resize(10**12, axis=0)
+
+
+def _huge_chunks(file: h5py.File) -> None:
+    del file["camera/counts"]
+    shape = (10, 24, 32)
+    file.create_dataset("camera/counts", shape, "<u2", maxshape=(None, 24, 32), chunks=(1_000_000, 24, 32))
+
+
+def _other_shape(file: h5py.File) -> None:
+    del file["camera/counts"]
+    file.create_dataset("camera/counts", (10, 24000, 32000), "<u2", chunks=(1, 100, 100))
+
+
+def _huge_picture_declared(file: h5py.File) -> None:
+    plain = json.loads(file["config/header"][()])
+    plain["streams"][0]["shape"] = [10**6, 10**6]
+    text = json.dumps(plain).encode()
+    del file["config/header"]
+    file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+
+
+def _header_is_no_json(file: h5py.File) -> None:
+    del file["config/header"]
+    file["config/header"] = np.bytes_("{not json")
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        _remove_group, _remove_header, _outside_link, _soft_link, _outside_storage, _virtual,
+        _claim_many_rows, _huge_chunks, _other_shape, _huge_picture_declared, _header_is_no_json,
+    ],
+)  # fmt: skip
+def test_hostile_session_is_refused_without_much_memory(path: Path, harm: Harm) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        harm(file)
+    tracemalloc.start()
+    try:
+        with pytest.raises(SessionError), open_session(path) as session:
+            list(session.samples())
+        assert tracemalloc.get_traced_memory()[1] < 50_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_session_tells_where_it_came_from(path: Path) -> None:
+    with open_session(path) as session:
+        assert set(session.provenance) >= {"fieldkit_version", "packages", "platform", "command_line"}
+        assert session.start_ns < session.end_ns
+        with pytest.raises(SessionError, match="no stream 'sonar'"):
+            session.count("sonar")

@@ -1,0 +1,237 @@
+"""What goes into a session comes out again, the same, whatever went wrong on the side of the file."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.errors import RefusedError, SessionError, StorageError
+from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.sessions import brick_thread
+from fieldkit.sessions.journal import Journal
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.session_file import SessionFile
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import Region, RegionKind
+from fieldkit.slope import SlopeEstimate, SlopeState
+from tests.harness.recording import CountedClock, fill, header, same, sample
+
+HEADER = header((24, 32))
+
+
+def appended_and_read(
+    path: Path, appended: list, streams: tuple[str, ...] = ("camera", "lux", "thermometer")
+) -> None:
+    """Every appended sample is in the session, the same, in the order of its stamps."""
+    with open_session(path) as session:
+        found = list(session.samples())
+        assert len(found) == len(appended)
+        assert all(same(one, other) for one, other in zip(found, appended, strict=True))
+        assert not any(item.quality & Quality.BAD_CRC for item in found)
+
+
+def test_samples_are_the_same_to_the_nanosecond(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    appended = fill(writer, 50, clock)
+    report = writer.close()
+    assert report.counts == {"camera": 50, "lux": 13, "thermometer": 13}
+    assert report.verified == len(appended) == 76
+    assert writer.close() is report
+    assert writer.is_closed
+    appended_and_read(tmp_path / "a.h5", appended)
+    assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_entries_are_the_same(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    now = clock.mono_ns()
+    utc = clock.to_utc_ns(now)
+    event = Event(EventKind.CLOUD, now, utc, "cloud ☁", "lux", Severity.WARNING, {"depth": 0.1, "n": [1, 2]})
+    health = Health(
+        now, utc, tuple(StreamHealth(name, 1, 2, 3, 4, 5) for name in ("camera", "lux", "thermometer")), 6
+    )
+    check = dataclasses.replace(clock.check(), source="gps")
+    estimate = SlopeEstimate(
+        60_000_000_000, "b05", SlopeState.NOT_RESOLVED, 0.1 + 0.2, 181.0, second_tilt_deg=1 / 3,
+        chi_square=2.0, flags=Quality.CLOUD, n_bins=4, model="paper", reason="two slopes fit ☼",
+    )  # fmt: skip
+    moved = dataclasses.replace(HEADER.regions[1], vertices=((2.0, 2.0), (9.0, 2.0), (9.0, 9.5)))
+    writer.event(event)
+    writer.health(health)
+    writer.clock_check(check)
+    writer.minute(60_000_000_000, [estimate], 812.25, "eq10 /0.44", Quality.LOW_SUN)
+    writer.region(moved, utc)
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.state == "sealed"
+        assert session.events() == [event]
+        assert session.health() == [health]
+        assert session.clock_checks() == [check]
+        assert repr(session.estimates()) == repr([estimate])  # by repr: NaN
+        minute = session.irradiance()
+        assert (minute["time_ns"][0], minute["irradiance_w_m2"][0], minute["model"][0]) == (
+            60_000_000_000, 812.25, "eq10 /0.44",
+        )  # fmt: skip
+        assert minute["flags"][0] == Quality.LOW_SUN
+        assert repr(session.regions) == repr((HEADER.regions[0], moved))
+        assert [record.region.name for record in session.region_history()] == ["flat", "b05", "b05"]
+        assert session.header.to_json() == HEADER.to_json()
+        assert session.config_toml == HEADER.config_toml
+    with h5py.File(tmp_path / "a.h5") as file:
+        mask = moved.mask((24, 32))
+        assert np.array_equal(file["regions/mask"][1], mask)
+
+
+def test_long_text_is_cut_between_characters(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    writer.event(Event(EventKind.MARK, 1, clock.to_utc_ns(1), "é" * 300, data={"long": "x" * 2000}))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        (event,) = session.events()
+        assert event.text == "é" * 126 + "…"
+        assert "left_out" in event.data
+
+
+def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    with pytest.raises(ValueError, match="declared"):
+        writer.append(sample(header((12, 32)).streams[0], 0))
+    with pytest.raises(ValueError, match="raw bytes"):
+        writer.append(dataclasses.replace(sample(HEADER.streams[1], 0), raw=bytes(17)))
+    with pytest.raises(ValueError, match="b99"):
+        writer.minute(0, [SlopeEstimate(0, "b99", SlopeState.OK)])
+    many = tuple((float(n), float(n % 7)) for n in range(65))
+    with pytest.raises(ValueError, match="65 corners"):
+        writer.region(Region("big", RegionKind.TARGET, many), 0)
+    assert writer.close().verified == 0
+
+
+def test_session_is_never_written_over(tmp_path: Path) -> None:
+    SessionWriter(tmp_path / "a.h5", HEADER, CountedClock()).close()
+    with pytest.raises(RefusedError, match="exists already"):
+        SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+
+
+def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(StorageError, match="cannot start"):
+        SessionWriter(tmp_path / "file" / "a.h5", HEADER, CountedClock())
+
+
+def test_closed_writer_takes_nothing(tmp_path: Path) -> None:
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    writer.close()
+    with pytest.raises(SessionError, match="closed"):
+        writer.append(sample(HEADER.streams[0], 0))
+
+
+def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
+    clock = CountedClock()
+    head = header((240, 320), rate_hz=9.0)
+    writer = SessionWriter(tmp_path / "a.h5", head, clock)
+    burst = [sample(head.streams[0], seq, clock.mono_ns()) for seq in range(50)]
+    for item in burst:
+        writer.append(item)
+    assert writer.close().counts["camera"] == 50
+
+
+def test_what_was_not_handed_over_is_read_back_from_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(brick_thread, "HANDOVER_BYTES", 4_000)  # room for one or two frames
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    appended = fill(writer, 200, clock)
+    assert writer.close().counts["camera"] == 200
+    appended_and_read(tmp_path / "a.h5", appended)
+
+
+def test_long_journal_is_shortened_and_nothing_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Journal.__init__, "__defaults__", (20_000,))
+    monkeypatch.setattr(brick_thread, "JOURNAL_BYTES", 60_000)
+    monkeypatch.setattr(brick_thread, "FLUSH_EVERY_S", 0.0)
+    clock = CountedClock()
+    path = tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, clock)
+    appended = fill(writer, 300, clock)
+    assert writer.close().counts["camera"] == 300
+    appended_and_read(path, appended)
+
+    path = tmp_path / "killed.h5"
+    writer = SessionWriter(path, HEADER, clock)
+    appended = fill(writer, 300, clock)
+    idle = threading.Event()
+    while writer._journal.full_parts and writer._journal.full_parts[0][1] < 250 and not idle.wait(0.01):
+        pass
+    writer.abandon()
+    parts = sorted(item.name for item in (tmp_path / "killed.h5.journal").glob("*.sqlite"))
+    assert "000001.sqlite" not in parts
+    report = recover(path)
+    assert report.lost_samples == 0
+    appended_and_read(path, appended)
+
+
+def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file side meets an I/O error at its third flush; the session is finished from the journal."""
+    flush, calls = SessionFile.flush, []
+
+    def failing(self: SessionFile, *, everything: bool = False) -> object:
+        calls.append(1)
+        if len(calls) == 3:
+            raise OSError(5, "Input/output error")
+        return flush(self, everything=everything)
+
+    monkeypatch.setattr(SessionFile, "flush", failing)
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    appended = fill(writer, 60, clock)
+    while writer._bricks.error is None:
+        threading.Event().wait(0.005)
+    appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
+    appended[-1] = dataclasses.replace(appended[-1], time_ns=clock.to_utc_ns(appended[-1].mono_ns))
+    writer.append(appended[-1])
+    report = writer.close()
+    assert report.counts["camera"] == 61
+    appended_and_read(tmp_path / "a.h5", appended)
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.state == "sealed"
+        assert any("recording goes on in the journal" in event.text for event in session.events())
+    assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_abandoned_session_is_left_for_recovery(tmp_path: Path) -> None:
+    clock = CountedClock()
+    path = tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, clock)
+    appended = fill(writer, 30, clock)
+    writer.abandon()
+    with open_session(path) as session:
+        assert session.state == "interrupted"
+    report = recover(path)
+    assert (report.counts["camera"], report.lost_samples, report.was_complete) == (30, 0, False)
+    appended_and_read(path, appended)
+    assert recover(path).was_complete
+    with open_session(path) as session:
+        assert session.state == "recovered"
+        assert session.events()[-1].kind is EventKind.RECOVERED
+
+
+def test_living_recording_can_be_read_but_not_recovered(tmp_path: Path) -> None:
+    clock = CountedClock()
+    path = tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, clock)
+    fill(writer, 9, clock)
+    with pytest.raises(RefusedError, match="in use"):
+        recover(path)
+    writer.close()
