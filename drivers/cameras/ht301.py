@@ -1,0 +1,158 @@
+"""HT-301, T3S, Xtherm, T2S+ and T2L: counts with four rows of metadata below them.
+
+Announced as YUYV of 384x292, 256x196, 240x184 or 640x516: the picture and four rows. In the temperature
+mode each word holds 14 bits of counts; the rows carry the temperatures of sensor and shutter and the
+calibration of the same picture, so they are kept and the conversion (`fieldkit.physics.camera_laws`, law
+``ht301``) can be repeated. Layout and main law are sure by three public programs; other models than the
+HT-301 by width only.
+
+Commands are values written to the absolute zoom control: 0x8004 temperatures, 0x8000 close the shutter and
+calibrate, 0x8020 and 0x8021 the range of -20 to 120 °C and the upper one, whose law is disputed: there the
+stream is counts. T2S+ of the second version (04b4:0100) deliver uncorrected data and are not supported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.drivers import options
+from fieldkit.drivers.cameras import camera
+from fieldkit.drivers.cameras.picture import PLAUSIBLE_K, Picture, decode_frames, extremes, words
+from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.records import Decoded, Rejected
+from fieldkit.errors import DeviceError
+from fieldkit.physics.camera_laws import (
+    HT301_COUNTS,
+    ZERO_C,
+    ht301_area,
+    ht301_curve,
+    ht301_fpa_c,
+    ht301_parameters,
+)
+from fieldkit.samples import Quality
+
+ROWS = 4
+WANTED = Wanted(((0x1514, 0x0001),), "YUYV", ((384, 292), (256, 196), (240, 184), (640, 516)))
+SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
+TEMPERATURES, CALIBRATE, NORMAL_RANGE, HIGH_RANGE = 0x8004, 0x8000, 0x8020, 0x8021
+RANGES = {"normal": NORMAL_RANGE, "high": HIGH_RANGE}
+SETTLES_S = 0.3  # the camera ignores commands right after the stream begins
+RATE_HZ = 25.0
+_USER_BLOCK = 127
+_USER = ("camera_correction", "camera_reflected_c", "camera_air_c", "camera_humidity", "camera_emissivity")
+
+
+class ZoomSource(FrameSource, Protocol):
+    """A source that can write the absolute zoom control."""
+
+    def set_zoom(self, value: int) -> None:
+        """Write it; raises `DeviceError`."""
+
+
+def decode(data: bytes, law: str = "ht301") -> Picture | Rejected:
+    """A picture by its byte count; words beyond 14 bits are the camera's ordinary picture."""
+    shape = SHAPES.get(len(data))
+    if shape is None:
+        sizes = " or ".join(str(size) for size in sorted(SHAPES))
+        return Rejected(len(data), f"{len(data)} bytes; a picture of this family has {sizes}")
+    pixels = words(data, *shape)
+    counts, rows = pixels[:-ROWS], pixels[-ROWS:]
+    coldest, hottest = extremes(counts)
+    if hottest > HT301_COUNTS:
+        return Rejected(len(data), "an ordinary picture, not temperatures: the camera is in the wrong mode")
+    parameters = ht301_parameters(rows)
+    scale, offset, zero = ht301_curve(parameters)
+    warm = [math.sqrt(max(count * scale + offset, 0.0)) + zero for count in (coldest, hottest)]
+    known = law == "ht301" and warm[1] >= PLAUSIBLE_K[0] and warm[0] <= PLAUSIBLE_K[1]  # NaN is in no range
+    quality = Quality.GOOD if known else Quality.NO_VALUE
+    if coldest <= 0 or hottest >= HT301_COUNTS:
+        quality |= Quality.SATURATED
+    fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + ZERO_C
+    return Picture(counts, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
+
+
+def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:
+    """What is set in the camera itself, recorded and not applied; and its firmware and serial number."""
+    flat = np.ascontiguousarray(rows).ravel()
+    area = flat[ht301_area(rows.shape[1]) :]
+    block = area[_USER_BLOCK : _USER_BLOCK + 10].view("<f4").tolist()
+    texts = {
+        name: area[place : place + 8].tobytes() for name, place in (("firmware", 24), ("serial_number", 32))
+    }
+    facts = {name: text.split(b"\0")[0].decode("ascii", "replace").strip() for name, text in texts.items()}
+    return {**facts, **dict(zip(_USER, block, strict=True)), "camera_distance_m": int(area[_USER_BLOCK + 10])}
+
+
+class Ht301:
+    """Driver of the metadata-rows family.
+
+    Options: those of every camera, and `range` (``normal`` or ``high``).
+    """
+
+    name = "ht301"
+    title = "HT-301 / T3S / T2L"
+    quantity = "brightness_temperature"
+
+    def find(self) -> list[Found]:
+        """HT-301 cameras that are plugged in; the other models go by changing ids."""
+        return find_cameras(self.name, self.title, WANTED)
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes of one or more pictures; see `fieldkit.drivers.records.Decodes`."""
+        return decode_frames(data, decode, tuple(SHAPES))
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
+        """Open the camera and switch it to temperatures."""
+        options.refuse_unknown(settings, (*camera.OPTIONS, "range"))
+        chosen = options.text(settings, "range", "normal", tuple(RANGES))
+        opened = open_source(settings, WANTED, clock)
+        command = zoom_of(opened.source)
+        clock.sleep(SETTLES_S)
+        command(RANGES[chosen])
+        command(TEMPERATURES)
+        read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
+        first = camera.first_picture(opened.source, read, settings.name, clock)
+        info = describe(settings, opened, first, chosen)
+        return camera.ThermalCamera(info, opened.source, read, clock, partial(command, CALIBRATE))
+
+
+def zoom_of(source: FrameSource) -> Callable[[int], None]:
+    """The source's way of writing the zoom; raises `DeviceError` (and closes it) if it has none."""
+    if not hasattr(source, "set_zoom"):
+        source.close()
+        raise DeviceError(f"{source.backend} cannot command this camera", fix='backend = "v4l2"')
+    return cast(ZoomSource, source).set_zoom
+
+
+def describe(settings: DeviceSettings, opened: OpenedSource, first: Picture, chosen: str) -> StreamInfo:
+    """The stream of a camera, from its first picture's rows."""
+    facts = user_block(first.metadata_rows)
+    known = chosen == "normal"
+    return StreamInfo(
+        name=settings.name,
+        quantity="brightness_temperature" if known else "counts",
+        unit="K" if known else "counts",
+        shape=first.counts.shape,
+        scale=math.nan,
+        law=first.law if known else "linear",
+        metadata_shape=first.metadata_rows.shape,
+        rate_hz=RATE_HZ,
+        driver=settings.driver,
+        vendor="Infiray / Xtherm",
+        model=opened.usb.title or "HT-301 family",
+        serial_number=str(facts.pop("serial_number")) or opened.usb.serial,
+        firmware=str(facts.pop("firmware")),
+        port=opened.source.port,
+        identity=opened.identity,
+        latency_s=options.number(settings, "latency_s", 0.0),
+        accuracy=options.number(settings, "accuracy", math.nan),
+        settings={"backend": opened.source.backend, "range": chosen, **facts},
+    )

@@ -1,0 +1,134 @@
+"""What one buffer of a camera means, before the session's clock and the pictures around it are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.drivers.records import Decoded, Rejected, Value
+from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.samples import NO_COUNTER, Quality
+
+PLAUSIBLE_K = (200.0, 700.0)
+"""Scenes outside are a wrong scale, not weather."""
+
+_DOUBTS = {  # looked up, because combining flags costs more than finding them
+    (False, True): Quality.GOOD,
+    (True, True): Quality.SATURATED,
+    (False, False): Quality.NO_VALUE,
+    (True, False): Quality.SATURATED | Quality.NO_VALUE,
+}
+
+NO_ROWS = np.empty((0, 0), np.uint16)
+
+
+class Picture(NamedTuple):
+    """One picture as its bytes alone tell it; a tuple, because one is made for every frame.
+
+    Kelvin are ``counts * scale + offset`` if `law` is linear; `scale` is NaN where they are not, or unknown.
+    `shutter` is whether a correction runs or has just run, None where the camera does not tell.
+    """
+
+    counts: NDArray[np.uint16]
+    metadata_rows: NDArray[np.uint16] = NO_ROWS
+    scale: float = math.nan
+    offset: float = 0.0
+    law: str = "linear"
+    quality: Quality = Quality.GOOD
+    shutter: bool | None = None
+    device_time: int = NO_COUNTER
+    device_seq: int = NO_COUNTER
+    fpa_temperature_k: float = math.nan
+    housing_temperature_k: float = math.nan
+    gain: str = ""
+
+
+Decode = Callable[[bytes], Picture | Rejected]
+
+
+def words(data: bytes, rows: int, columns: int) -> NDArray[np.uint16]:
+    """Bytes as little-endian words, shape (rows, columns), without copying."""
+    return np.frombuffer(data, "<u2").reshape(rows, columns)
+
+
+def extremes(counts: NDArray[np.uint16]) -> tuple[int, int]:
+    """Coldest and hottest pixel."""
+    flat = counts.reshape(-1)
+    return int(np.minimum.reduce(flat)), int(np.maximum.reduce(flat))
+
+
+def doubts(
+    extremes: tuple[int, int], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
+) -> Quality:
+    """`SATURATED` with a pixel at either end of what the camera can count, `NO_VALUE` without a scene.
+
+    A scale that puts even the warmest pixel below, or the coldest above, anything on this Earth is wrong.
+    """
+    coldest, hottest = extremes
+    is_saturated = coldest <= ends[0] or hottest >= ends[1]
+    low, high = PLAUSIBLE_K
+    is_scene = hottest * scale + offset >= low and coldest * scale + offset <= high  # NaN is in no range
+    return _DOUBTS[is_saturated, is_scene]
+
+
+def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Decoded:
+    """Explain a file or line of hex as pictures of one length.
+
+    `lengths` are those the family has; the one that divides the data is taken, the longest that
+    fits otherwise. A picture becomes its minimum, mean and maximum.
+    """
+    length = _frame_length(len(data), lengths)
+    if not length:
+        return Decoded((), (), len(data))
+    values: list[Value] = []
+    rejected: list[Rejected] = []
+    notes: list[str] = []
+    whole = len(data) // length * length
+    for start in range(0, whole, length):
+        picture = decode(data[start : start + length])
+        if isinstance(picture, Rejected):
+            rejected.append(Rejected(length, picture.reason, start))
+        else:
+            values.extend(summary(picture))
+            notes.append(_note(picture))
+    return Decoded(tuple(values), tuple(rejected), len(data) - whole, tuple(notes))
+
+
+def _note(picture: Picture) -> str:
+    height, width = picture.counts.shape
+    parts = [f"picture of {width}x{height}"]
+    if picture.gain:
+        parts.append(f"gain {picture.gain}")
+    if picture.device_seq != NO_COUNTER:
+        parts.append(f"counter {picture.device_seq}")
+    return ", ".join(parts)
+
+
+def _frame_length(size: int, lengths: tuple[int, ...]) -> int:
+    dividing = [length for length in lengths if size and size % length == 0]
+    fitting = [length for length in lengths if length <= size]
+    return max(dividing, default=max(fitting, default=0))
+
+
+def summary(picture: Picture) -> list[Value]:
+    """Minimum, mean and maximum in kelvin, in counts where no temperature is known, and the sensor's own."""
+    quality = picture.quality | (Quality.SHUTTER if picture.shutter else Quality.GOOD)
+    known = picture.law != "linear" or not math.isnan(picture.scale)
+    unit = "K" if known else "counts"
+    image = kelvin(picture) if known else picture.counts
+    figures = {"minimum": image.min(), "mean": image.mean(dtype=np.float64), "maximum": image.max()}
+    values = [Value(float(figure), unit, name, quality) for name, figure in figures.items()]
+    sensors = {"fpa": picture.fpa_temperature_k, "housing": picture.housing_temperature_k}
+    values += [Value(number, "K", name) for name, number in sensors.items() if not math.isnan(number)]
+    return values
+
+
+def kelvin(picture: Picture) -> NDArray[np.float32]:
+    """Brightness temperature of a picture, float32."""
+    return temperature_k(
+        picture.law, picture.counts, picture.metadata_rows, {}, picture.scale, picture.offset
+    )

@@ -1,0 +1,189 @@
+"""PureThermal boards (1, 2, 3, Mini) with a FLIR Lepton 2.5, 3.1R or 3.5.
+
+Raw format Y16, little-endian words: 160x120 (Lepton 3.x) or 80x60 (2.x), and the same with
+telemetry rows below it (160x122, 80x63). Sure, by the board's firmware, the Lepton headers and a
+decoded public recording: formats, scale, extension units, words 0-79 of the telemetry. From one
+source: words from 160 on (gain, TLinear), placed by counting on through the rows.
+
+Words of the telemetry: 0 revision; 1-2 uptime ms; 3-4 status (bits 4-5 FFC: 0 never, 1 imminent,
+2 running, 3 done); 20-21 frame counter; 24 FPA K x 100; 26 housing K x 100; 30-31 uptime ms at the last FFC;
+99 emissivity (8192 = 1); 166 gain in effect; 208 TLinear on; 209 TLinear resolution (0: 0.1 K, 1: 0.01 K).
+
+The payload carries no hardware time; uptime and counter are the camera's own clock.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.drivers import options
+from fieldkit.drivers.cameras import camera
+from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
+from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.records import Decoded, Rejected
+from fieldkit.errors import DeviceError
+from fieldkit.samples import Quality
+
+WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
+SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
+PICTURE_ROWS = {80: 60, 160: 120}
+SETTLING_MS = 10_000  # levels creep after a correction
+RESOLUTION_K = {(1, 0): 0.1, (1, 1): 0.01}
+"""K per count by TLinear (1: on) and its resolution."""
+
+GAINS = {0: "high", 1: "low", 2: "automatic"}
+OLD_REVISION = 8  # its FFC states are never, running, done
+RATE_HZ = 8.7
+SYSTEM_UNIT, OEM_UNIT, RADIOMETRY_UNIT = 6, 4, 0x15
+SERIAL, PART_NUMBER, RUN_FFC = (SYSTEM_UNIT, 3), (OEM_UNIT, 8), (SYSTEM_UNIT, 17)
+TLINEAR, TLINEAR_RESOLUTION = (RADIOMETRY_UNIT, 18), (RADIOMETRY_UNIT, 19)
+# words 0, 1-2, 3-4, 20-21, 24, 26, 30-31, 166, 208 and 209
+_TELEMETRY = struct.Struct("<H I I 30x I 4x H 2x H 6x I 268x H 82x H H")
+
+
+def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
+    """A picture by its byte count; `untold_scale` (K per count) is for pictures without telemetry."""
+    shape = SHAPES.get(len(data))
+    if shape is None:
+        return Rejected(len(data), f"{len(data)} bytes; a Lepton's picture has {_sizes()}")
+    pixels = words(data, *shape)
+    height = PICTURE_ROWS[shape[1]]
+    counts, rows = pixels[:height], pixels[height:]
+    if not len(rows):
+        return Picture(counts, rows, untold_scale, quality=_doubts(counts, untold_scale))
+    told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
+    revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
+    if not (revision and fpa):  # the rows are not filled in
+        return Picture(counts, rows, untold_scale, quality=_doubts(counts, untold_scale))
+    scale = RESOLUTION_K.get((linear, resolution), math.nan)
+    return Picture(
+        counts,
+        rows,
+        scale,
+        quality=_doubts(counts, scale),
+        shutter=_shutter(status >> 4 & 3, revision == OLD_REVISION, uptime - corrected),
+        device_time=uptime,
+        device_seq=counter,
+        fpa_temperature_k=fpa / 100,
+        housing_temperature_k=housing / 100,
+        gain=GAINS.get(gain, "unknown"),
+    )
+
+
+def _shutter(state: int, old: bool, since_ms: int) -> bool:
+    """Whether a correction runs, or has run within the last ten seconds."""
+    running, done = (1, 2) if old else (2, 3)
+    return state == running or (state == done and 0 <= since_ms < SETTLING_MS)
+
+
+def _doubts(counts: NDArray[np.uint16], scale: float) -> Quality:
+    highest = 0xFFFF if scale > 0 else 0x3FFF  # without TLinear the counts have 14 bits
+    return doubts(extremes(counts), (0, highest), scale)
+
+
+def _sizes() -> str:
+    return " or ".join(str(size) for size in sorted(SHAPES))
+
+
+class PureThermal:
+    """Driver of PureThermal boards with a Lepton.
+
+    Options: those of every camera, and `kelvin_per_count` (0.01 or 0.1) for boards that neither send
+    telemetry nor answer, where the scale would be unknown.
+    """
+
+    name = "purethermal"
+    title = "PureThermal with FLIR Lepton"
+    quantity = "brightness_temperature"
+
+    def find(self) -> list[Found]:
+        """PureThermal boards that are plugged in."""
+        return find_cameras(self.name, self.title, WANTED)
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes of one or more pictures; see `fieldkit.drivers.records.Decodes`."""
+        scale = float(options.get("kelvin_per_count", math.nan))
+        return decode_frames(data, partial(decode, untold_scale=scale), tuple(SHAPES))
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
+        """Open the board, choose the picture with telemetry, declare what the first one says."""
+        options.refuse_unknown(settings, (*camera.OPTIONS, "kelvin_per_count"))
+        untold_scale = options.number(settings, "kelvin_per_count", math.nan)
+        opened = open_source(settings, WANTED, clock)
+        source = opened.source
+        if math.isnan(untold_scale):
+            untold_scale = ask_scale(source)
+        read = partial(decode, untold_scale=untold_scale)
+        first = camera.first_picture(source, read, settings.name, clock)
+        info = describe(settings, opened, first)
+        return camera.ThermalCamera(info, source, read, clock, partial(run_shutter, source))
+
+
+def describe(settings: DeviceSettings, opened: OpenedSource, first: Picture) -> StreamInfo:
+    """The stream of a board, from its first picture and its extension units."""
+    source = opened.source
+    told = not math.isnan(first.fpa_temperature_k)
+    facts: dict[str, Any] = {"backend": source.backend}
+    facts["scale_from"] = "telemetry" if told else "extension unit or configuration"
+    if told:
+        facts["gain"] = first.gain
+    scale = first.scale
+    return StreamInfo(
+        name=settings.name,
+        quantity="brightness_temperature" if scale > 0 else "counts",
+        unit="K" if scale > 0 else "counts",
+        shape=first.counts.shape,
+        scale=scale,
+        metadata_shape=(len(first.metadata_rows), first.counts.shape[1]),
+        rate_hz=RATE_HZ,
+        driver=settings.driver,
+        vendor="GroupGets / FLIR",
+        model=_ask_text(source, *PART_NUMBER, 32) or "Lepton",
+        serial_number=_ask_serial(source) or opened.usb.serial,
+        firmware=opened.usb.title,
+        port=source.port,
+        identity=opened.identity,
+        latency_s=options.number(settings, "latency_s", 0.0),
+        accuracy=options.number(settings, "accuracy", math.nan),
+        device_time_unit="ms" if told else "",
+        settings=facts,
+    )
+
+
+def run_shutter(source: FrameSource) -> None:
+    """Run a flat-field correction; raises `DeviceError` where the source has no controls."""
+    source.set_control(*RUN_FFC, b"\x01")
+
+
+def ask_scale(source: FrameSource) -> float:
+    """K per count by the extension unit, NaN if TLinear is off or nobody answers."""
+    try:
+        linear = int.from_bytes(source.get_control(*TLINEAR, 4), "little")
+        resolution = int.from_bytes(source.get_control(*TLINEAR_RESOLUTION, 4), "little")
+    except DeviceError:
+        return math.nan
+    return RESOLUTION_K.get((linear, resolution), math.nan)
+
+
+def _ask_text(source: FrameSource, unit: int, selector: int, length: int) -> str:
+    try:
+        answer = source.get_control(unit, selector, length)
+    except DeviceError:
+        return ""
+    return answer.split(b"\0")[0].decode("ascii", "replace").strip()
+
+
+def _ask_serial(source: FrameSource) -> str:
+    try:
+        return str(int.from_bytes(source.get_control(*SERIAL, 8), "little") or "")
+    except DeviceError:
+        return ""

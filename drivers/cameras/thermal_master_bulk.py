@@ -1,0 +1,181 @@
+"""Pictures and commands of the Thermal Master P1, P3 and Vantrue TS2, which have no kernel driver.
+
+By pyusb: bulk transfers from endpoint 0x81 of interface 1 (alternate 1). Each picture stands between two
+markers of 12 bytes: length 0C, sync (8C or 8D begins, 8E or 8F ends), u32 counter equal at both ends, u32
+second counter, u16 third counter that rises 40 a picture, modulo 2048, so lost pictures can be counted
+exactly. A command has 18 bytes: type (as written), u16 parameter, u16 register, 6 zeros, u16 answer length,
+2 zeros, CRC-16 CCITT (start 0). Source: one public program and its forks.
+"""
+
+from __future__ import annotations
+
+import binascii
+import errno
+import struct
+from typing import Any, NamedTuple
+
+from fieldkit.clock import Clock
+from fieldkit.device import Buffer, DeviceSettings
+from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.usb import explained, pick_usb
+from fieldkit.errors import DeviceError
+
+KINDS = {(0x3474, 0x45C2): (160, 120), (0x3474, 0x45A2): (256, 192), (0x3474, 0x45F2): (256, 192)}
+MARKER = struct.Struct("<BBIIH")
+BEGIN, FINISH = (0x8C, 0x8D), (0x8E, 0x8F)
+STEP, WRAP = 40, 2048
+ENDPOINT, CHUNK = 0x81, 16_384
+SEND, RECEIVE, STATUS = (0x41, 0x20), (0xC1, 0x21), (0xC1, 0x22)
+READ, SHUTTER = b"\x01\x01", b"\x01\x36"
+READ_SUBJECT, SHUTTER_SUBJECT = 0x81, 0x43
+SERIAL_NUMBER, PART_NUMBER = 7, 6
+DONE = 3
+PATIENCE_S = 2.0
+
+
+class Marker(NamedTuple):
+    """What a marker says."""
+
+    length: int
+    sync: int
+    counter: int
+    second: int
+    third: int
+
+
+def command(kind: bytes, subject: int, register: int = 0, answer: int = 0) -> bytes:
+    """A command, ready to send."""
+    body = kind + struct.pack("<HH6xH2x", subject, register, answer)
+    return body + binascii.crc_hqx(body, 0).to_bytes(2, "little")
+
+
+def marker(data: bytes, sync: tuple[int, int]) -> Marker | None:
+    """The marker at the start of `data`, None if there is none of that kind."""
+    if len(data) < MARKER.size:
+        return None
+    found = Marker(*MARKER.unpack_from(data))
+    return found if found.length == MARKER.size and found.sync in sync else None
+
+
+class Assembler:
+    """Pictures of `length` bytes out of transfers; `sequence` counts those the camera made, lost ones too."""
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._data = b""
+        self._third = -1
+        self.sequence = -1
+        self.rejected = 0
+
+    def feed(self, chunk: bytes) -> bytes | None:
+        """A picture with its markers, once it is complete."""
+        self._data += chunk
+        self._to_begin()
+        whole = self._length + 2 * MARKER.size
+        if len(self._data) < whole:
+            return None
+        picture, self._data = self._data[:whole], self._data[whole:]
+        begin, end = marker(picture, BEGIN), marker(picture[-MARKER.size :], FINISH)
+        if begin is None or end is None or begin.counter != end.counter:
+            self.rejected += 1
+            self._data = picture[1:] + self._data
+            return None
+        self._count(begin.third)
+        return picture
+
+    def _to_begin(self) -> None:
+        """Drop what stands before the next begin marker."""
+        start = 0
+        while (start := self._data.find(bytes([MARKER.size]), start)) >= 0:
+            if marker(self._data[start:], BEGIN) or len(self._data) - start < MARKER.size:
+                break
+            start += 1
+        self._data = self._data[start:] if start >= 0 else b""
+
+    def _count(self, third: int) -> None:
+        passed = (third - self._third) % WRAP / STEP if self._third >= 0 else 1
+        self._third = third
+        self.sequence += max(round(passed), 1)
+
+
+class BulkSource:
+    """A camera without a kernel driver as a `fieldkit.device.FrameSource`; libusb waits by itself."""
+
+    backend = "pyusb"
+
+    def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
+        self._unit, self.usb = pick_usb(settings, tuple(KINDS))
+        self.port = f"usb:{self.usb.path}"
+        self._clock = clock
+        self.size = KINDS[self.usb.vendor, self.usb.product]
+        width, height = self.size
+        self._assembler = Assembler(2 * (2 * height + 2) * width)
+        with explained(self.port):
+            self._unit.set_interface_altsetting(1, 1)
+            self._unit.ctrl_transfer(0x40, 0xEE, 0, 1)
+
+    def read(self, timeout_s: float) -> Buffer | None:
+        """The next picture with its markers, stamped when it was complete."""
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while (remaining_ns := deadline_ns - self._clock.mono_ns()) > 0:
+            chunk = self._chunk(remaining_ns // 1_000_000)
+            picture = self._assembler.feed(chunk) if chunk else None
+            if picture is not None:
+                return Buffer(picture, self._clock.mono_ns(), self._assembler.sequence)
+        return None
+
+    def skip_until(self, mono_ns: int) -> None:
+        """Let pictures go by until a monotonic time."""
+        while self._clock.mono_ns() < mono_ns:
+            self.read((mono_ns - self._clock.mono_ns()) / 1e9)
+
+    def get_control(self, unit: int, selector: int, length: int) -> bytes:
+        """Not a UVC camera."""
+        raise DeviceError("this camera has no extension units")
+
+    def set_control(self, unit: int, selector: int, data: bytes) -> None:
+        """Not a UVC camera."""
+        raise DeviceError("this camera has no extension units")
+
+    def ask(self, register: int, length: int) -> bytes:
+        """Read one register."""
+        with explained(self.port):
+            self._unit.ctrl_transfer(*SEND, 0, 0, command(READ, READ_SUBJECT, register, length))
+            self._wait()
+            return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
+
+    def run_shutter(self) -> None:
+        """Close the shutter and calibrate."""
+        with explained(self.port):
+            self._unit.ctrl_transfer(*SEND, 0, 0, command(SHUTTER, SHUTTER_SUBJECT))
+            self._wait()
+
+    def close(self) -> None:
+        """Release the camera; a second call does nothing."""
+        import usb.util
+
+        usb.util.dispose_resources(self._unit)
+
+    def _wait(self) -> None:
+        deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
+        while self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0] != DONE:
+            if self._clock.mono_ns() > deadline_ns:
+                raise DeviceError(
+                    f"the camera at {self.port} stays busy", fix="unplug it and plug it in again"
+                )
+            self._clock.sleep(0.001)
+
+    def _chunk(self, timeout_ms: int) -> bytes:
+        with explained(self.port):
+            try:
+                return bytes(self._unit.read(ENDPOINT, CHUNK, max(int(timeout_ms), 1)))
+            except OSError as error:
+                if error.errno == errno.ETIMEDOUT:
+                    return b""
+                raise
+
+
+def identity_of(source: Any) -> UsbIdentity:
+    """Who a source is; the simulated field's is nobody."""
+    found = getattr(source, "usb", None)
+    return found if isinstance(found, UsbIdentity) else UsbIdentity(0, 0)

@@ -1,0 +1,118 @@
+"""Any camera that delivers Y16: counts, and a temperature only if the user says how they become one.
+
+Nothing is guessed: without `kelvin_per_count` the stream is counts and every picture says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found, StreamInfo
+from fieldkit.drivers import options
+from fieldkit.drivers.cameras import camera
+from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
+from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
+from fieldkit.drivers.records import Decoded, Rejected
+from fieldkit.errors import ConfigError
+
+SIZES = (
+    (640, 512),
+    (640, 480),
+    (384, 288),
+    (336, 256),
+    (320, 256),
+    (320, 240),
+    (256, 192),
+    (160, 120),
+    (80, 60),
+)
+OPTIONS = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
+
+
+def decode(
+    data: bytes, width: int, height: int, scale: float = math.nan, offset: float = 0.0
+) -> Picture | Rejected:
+    """A picture of width x height words."""
+    if len(data) != 2 * width * height:
+        return Rejected(
+            len(data), f"{len(data)} bytes; a picture of {width}x{height} has {2 * width * height}"
+        )
+    counts = words(data, height, width)
+    return Picture(
+        counts, scale=scale, offset=offset, quality=doubts(extremes(counts), (0, 0xFFFF), scale, offset)
+    )
+
+
+class Y16:
+    """Driver of any other camera with Y16.
+
+    Options: those of every camera, `width` and `height` (else the first usual size the camera
+    offers), `kelvin_per_count` with `kelvin_offset`, and `rate_hz`.
+    """
+
+    name = "y16"
+    title = "any camera with Y16"
+    quantity = "counts"
+
+    def find(self) -> list[Found]:
+        """Nothing: every camera could be one, and a family's own driver knows more."""
+        return []
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""
+        wanted = (
+            (int(options["width"]), int(options["height"])) if {"width", "height"} <= set(options) else None
+        )
+        sizes = (wanted,) if wanted else SIZES
+        scale, offset = (
+            float(options.get("kelvin_per_count", math.nan)),
+            float(options.get("kelvin_offset", 0)),
+        )
+        fitting = [size for size in sizes if len(data) and len(data) % (2 * size[0] * size[1]) == 0]
+        width, height = (fitting or [sizes[-1]])[0]
+        picture = partial(decode, width=width, height=height, scale=scale, offset=offset)
+        return decode_frames(data, picture, (2 * width * height,))
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
+        """Open the camera that identity or port name; there is no default."""
+        options.refuse_unknown(settings, OPTIONS)
+        if not (settings.identity or settings.port or settings.source):
+            present = ", ".join(usb.written() for _, usb in cameras()) or "none"
+            raise ConfigError(
+                f"{settings.name}: y16 takes any camera, so it must be told which; there is {present}",
+                fix='identity = "vendor:product"',
+            )
+        width, height = (int(options.number(settings, key, 0)) for key in ("width", "height"))
+        sizes = ((width, height),) if width and height else SIZES
+        opened = open_source(settings, Wanted((), "Y16 ", sizes), clock)
+        width, height = getattr(opened.source, "size", sizes[0])
+        scale = options.number(settings, "kelvin_per_count", math.nan)
+        offset = options.number(settings, "kelvin_offset", 0.0)
+        read = partial(decode, width=width, height=height, scale=scale, offset=offset)
+        camera.first_picture(opened.source, read, settings.name, clock)
+        known = not math.isnan(scale)
+        info = StreamInfo(
+            name=settings.name,
+            quantity="brightness_temperature" if known else "counts",
+            unit="K" if known else "counts",
+            shape=(height, width),
+            scale=scale,
+            offset=offset,
+            rate_hz=options.number(settings, "rate_hz", 0.0),
+            driver=settings.driver,
+            model=opened.usb.title,
+            serial_number=opened.usb.serial,
+            port=opened.source.port,
+            identity=opened.identity,
+            latency_s=options.number(settings, "latency_s", 0.0),
+            accuracy=options.number(settings, "accuracy", math.nan),
+            settings={
+                "backend": opened.source.backend,
+                "scale_from": "configuration" if known else "unknown",
+            },
+        )
+        return camera.ThermalCamera(info, opened.source, read, clock)

@@ -1,0 +1,214 @@
+"""The conformance suite: what every driver, ours or a plug-in's, must do.
+
+Three groups. *Words*: name, title, quantity, and that looking for instruments raises nothing. *Bytes*: if
+the driver decodes, any bytes give values or reasons, never an exception. *Device*: if an instrument is
+given, it is opened, keeps its identity, meets its deadline, delivers what it declared, closes twice, and
+opens again.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import Device, DeviceSettings, Driver, Found, StreamInfo
+from fieldkit.drivers.records import Decodes
+from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError
+from fieldkit.samples import Frame, Reading
+
+SECONDS = 10.0
+DEADLINE_S = 0.5
+SLACK_S = 1.0
+NOBODY = "ffff:ffff:nobody"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one check found: `level` ok, fail or skip."""
+
+    level: str
+    what: str
+    text: str
+
+
+class CheckError(Exception):
+    """A check's complaint."""
+
+
+class SkipError(Exception):
+    """Why a check could not be made."""
+
+
+def check_driver(driver: Driver, clock: Clock, settings: DeviceSettings | None = None) -> Iterator[Outcome]:
+    """Run the suite; `settings` names an instrument to open, None leaves the device group out."""
+    for what, check in _words(driver):
+        yield _outcome(what, check)
+    yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
+    yield _outcome("an instrument that is not there is said to be missing", lambda: _missing(driver, clock))
+    if settings is None:
+        yield Outcome("skip", "device", "no instrument was named; --port or --identity names one")
+        return
+    yield from _device(driver, clock, settings)
+
+
+def _outcome(what: str, check: Callable[[], str]) -> Outcome:
+    try:
+        return Outcome("ok", what, check())
+    except CheckError as failure:
+        return Outcome("fail", what, str(failure))
+    except SkipError as reason:
+        return Outcome("skip", what, str(reason))
+    except Exception as error:  # a driver may fail in any way; telling how is the point
+        return Outcome("fail", what, f"{type(error).__name__}: {error}")
+
+
+def _need(fact: bool, complaint: str) -> None:
+    if not fact:
+        raise CheckError(complaint)
+
+
+def _words(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
+    def named() -> str:
+        for word in ("name", "title", "quantity"):
+            text = getattr(driver, word, None)
+            _need(isinstance(text, str) and bool(text), f"{word} is {text!r}, not a text")
+        return f"{driver.name}: {driver.title}"
+
+    def finds() -> str:
+        found = driver.find()
+        _need(
+            isinstance(found, list) and all(isinstance(one, Found) for one in found),
+            "find() gives no list of Found",
+        )
+        strange = [one.driver for one in found if one.driver != driver.name]
+        _need(not strange, f"find() answers for {strange}")
+        return f"{len(found)} plugged in"
+
+    return [("it says what it is", named), ("it looks for instruments", finds)]
+
+
+def _bytes(driver: Driver) -> str:
+    if not isinstance(driver, Decodes):
+        raise SkipError("the driver has no decode()")
+    dice = random.Random(1)
+    samples = [
+        b"",
+        bytes(64),
+        b"\xff" * 64,
+        b"\x02" * 97,
+        *(dice.randbytes(dice.randrange(1, 700)) for _ in range(200)),
+    ]
+    for data in samples:
+        decoded = driver.decode(data, {})
+        covered = sum(part.length for part in decoded.rejected) + decoded.rest
+        _need(covered <= len(data) + 1, f"{covered} of {len(data)} bytes are rejected or left over")
+        _need(
+            bool(decoded.values or decoded.rejected or decoded.rest or decoded.notes or not data),
+            "bytes vanish",
+        )
+    return f"{len(samples)} stretches of bytes"
+
+
+def _missing(driver: Driver, clock: Clock) -> str:
+    try:
+        device = driver.open(DeviceSettings("selftest", driver.name, identity=NOBODY), clock)
+    except DeviceNotFoundError as error:
+        _need(bool(error.fix), f"no fix is named: {error.message}")
+        return error.message
+    except (DeviceError, ConfigError) as error:
+        return f"refused before looking: {error.message}"
+    device.close()
+    raise CheckError(f"it opened an instrument of identity {NOBODY}")
+
+
+def _device(driver: Driver, clock: Clock, settings: DeviceSettings) -> Iterator[Outcome]:
+    opened: list[Device] = []
+
+    def opens() -> str:
+        device = driver.open(settings, clock)
+        opened.append(device)
+        _need(isinstance(device, Device), "what open() gives is no Device")
+        return _declared(device.info, settings)
+
+    yield (first := _outcome("it opens and declares its stream", opens))
+    if first.level != "ok":
+        return
+    info = opened[0].info
+    yield _outcome("it meets its deadline", lambda: _deadline(opened[0], clock))
+    yield _outcome("it delivers what it declared", lambda: _delivers(opened[0], clock))
+    yield _outcome("it closes, twice", lambda: _closes(opened[0]))
+    yield _outcome("it opens again as the same instrument", lambda: _again(driver, clock, settings, info))
+
+
+def _declared(info: StreamInfo, settings: DeviceSettings) -> str:
+    _need(info.name == settings.name, f"the stream is called {info.name}, not {settings.name}")
+    _need(bool(info.quantity and info.unit and info.shape), "quantity, unit or shape is missing")
+    _need(info.is_camera or len(info.channels) == info.shape[0], f"{info.channels} for shape {info.shape}")
+    return f"{info.quantity} in {info.unit}, shape {'x'.join(str(size) for size in info.shape)}"
+
+
+def _deadline(device: Device, clock: Clock) -> str:
+    start_ns = clock.mono_ns()
+    device.read(DEADLINE_S)
+    took_s = (clock.mono_ns() - start_ns) / 1e9
+    _need(took_s <= DEADLINE_S + SLACK_S, f"read({DEADLINE_S}) took {took_s:.1f} s")
+    return f"read({DEADLINE_S}) took {took_s:.2f} s"
+
+
+def _delivers(device: Device, clock: Clock) -> str:
+    deadline_ns = clock.mono_ns() + int(SECONDS * 1e9)
+    before_ns = 0
+    for number in range(3):
+        sample = None
+        while sample is None and clock.mono_ns() < deadline_ns:
+            sample = device.read(1.0)
+        _need(sample is not None, f"{number} samples in {SECONDS:g} s")
+        assert sample is not None
+        _fits(sample, device.info)
+        _need(sample.mono_ns >= before_ns, "stamps go backwards")
+        _need(sample.mono_ns <= clock.mono_ns(), "a stamp lies in the future")
+        before_ns = sample.mono_ns
+    return "3 samples"
+
+
+def _fits(sample: Frame | Reading, info: StreamInfo) -> None:
+    _need(sample.stream == info.name, f"a sample of stream {sample.stream}")
+    if isinstance(sample, Frame):
+        _need(sample.counts.shape == info.shape, f"a picture of {sample.counts.shape}, declared {info.shape}")
+        _need(sample.counts.dtype == "uint16", f"counts are {sample.counts.dtype}")
+    else:
+        _need(len(sample.values) == info.shape[0], f"{len(sample.values)} values, declared {info.shape[0]}")
+        _need(len(sample.raw) <= info.raw_bytes, f"{len(sample.raw)} raw bytes, declared {info.raw_bytes}")
+
+
+def _closes(device: Device) -> str:
+    device.close()
+    device.close()
+    return "no complaint"
+
+
+def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: StreamInfo) -> str:
+    device = driver.open(settings, clock)
+    try:
+        for word in ("identity", "serial_number", "shape", "unit"):
+            old, new = getattr(before, word), getattr(device.info, word)
+            _need(old == new, f"{word} was {old!r}, is {new!r}")
+    finally:
+        device.close()
+    return before.identity or before.port
+
+
+def settings_for(driver: Driver, port: str, identity: str, options: dict[str, Any]) -> DeviceSettings | None:
+    """The instrument to test: the one named, or the only one that is plugged in; None if there is none."""
+    if port or identity:
+        return DeviceSettings("selftest", driver.name, port=port, identity=identity, options=options)
+    try:
+        found = [one for one in driver.find() if not one.doubt]
+    except Exception:  # the suite itself reports it
+        return None
+    if len(found) != 1:
+        return None
+    return DeviceSettings("selftest", driver.name, identity=found[0].identity, options=options)

@@ -1,0 +1,65 @@
+"""Who is plugged in: USB identities that survive a reboot and a replug.
+
+An identity is written ``vendor:product`` or ``vendor:product:serial`` (hexadecimal, as `lsusb`
+prints them) or, for two look-alikes without serial numbers, the USB path of the socket
+(``1-1.2``, as the kernel names it). Node numbers (`/dev/video0`, `/dev/ttyUSB0`) are never one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+SYSFS = Path("/sys")
+_IDS = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})(?::(.+))?")
+
+
+@dataclass(frozen=True, slots=True)
+class UsbIdentity:
+    """The names one USB instrument goes by; `path` is its socket."""
+
+    vendor: int
+    product: int
+    serial: str = ""
+    path: str = ""
+    title: str = ""
+
+    def matches(self, wanted: str) -> bool:
+        """Whether `wanted` (see the module) names this instrument."""
+        found = _IDS.fullmatch(wanted)
+        if found is None:
+            return wanted == self.path
+        vendor, product, serial = found.groups()
+        same_kind = (int(vendor, 16), int(product, 16)) == (self.vendor, self.product)
+        return same_kind and (serial is None or serial == self.serial)
+
+    def written(self, present: Sequence[UsbIdentity] = ()) -> str:
+        """The shortest identity that tells it from everything else in `present`."""
+        kind = f"{self.vendor:04x}:{self.product:04x}"
+        alike = [other for other in present if (other.vendor, other.product) == (self.vendor, self.product)]
+        if self.serial and sum(other.serial == self.serial for other in alike) <= 1:
+            return f"{kind}:{self.serial}"
+        return kind if len(alike) <= 1 or not self.path else self.path
+
+
+def usb_parent(node: Path) -> UsbIdentity | None:
+    """The USB device that a sysfs node (a tty, a video node) hangs on, or None."""
+    for folder in (node, *node.parents):
+        if (folder / "idVendor").is_file():
+            return UsbIdentity(
+                vendor=int(_line(folder / "idVendor"), 16),
+                product=int(_line(folder / "idProduct"), 16),
+                serial=_line(folder / "serial"),
+                path=folder.name,
+                title=f"{_line(folder / 'manufacturer')} {_line(folder / 'product')}".strip(),
+            )
+    return None
+
+
+def _line(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace").strip()
+    except OSError:
+        return ""

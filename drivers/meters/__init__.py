@@ -1,0 +1,1 @@
+"""Meters: illuminometers and contact thermometers, one module per protocol."""

@@ -1,0 +1,124 @@
+"""Center 300-303, Voltcraft 300-302, HH303, KEW301, TC0301: one or two thermocouples in 8 bytes.
+
+9600 8N1, asked like their four-channel siblings: ``K`` answers the model, ``A`` one record. Source: the
+vendor's protocol text in several brandings, one origin.
+
+====== =====================================================================================
+offset content
+====== =====================================================================================
+0      02
+1      bit 7 °C (else °F), 6 low battery, 5 hold, 4 REL, 3 type J (else K), 2-0 max/min
+2      bits 0-2 main: overload, minus, no decimal; 3-5 the same for sub; 7-6 what they are
+3-4    main, four BCD digits
+5-6    sub, four BCD digits
+7      03
+====== =====================================================================================
+
+Bits 7-6 of offset 2: 00 T1-T2 and T1, 01 T1-T2 and T2, 10 T1 and T2, 11 T2 and T1.
+A channel has no fixed place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.meters.center_309 import LIMITS, ask_model
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.errors import DeviceNotFoundError
+from fieldkit.samples import Quality
+
+LENGTH = 8
+LINE = Line(9600)
+CHANNELS = ("T1", "T2")
+WINDOWS = (("T1-T2", "T1"), ("T1-T2", "T2"), ("T1", "T2"), ("T2", "T1"))
+_START = b"\x02"
+_HINT = "switch the thermometer on and check its cable"
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, by the table above."""
+    if not buffer.startswith(_START):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < LENGTH:
+        return None
+    if buffer[7] != 0x03:
+        return Rejected(skip_to(_START, buffer), "no 03 at the end of 8 bytes")
+    main, sub = _value(buffer, 0), _value(buffer, 1)
+    if main is None or sub is None:
+        return Rejected(skip_to(_START, buffer), "digits are not decimal")
+    low, high = LIMITS[main.unit]
+    for value in (main, sub):
+        if not math.isnan(value.value) and not low <= value.value <= high:
+            reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
+            return Rejected(skip_to(_START, buffer), reason)
+    return Record(LENGTH, (main, sub), f"type {'J' if buffer[1] & 0x08 else 'K'}")
+
+
+def _value(buffer: bytes, place: int) -> Value | None:
+    """The main (0) or sub (1) value; None if its digits are not decimal."""
+    flags = buffer[2] >> 3 * place
+    channel = WINDOWS[buffer[2] >> 6][place]
+    unit = "°C" if buffer[1] & 0x80 else "°F"
+    quality = Quality.STALE if buffer[1] & 0x20 else Quality.GOOD
+    words = _words(buffer[1])
+    if flags & 1:
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *words))
+    digits = buffer[3 + 2 * place : 5 + 2 * place].hex()
+    if not digits.isdigit():
+        return None
+    number = int(digits) / (1 if flags & 4 else 10)
+    return Value(-number if flags & 2 else number, unit, channel, quality, words)
+
+
+def _words(first: int) -> tuple[str, ...]:
+    states = ((0x40, "low_battery"), (0x20, "hold"), (0x10, "relative"), (0x07, "max_min"))
+    return tuple(word for bits, word in states if first & bits)
+
+
+LAYOUT = Layout(take, LENGTH)
+
+
+class Center303:
+    """Driver of the one- and two-channel thermometers with the 8-byte record.
+
+    Options: `labels` (names of T1, T2) and those of every meter. A difference T1-T2 on the display is
+    not recorded.
+    """
+
+    name = "center-303"
+    title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
+    quantity = "temperature"
+
+    def find(self) -> list[Found]:
+        """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port, ask for the model, and wait for one record."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        port = open_port(settings, LINE, clock)
+        model = ask_model(port)
+        if model in ("304", "305", "306", "309"):
+            port.close()
+            raise DeviceNotFoundError(
+                f"{settings.name}: the meter at {port.path} says it is a Center {model}",
+                fix='driver = "center-309"' if model in ("304", "309") else "this model has no driver",
+            )
+        port.discard()
+        port.write(b"A")
+        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
+        names = options.labels(settings, CHANNELS)
+        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, model)
+        asking = meter.Asking(b"A", settings.every_s)
+        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)], asking=asking)

@@ -1,0 +1,162 @@
+"""Center 304 and 309, Voltcraft K204, Omega HH309: four thermocouples in 45 bytes.
+
+9600 8N1, spoken to in single letters: ``K`` answers three digits and CR, ``A`` one record.
+Source: the vendor's protocol sheets, sigrok's description, a public class for the K204.
+
+====== ===================================================================================
+offset content
+====== ===================================================================================
+0      02
+1      bit 7 °C (else °F), 6 low battery, 5 hold, 4 REL, 3 T1-T2, 2-1 max/min, 0 recording
+2      bit 7 auto power off, bit 0 memory full
+7-14   T1..T4, 16 bit, big-endian, two's complement
+39     overload bits of T1..T4 (bit 0 = T1)
+43     bit n: channel n has no decimal; else tenths
+44     03
+====== ===================================================================================
+
+Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read. Sure: all of the table but
+the sign, which stands on one source: below 0 °C is unproven. There is no checksum and 02, 03
+occur inside; a record whose channels lie outside what thermocouples can show is rejected.
+An open probe shows as overload or as 7FFF.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
+from fieldkit.drivers.records import (
+    GOOD,
+    Decoded,
+    Layout,
+    Record,
+    Rejected,
+    Taken,
+    Value,
+    decode_records,
+    skip_to,
+)
+from fieldkit.errors import DeviceNotFoundError
+from fieldkit.samples import Quality
+
+LENGTH = 45
+LINE = Line(9600)
+CHANNELS = ("T1", "T2", "T3", "T4")
+OPEN_PROBE = 0x7FFF
+LIMITS = {"°C": (-210.0, 1800.0), "°F": (-346.0, 3272.0)}  # widest of the vendor's thermocouple types
+_START = b"\x02"
+_STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x01, "recording"))
+_COUNTS = struct.Struct(">4h")
+_EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_background"}
+_HINT = "switch the thermometer on and check its cable; it answers only while no menu is open"
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, by the table above."""
+    if not buffer.startswith(_START):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < LENGTH:
+        return None
+    if buffer[44] != 0x03:
+        return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
+    values = _values(buffer)
+    low, high = LIMITS[values[0].unit]
+    for value in values:
+        if value.value < low or value.value > high:  # NaN is neither
+            reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
+            return Rejected(skip_to(_START, buffer), reason)
+    return Record(LENGTH, values)
+
+
+def _values(buffer: bytes) -> tuple[Value, ...]:
+    unit, quality, words = _state(buffer[1], buffer[2])
+    overload, whole = buffer[39], buffer[43]
+    values = []
+    for channel, count in enumerate(_COUNTS.unpack_from(buffer, 7)):
+        name = CHANNELS[channel]
+        if overload >> channel & 1 or count == OPEN_PROBE:
+            values.append(Value(math.nan, unit, name, quality | Quality.NO_VALUE, ("overload", *words)))
+        else:
+            number = float(count) if whole >> channel & 1 else count / 10
+            values.append(Value(number, unit, name, quality, words))
+    return tuple(values)
+
+
+@lru_cache(maxsize=64)
+def _state(first: int, second: int) -> tuple[str, Quality, tuple[str, ...]]:
+    """Unit, quality and words of the two bytes of flags, which hardly ever change."""
+    words = [word for bit, word in _STATES if first & bit]
+    words += ["hold"] * bool(first & 0x20) + [_EXTREMES[first & 0x06]]
+    words += ["auto_power_off"] * bool(second & 0x80) + ["memory_full"] * bool(second & 0x01)
+    quality = Quality.STALE if first & 0x20 else GOOD
+    return "°C" if first & 0x80 else "°F", quality, tuple(word for word in words if word)
+
+
+def take_model(buffer: bytes) -> Taken:
+    """The answer to ``K`` at the start of `buffer`: three digits and CR."""
+    if not buffer[:3].isdigit():
+        return Rejected(1, "not three digits") if len(buffer) >= 3 or not buffer.isdigit() else None
+    if len(buffer) < 4:
+        return None
+    if buffer[3] != 0x0D:
+        return Rejected(1, "three digits without CR")
+    return Record(4, (Value(float(buffer[:3]), "", "model"),))
+
+
+LAYOUT = Layout(take, LENGTH)
+MODEL = Layout(take_model, 4)
+
+
+class Center309:
+    """Driver of the four-channel thermometers with the 45-byte record.
+
+    Options: `labels` (names of T1..T4) and those of every meter.
+    """
+
+    name = "center-309"
+    title = "Center 304/309, K204, HH309 thermometer"
+    quantity = "temperature"
+
+    def find(self) -> list[Found]:
+        """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port, ask for the model, and wait for one record."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        port = open_port(settings, LINE, clock)
+        model = ask_model(port)
+        if model in ("300", "301", "302", "303", "305", "306"):
+            port.close()
+            raise DeviceNotFoundError(
+                f"{settings.name}: the meter at {port.path} says it is a Center {model}",
+                fix='driver = "center-303"' if model < "304" else "this model has no driver",
+            )
+        port.discard()
+        port.write(b"A")
+        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
+        names = options.labels(settings, CHANNELS)
+        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, model)
+        asking = meter.Asking(b"A", settings.every_s)
+        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)], asking=asking)
+
+
+def ask_model(port: SerialPort) -> str:
+    """The model by ``K``, empty for a sibling that does not know the question."""
+    port.discard()
+    port.write(b"K")
+    answer = port.read(MODEL, meter.ANSWER_S)
+    return answer.raw[:3].decode() if answer else ""

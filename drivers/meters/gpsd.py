@@ -1,0 +1,165 @@
+"""Position and time from a running gpsd, by its JSON lines on TCP port 2947.
+
+``TPV`` lines carry position and time; ``PPS`` lines the host clock's error, ``clock - real``, which is
+recorded and never applied. Source: gpsd's own protocol pages.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import socket
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import datetime
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.framing import Framer, Stamped
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.samples import Quality
+
+LONGEST = 16_384
+PORT = 2947
+WATCH = b'?WATCH={"enable":true,"json":true,"pps":true};\n'
+CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"), ("clock error", "s"))
+UNIT = "degree degree m s"
+_HINT = "is a receiver attached to gpsd? cgps shows it"
+
+
+def take(buffer: bytes) -> Taken:
+    """The line at the start of `buffer`."""
+    end = buffer.find(b"\n")
+    if end < 0:
+        return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end in sight")
+    try:
+        report = json.loads(buffer[:end])
+        return _meaning(report, end + 1)
+    except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
+        return Rejected(end + 1, f"no report of gpsd: {error}")
+
+
+def _meaning(report: dict[str, Any], length: int) -> Record:
+    kind = report.get("class")
+    if kind == "TPV":
+        return _position(report, length)
+    if kind == "PPS":
+        seconds = float(report["clock_sec"] - report["real_sec"])
+        error_s = seconds + float(report["clock_nsec"] - report["real_nsec"]) * 1e-9
+        return Record(length, (Value(error_s, "s", "clock error"),), "PPS")
+    return Record(length, note=f"{str(kind)[:20]}: not read")
+
+
+def _position(report: dict[str, Any], length: int) -> Record:
+    mode = report.get("mode", 0)
+    known = {"latitude": mode in (2, 3), "longitude": mode in (2, 3), "altitude": mode == 3}
+    given = {"latitude": "lat", "longitude": "lon", "altitude": "alt" if "alt" in report else "altMSL"}
+    values = []
+    for name, unit in CHANNELS[:3]:
+        number = float(report.get(given[name], math.nan)) if known[name] else math.nan
+        quality = Quality.GOOD if math.isfinite(number) else Quality.NO_VALUE
+        values.append(Value(number, unit, name, quality))
+    return Record(length, tuple(values), f"TPV mode {mode}", _time_ns(report.get("time")))
+
+
+def _time_ns(text: Any) -> int | None:
+    return round(datetime.fromisoformat(text).timestamp() * 1e9) if text else None
+
+
+LAYOUT = Layout(take, LONGEST)
+
+
+class SocketPort:
+    """A TCP connection as a port for meters; see `fieldkit.drivers.framing.Port`."""
+
+    byte_ns = 0
+    identity = ""
+
+    def __init__(self, host: str, port: int, clock: Clock) -> None:
+        self.path = f"{host}:{port}"
+        self.facts = {"line": "tcp"}
+        self.framer = Framer(self.byte_ns)
+        self._clock = clock
+        try:
+            self._socket = socket.create_connection((host, port), timeout=5.0)
+        except OSError as error:
+            raise DeviceNotFoundError(
+                f"no gpsd at {self.path}: {error}", fix="sudo systemctl start gpsd, or give port = host:port"
+            ) from error
+        self._socket.setblocking(False)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes."""
+        try:
+            self._socket.sendall(data)
+        except OSError as error:
+            raise self._lost() from error
+
+    def discard(self) -> None:
+        """Forget everything received so far."""
+        self.framer.discard()
+
+    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`."""
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while (found := self.framer.take(layout)) is None:
+            remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
+            if not self._clock.wait_readable(self._socket.fileno(), remaining_s):
+                return None
+            self._fill()
+        return found
+
+    def close(self) -> None:
+        """Close the connection; a second call does nothing."""
+        self._socket.close()
+
+    def _fill(self) -> None:
+        try:
+            chunk = os.read(self._socket.fileno(), 4096)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise self._lost() from error
+        if not chunk:
+            raise self._lost()
+        self.framer.feed(chunk, self._clock.mono_ns())
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(f"gpsd at {self.path} hung up", fix="sudo systemctl restart gpsd")
+
+
+class Gpsd:
+    """Driver of gpsd; `port` is ``host:port`` (localhost:2947), options are those of every meter."""
+
+    name = "gpsd"
+    title = "gpsd (position, time, clock error)"
+    quantity = "position"
+
+    def find(self) -> list[Found]:
+        """A gpsd on this computer."""
+        with socket.socket() as probe:
+            probe.settimeout(0.2)
+            if probe.connect_ex(("127.0.0.1", PORT)):
+                return []
+        return [Found(self.name, "", f"localhost:{PORT}", self.title)]
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Connect, ask to watch, and wait for the first report."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        host, _, number = (settings.port or "localhost").partition(":")
+        port = SocketPort(host, int(number) if number.isdigit() else PORT, clock)
+        port.write(WATCH)
+        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        keys = [name for name, _ in CHANNELS]
+        info = meter.describe(settings, port, LAYOUT, "position", UNIT, options.labels(settings, keys))
+        info = replace(info, device_time_unit="ns since 1970 UTC", raw_bytes=1024)
+        return meter.Meter(info, port, LAYOUT, clock, keys, units=[unit for _, unit in CHANNELS])

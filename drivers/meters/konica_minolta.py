@@ -1,0 +1,214 @@
+"""Konica Minolta T-10, T-10A (illuminance) and CL-200, CL-200A (illuminance and colour).
+
+9600 7E1. One framing: 02, head (2 digits), command (2 digits), 4 characters of parameters or status,
+three data fields of 6 characters in a long record, 03, check (2 hexadecimal characters), CR LF.
+The check is the XOR of every byte after 02 up to and including 03. Source: the communication
+manuals as several independent public drivers follow them; framing and data fields are sure,
+the CL-200 commands stand on one source.
+
+Status: hold digit (odd: held), error (space or ``7`` none, ``1`` head off, ``2`` ``3`` EEPROM, ``5`` over
+range, ``6`` too dark for colour), range in use, battery (``1`` ``3`` low). Data field: sign, four digits,
+padded by spaces, exponent e; value = digits x 10^(e-4). A field of spaces is a value the meter does not have.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from functools import reduce
+from operator import xor
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.framing import Port
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.errors import DeviceTimeoutError
+from fieldkit.samples import Quality
+
+SHORT, LONG = 14, 32
+LINE = Line(9600, 7, "E")
+KINDS = ((0x0403, 0x6001),)
+LATENCY_S = 0.25  # half of the 500 ms after which the meter refreshes its value
+FIELDS = {  # command: (channel, unit) of its three data fields
+    b"10": (("illuminance", "lx"), ("difference", "lx"), ("percent", "%")),
+    b"11": (("integrated", "lx h"), ("integrated hours", "h"), ("percent", "%")),
+    b"01": (("X", ""), ("Y", "lx"), ("Z", "")),
+    b"02": (("illuminance", "lx"), ("x", ""), ("y", "")),
+    b"03": (("illuminance", "lx"), ("u'", ""), ("v'", "")),
+    b"08": (("illuminance", "lx"), ("colour temperature", "K"), ("duv", "")),
+    b"15": (("illuminance", "lx"), ("dominant wavelength", "nm"), ("purity", "%")),
+}
+ERRORS = {
+    ord("1"): "head_off",
+    ord("2"): "eeprom",
+    ord("3"): "eeprom",
+    ord("4"): "not_held",
+    ord("5"): "over_range",
+}
+_START = b"\x02"
+_START_WITH_PARITY = b"\x82"  # as a port sees it that does not strip the parity
+_HEADER = re.compile(rb"\x02([0-9]{2})([0-9]{2})(.{4})", re.DOTALL)
+_STATUS = re.compile(rb"[0-9 ][0-7 ][0-5 ][0-3 ]")
+_FIELD = re.compile(rb"([+-])( *[0-9]+)([0-9])")
+_HINT = "switch the meter on with its PC mode reachable; the line is 9600 7E1"
+
+
+def check(body: bytes) -> bytes:
+    """The two check characters of everything between 02 and CR LF, 03 included."""
+    return b"%02X" % reduce(xor, body, 0)
+
+
+def request(head: int, command: str, parameters: str) -> bytes:
+    """A question to the meter, ready to send."""
+    body = f"{head:02d}{command}{parameters:4}".encode() + b"\x03"
+    return _START + body + check(body) + b"\r\n"
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, short or long."""
+    if buffer[:1] not in (_START, _START_WITH_PARITY):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < SHORT:
+        return None
+    length = SHORT if buffer[9] & 0x7F == 0x03 else LONG
+    if len(buffer) < length:
+        return None
+    wrong = _wrong(buffer[:length])
+    if wrong:
+        return Rejected(skip_to(_START, buffer), wrong)
+    return _short(buffer) if length == SHORT else _long(buffer)
+
+
+def _wrong(record: bytes) -> str:
+    """Why a record is none, empty if it is one."""
+    body, tail = record[1:-4], record[-4:]
+    if max(record) > 0x7F:
+        masked = bytes(byte & 0x7F for byte in record)
+        return "high bits are set" if _wrong(masked) else "bit 7 is parity: open this port 7E1"
+    if body[-1] != 0x03 or tail[2:] != b"\r\n" or not _HEADER.match(record):
+        return "not of the form 02 head command status [data] 03 check CR LF"
+    if tail[:2].upper() != check(body):
+        return f"check is {tail[:2].decode()}, should be {check(body).decode()}"
+    return ""
+
+
+def _short(buffer: bytes) -> Record:
+    head, command = buffer[1:3].decode(), buffer[3:5].decode()
+    return Record(SHORT, note=f"head {head}, command {command}, {buffer[5:9].decode()!r}")
+
+
+def _long(buffer: bytes) -> Taken:
+    head, command, status = buffer[1:3].decode(), buffer[3:5], buffer[5:9]
+    fields = [buffer[start : start + 6] for start in (9, 15, 21)]
+    matches = [_FIELD.fullmatch(field) for field in fields]
+    names = FIELDS.get(command)
+    if names is None or not _STATUS.fullmatch(status):
+        return Rejected(skip_to(_START, buffer), f"no measured values: command {command.decode()}")
+    if any(match is None and field.strip() for match, field in zip(matches, fields, strict=True)):
+        return Rejected(skip_to(_START, buffer), "data fields are not sign, digits, exponent")
+    quality, words = _states(status)
+    where = "" if head == "00" else f" head {head}"
+    values = [
+        Value(
+            _number(match) if not quality & Quality.NO_VALUE else math.nan, unit, name + where, quality, words
+        )
+        for (name, unit), match in zip(names, matches, strict=True)
+        if match
+    ]
+    if matches[0] is None:
+        values.insert(0, Value(math.nan, names[0][1], names[0][0] + where, Quality.NO_VALUE, words))
+    note = f"head {head}, command {command.decode()}, range {chr(status[2])}"
+    return Record(LONG, tuple(values), note)
+
+
+def _states(status: bytes) -> tuple[Quality, tuple[str, ...]]:
+    """What the four status characters say of every value."""
+    hold, error, _, battery = status
+    quality = Quality.GOOD
+    words = [ERRORS[error]] if error in ERRORS else []
+    if words:
+        quality |= Quality.NO_VALUE  # the digits are still sent, and mean nothing
+    if error == ord("5"):
+        quality |= Quality.OVERRANGE
+    if error == ord("6"):
+        words.append("too_dark_for_colour")
+    if hold in b"13579":
+        quality |= Quality.STALE
+        words.append("hold")
+    if battery in b"13":
+        words.append("low_battery")
+    return quality, tuple(words)
+
+
+def _number(field: re.Match[bytes]) -> float:
+    sign, digits, exponent = field.groups()
+    value = int(digits) * 10.0 ** (int(exponent) - 4)
+    return -value if sign == b"-" else value
+
+
+LAYOUT = Layout(take, LONG)
+
+
+class KonicaMinolta:
+    """Driver of the illuminance meters T-10(A) and CL-200(A).
+
+    Options: `model` (``t-10`` or ``cl-200``), `head` (0-29), and those of every meter.
+    """
+
+    name = "konica-minolta"
+    title = "Konica Minolta T-10(A), CL-200(A)"
+    quantity = "illuminance"
+
+    def find(self) -> list[Found]:
+        """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""
+        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port and put the meter into its PC mode."""
+        options.refuse_unknown(settings, (*meter.OPTIONS, "model", "head"))
+        model = options.text(settings, "model", "t-10", ("t-10", "cl-200"))
+        head = int(options.number(settings, "head", 0))
+        port = open_port(settings, LINE, clock, kinds=KINDS)
+        try:
+            _enter_pc_mode(port, clock, settings.name)
+            asking = _prepare(port, clock, model, head, settings.every_s)
+        except BaseException:
+            port.close()
+            raise
+        names = options.labels(settings, ("lux",))
+        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names, model, LATENCY_S)
+        key = "illuminance" if head == 0 else f"illuminance head {head:02d}"
+        return meter.Meter(info, port, LAYOUT, clock, (key,), asking=asking)
+
+
+def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
+    """Command 54 must come first; the meter then needs half a second."""
+    port.discard()
+    port.write(request(0, "54", "1"))
+    if port.read(LAYOUT, meter.ANSWER_S) is None:
+        raise DeviceTimeoutError(f"{name}: no answer to the PC mode command from {port.path}", fix=_HINT)
+    clock.sleep(0.5)
+
+
+def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) -> meter.Asking:
+    """Set the measuring conditions; what to ask for every reading."""
+    if model == "t-10":
+        running = request(head, "10", "0200")  # run, no colour correction, automatic range
+        port.write(running)
+        clock.sleep(3.0)  # until the automatic range has settled
+        return meter.Asking(running, every_s)
+    port.write(request(99, "55", "1  0"))  # hold: then each trigger takes one measurement
+    clock.sleep(0.5)
+    port.write(request(head, "40", "10"))
+    port.read(LAYOUT, meter.ANSWER_S)
+    trigger = request(99, "40", "21")
+    return meter.Asking(request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)

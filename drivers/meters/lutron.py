@@ -1,0 +1,115 @@
+"""Lutron, Extech and kin: the 16-character stream of light meters and thermometers.
+
+The meter talks on its own, about once or twice a second; a meter with several displays
+sends them in turn. Source: the vendor's manuals (YK-2005LX, TM-947SD, DS-2013SD and others)
+and two independent public readers. 9600 8N1; DTR powers the transmitter, so it stays asserted.
+
+====== ======================================================
+offset content
+====== ======================================================
+0      02
+1      ``4``
+2      display or channel: ``1``-``9``, ``A``, ``B``, ``C``
+3-4    unit, two digits
+5      polarity, ``0`` or ``1`` (negative)
+6      decimals, ``0``-``3``
+7-14   eight digits; 18 among them: no value
+15     0D
+====== ======================================================
+
+Sure: the frame, codes 01 and 02. From one manual: the other codes. There is no checksum, so a
+record must satisfy every line of the table. The mark of an overload or open probe (18) is
+one reader's hint.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.errors import DecodeError
+from fieldkit.samples import Quality
+
+LENGTH = 16
+LINE = Line(9600)
+UNITS = {"01": "°C", "02": "°F", "03": "%", "15": "lx", "16": "fc", "17": "dB", "19": "ppm", "57": "g"}
+_START = b"\x02"
+_RECORD = re.compile(rb"\x024([1-9ABC])([0-9]{2})([01])([0-3])([0-9\x18]{8})\r")
+_HINT = (
+    "switch on the meter and its RS-232 output; the plug's DTR pin must be wired, it powers the transmitter"
+)
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, by the table above."""
+    if not buffer.startswith(_START):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < LENGTH:
+        return None
+    found = _RECORD.match(buffer)
+    if found is None:
+        return Rejected(
+            skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D"
+        )
+    return Record(LENGTH, (_value(*found.groups()),))
+
+
+def _value(display: bytes, code: bytes, polarity: bytes, decimals: bytes, digits: bytes) -> Value:
+    unit = UNITS.get(code.decode())
+    words = () if unit else ("unknown_unit",)
+    unit = unit or f"code {code.decode()}"
+    if b"\x18" in digits:
+        return Value(math.nan, unit, display.decode(), Quality.NO_VALUE, ("overload", *words))
+    number = int(digits) / 10 ** int(decimals)
+    return Value(-number if polarity == b"1" else number, unit, display.decode(), words=words)
+
+
+LAYOUT = Layout(take, LENGTH)
+
+
+class Lutron:
+    """Driver of meters with the 16-character stream.
+
+    Options: `labels` (one name per display) and those of every meter.
+    """
+
+    name = "lutron"
+    title = "Lutron / Extech 16-character stream"
+    quantity = "illuminance"
+
+    def find(self) -> list[Found]:
+        """Serial adapters; the stream does not name its sender, so each is only a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only its stream tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port and wait for the first record, which tells what the meter measures."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        port = open_port(settings, LINE, clock)
+        first = meter.first_record(port, LAYOUT, settings.name, _HINT)
+        unit = first.record.values[0].unit
+        if unit in ("lx", "fc"):
+            names = options.labels(settings, ("lux",))
+            info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names)
+        elif unit in ("°C", "°F"):
+            names = options.labels(settings, ("T1", "T2", "T3", "T4"))
+            info = meter.describe(settings, port, LAYOUT, "temperature", "K", names)
+        else:
+            port.close()
+            raise DecodeError(
+                f"{settings.name}: the meter sends {unit}, neither light nor temperature",
+                raw=first.raw,
+                fix="switch the meter to lux, foot-candle, °C or °F",
+            )
+        return meter.Meter(info, port, LAYOUT, clock, "123456789ABC"[: len(names)])

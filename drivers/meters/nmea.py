@@ -1,0 +1,163 @@
+"""Position and time of an NMEA 0183 receiver.
+
+4800 or 9600 8N1; ``$`` ... ``*`` check CR LF. RMC, GGA and ZDA are read (by pynmeagps), the others let by.
+A sentence without its check, or one the receiver itself calls invalid, gives no value. The moment a
+sentence arrives is off by up to 0.7 s and wanders, so its time is recorded as the device's own and never
+sets a clock.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import reduce
+from operator import xor
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Quality
+
+LONGEST = 120  # the standard has 82, receivers send more
+LINE = Line(9600)
+CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"))
+UNIT = "degree degree m"
+_SENTENCE = re.compile(rb"\$([A-Z0-9]{3,6}(?:,[\x20-\x7e]*?)?)\*([0-9A-Fa-f]{2})")
+_HINT = "give the receiver a view of the sky; baud = 4800 for older ones"
+
+
+def take(buffer: bytes) -> Taken:
+    """The sentence at the start of `buffer`, up to its line end."""
+    if not buffer.startswith(b"$"):
+        found = buffer.find(b"$", 1)
+        return Rejected(found if found > 0 else len(buffer), "does not begin with $")
+    end = buffer.find(b"\n")
+    again = buffer.find(b"$", 1)
+    if again > 0 and (end < 0 or again < end):
+        return Rejected(again, "a sentence begins before this one ends")
+    if end < 0:
+        return _unfinished(buffer)
+    sentence = _SENTENCE.fullmatch(buffer[:end].rstrip(b"\r"))
+    if sentence is None:
+        return Rejected(end + 1, "not of the form $...*check")
+    return _checked(sentence, end + 1)
+
+
+def _unfinished(buffer: bytes) -> Taken:
+    """Wait for the line end; a whole sentence at the end of a file needs none."""
+    return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
+
+
+def _checked(sentence: re.Match[bytes], length: int) -> Taken:
+    body, told = sentence.groups()
+    check = reduce(xor, body, 0)
+    if check != int(told, 16):
+        return Rejected(length, f"check is {told.decode()}, should be {check:02X}")
+    if body[2:5] not in (b"RMC", b"GGA", b"ZDA"):
+        return Record(length, note=f"{body[:5].decode()}: not read")
+    try:
+        return _meaning(_parse(sentence.group(0)), length)
+    except ConfigError:
+        raise
+    except (ValueError, AttributeError, TypeError) as error:
+        return Rejected(length, f"{body[:5].decode()}: {error}")
+
+
+def _parse(sentence: bytes) -> Any:
+    try:
+        import pynmeagps
+    except ImportError as error:
+        raise ConfigError("reading NMEA needs pynmeagps", fix='pip install "fieldkit[gps]"') from error
+    try:
+        return pynmeagps.NMEAReader.parse(sentence + b"\r\n")
+    except (pynmeagps.NMEAParseError, pynmeagps.NMEAMessageError, pynmeagps.NMEATypeError) as error:
+        raise ValueError(str(error)) from error
+
+
+def _meaning(message: Any, length: int) -> Taken:
+    if message.msgID == "GGA":
+        return _gga(message, length)
+    if message.msgID == "ZDA":
+        moment = datetime(message.year, message.month, message.day, tzinfo=UTC)
+    else:
+        moment = datetime.combine(message.date, datetime.min.time(), tzinfo=UTC)
+    moment = datetime.combine(moment, message.time, tzinfo=UTC)
+    time_ns = round(moment.timestamp() * 1e9)
+    when = Value(moment.timestamp(), "s since 1970", "utc")
+    note = f"{message.msgID} {moment:%Y-%m-%d %H:%M:%S.%f} UTC"
+    if message.msgID == "ZDA":
+        return Record(length, (when,), note, time_ns)
+    valid = message.status == "A"
+    place = _place(message.lat, message.lon, valid)
+    return Record(length, (*place, when) if valid else place, note, time_ns)
+
+
+def _gga(message: Any, length: int) -> Record:
+    valid = message.quality not in ("", 0)
+    height = Value(_number(message.alt) if valid else math.nan, "m", "altitude", _quality(valid))
+    counts = (Value(_number(message.quality), "", "fix"), Value(_number(message.numSV), "", "satellites"))
+    return Record(length, (*_place(message.lat, message.lon, valid), height, *counts), "GGA")
+
+
+def _place(latitude: Any, longitude: Any, valid: bool) -> tuple[Value, Value]:
+    numbers = [_number(number) if valid else math.nan for number in (latitude, longitude)]
+    known = all(math.isfinite(number) for number in numbers)
+    if known and not (abs(numbers[0]) <= 90 and abs(numbers[1]) <= 180):
+        raise ValueError("position is not on the Earth")
+    names = ("latitude", "longitude")
+    first, second = (
+        Value(number, "°", name, _quality(known)) for number, name in zip(numbers, names, strict=True)
+    )
+    return first, second
+
+
+def _number(text: Any) -> float:
+    return math.nan if text in ("", None) else float(text)
+
+
+def _quality(known: bool) -> Quality:
+    return Quality.GOOD if known else Quality.NO_VALUE
+
+
+LAYOUT = Layout(take, LONGEST)
+
+
+class Nmea:
+    """Driver of NMEA receivers; options: `baud` (9600) and those of every meter."""
+
+    name = "nmea"
+    title = "NMEA 0183 receiver (position, time)"
+    quantity = "position"
+
+    def find(self) -> list[Found]:
+        """Serial ports; only the sentences tell, so each is only a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only its sentences tell")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`. The last sentence needs no line end."""
+        whole = data if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:] else data + b"\n"
+        return decode_records(whole, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port and wait for the first sentence."""
+        options.refuse_unknown(settings, (*meter.OPTIONS, "baud"))
+        line = Line(int(options.number(settings, "baud", LINE.baud)))
+        port = open_port(settings, line, clock)
+        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        return position_meter(settings, port, LAYOUT, clock)
+
+
+def position_meter(settings: DeviceSettings, port: Any, layout: Layout, clock: Clock) -> meter.Meter:
+    """The stream of a position: latitude and longitude in degrees, altitude in metres, its time."""
+    keys = [name for name, _ in CHANNELS]
+    info = meter.describe(settings, port, layout, "position", UNIT, options.labels(settings, keys))
+    info = replace(info, device_time_unit="ns since 1970 UTC")
+    return meter.Meter(info, port, layout, clock, keys, units=[unit for _, unit in CHANNELS])

@@ -1,0 +1,104 @@
+"""PCE-174, Extech HD450 and HD400 light meters.
+
+9600 8N1 behind a CP2102 adapter; ``87 83 11`` asks for the live record of 18 bytes. All of it stands on one
+public description, the maker's paper corrected by trying.
+
+====== ==========================================================================
+offset content
+====== ==========================================================================
+0-2    AA DD 00
+3-9    year, weekday, month, day, hour, minute, second, each two BCD digits
+10-11  value, 100 x high + low, plain binary 0-99 each
+12-13  value without the relative zero, the same
+14     bit 7 auto power off is off, 6 hold, 5-3 mode, 2 foot-candle (else lux), 1-0 range
+15     bit 5 low battery, 4 minus
+16-17  record count, cursor
+====== ==========================================================================
+
+There is neither a check nor an overload flag; a value at the end of the largest range is flagged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.samples import Quality
+
+LENGTH = 18
+LINE = Line(9600)
+KINDS = ((0x10C4, 0xEA60),)
+ASK_LIVE = bytes.fromhex("87 83 11")
+FULL_SCALE = {"lx": (400_000, 400, 4_000, 40_000), "fc": (40_000, 40, 400, 4_000)}
+STEPS = 4000  # counts that fill a range: 400 klx comes in steps of 100 lx
+MODES = ("", "peak_minimum", "peak_maximum", "maximum", "minimum", "relative", "mode_6", "mode_7")
+RELATIVE = 5
+_START = b"\xaa\xdd\x00"
+_HINT = "switch the meter on and its USB output too"
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, by the table above."""
+    if not buffer.startswith(_START[: len(buffer)]):
+        return Rejected(skip_to(_START[:1], buffer), "does not begin with AA DD 00")
+    if len(buffer) < LENGTH:
+        return None
+    if max(buffer[10:14]) > 99:
+        return Rejected(skip_to(_START[:1], buffer), "a half of the value is above 99")
+    clock = buffer[3:10].hex()
+    if not clock.isdigit():
+        return Rejected(skip_to(_START[:1], buffer), "the meter's clock is not decimal")
+    year, _, month, day, hour, minute, second = (clock[start : start + 2] for start in range(0, 14, 2))
+    note = f"meter's clock 20{year}-{month}-{day} {hour}:{minute}:{second}"
+    return Record(LENGTH, (_value(buffer),), note)
+
+
+def _value(buffer: bytes) -> Value:
+    state, second = buffer[14], buffer[15]
+    mode = state >> 3 & 7
+    unit = "fc" if state & 0x04 else "lx"
+    full_scale = FULL_SCALE[unit][state & 3]
+    high, low = buffer[12:14] if mode == RELATIVE else buffer[10:12]
+    value = (100 * high + low) * full_scale / STEPS
+    quality = Quality.STALE if state & 0x40 else Quality.GOOD
+    if value >= full_scale - full_scale / STEPS:
+        quality |= Quality.OVERRANGE
+    states = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))
+    words = tuple(word for present, word in states if present)
+    return Value(-value if second & 0x10 else value, unit, "illuminance", quality, words)
+
+
+LAYOUT = Layout(take, LENGTH)
+
+
+class Pce174:
+    """Driver of the PCE-174 and the HD450; options are those of every meter."""
+
+    name = "pce-174"
+    title = "PCE-174, Extech HD450 light meter"
+    quantity = "illuminance"
+
+    def find(self) -> list[Found]:
+        """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""
+        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port and wait for one record."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        port = open_port(settings, LINE, clock, kinds=KINDS)
+        port.discard()
+        port.write(ASK_LIVE)
+        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
+        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))
+        asking = meter.Asking(ASK_LIVE, settings.every_s)
+        return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), asking=asking)

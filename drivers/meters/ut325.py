@@ -1,0 +1,154 @@
+"""UNI-T UT325 (UT32x) thermometer: 19 characters through a USB HID bridge that is no serial port.
+
+A CH9325 bridge (1a86:e008) with 2400 8N1 behind it. Sending 01 starts the live stream, two or three records
+a second. Source: sigrok's description of meter and bridge, one source.
+
+====== =====================================================================
+offset content
+====== =====================================================================
+1-4    value in tenths, ``:`` blank, ``;`` minus, four ``;`` no probe
+5      unit, ``1`` °C, ``2`` °F, ``3`` K
+8      ``0``
+13     channel, ``0`` T1, ``1`` T2, ``2`` ``3`` T1-T2
+16     ``1``
+17-18  0D 0A
+====== =====================================================================
+
+The bridge: a feature report of five bytes sets the speed; each report of eight bytes it sends begins with
+F0 plus the number of characters in it; one sent to it begins with that number alone.
+"""
+
+from __future__ import annotations
+
+import errno
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers import options
+from fieldkit.drivers.framing import Framer, Stamped
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line
+from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.usb import explained, find_usb, pick_usb
+from fieldkit.samples import Quality
+
+LENGTH = 19
+LINE = Line(2400)
+KINDS = ((0x1A86, 0xE008),)
+CHANNELS = ("T1", "T2")
+NAMES = {b"0": "T1", b"1": "T2", b"2": "T1-T2", b"3": "T1-T2"}
+UNITS = {b"1": "°C", b"2": "°F", b"3": "K"}
+START_LIVE = b"\x01"
+_NO_PROBE = b";;;;"
+_RECORD = re.compile(rb".(;{4}|(?=.{4}[123]):*;?:*[0-9]+)([123])..0.{4}([0-3])..1\r\n", re.DOTALL)
+_READ_MS = 200
+_HINT = "switch the thermometer on and press its USB key until the display shows it"
+
+
+def take(buffer: bytes) -> Taken:
+    """The record at the start of `buffer`, by the table above."""
+    if len(buffer) < LENGTH:
+        return None
+    found = _RECORD.fullmatch(buffer[:LENGTH])
+    if found is None:
+        return Rejected(1, "not of the form value unit 0 channel 1 CR LF")
+    digits, unit, channel = found.groups()
+    if digits == _NO_PROBE:
+        value = Value(math.nan, UNITS[unit], NAMES[channel], Quality.NO_VALUE, ("no_probe",))
+    else:
+        number = int(re.sub(rb"[:;]", b"", digits)) / 10
+        value = Value(-number if b";" in digits else number, UNITS[unit], NAMES[channel])
+    return Record(LENGTH, (value,))
+
+
+LAYOUT = Layout(take, LENGTH)
+
+
+class HidBridge:
+    """The CH9325 as a port for meters; see `fieldkit.drivers.framing.Port`.
+
+    libusb waits by itself, in slices of a fifth of a second.
+    """
+
+    byte_ns = LINE.byte_ns
+
+    def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
+        self._unit, usb = pick_usb(settings, KINDS)
+        self.path = f"usb:{usb.path}"
+        self.identity = usb.written()
+        self.facts = {"line": str(LINE), "backend": "pyusb"}
+        self.framer = Framer(self.byte_ns)
+        self._clock = clock
+        with explained(self.path):
+            if self._unit.is_kernel_driver_active(0):
+                self._unit.detach_kernel_driver(0)
+            self._unit.set_configuration()
+            speed = LINE.baud.to_bytes(2, "little") + b"\0\0\x03"
+            self._unit.ctrl_transfer(0x21, 0x09, 0x0300, 0, speed)  # HID SET_REPORT, feature
+
+    def write(self, data: bytes) -> None:
+        """Send up to seven characters."""
+        with explained(self.path):
+            self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
+
+    def discard(self) -> None:
+        """Forget everything received so far."""
+        self.framer.discard()
+
+    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`."""
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while (found := self.framer.take(layout)) is None and self._clock.mono_ns() < deadline_ns:
+            self._fill()
+        return found
+
+    def close(self) -> None:
+        """Release the bridge; a second call does nothing."""
+        import usb.util
+
+        usb.util.dispose_resources(self._unit)
+
+    def _fill(self) -> None:
+        with explained(self.path):
+            try:
+                report = bytes(self._unit.read(0x82, 8, _READ_MS))
+            except OSError as error:
+                if error.errno == errno.ETIMEDOUT:
+                    return
+                raise
+        self.framer.feed(characters(report), self._clock.mono_ns())
+
+
+def characters(report: bytes) -> bytes:
+    """What one report of the bridge carries."""
+    return report[1 : 1 + (report[0] & 0x0F)] if report and report[0] & 0xF0 == 0xF0 else b""
+
+
+class Ut325:
+    """Driver of the UT325; options: `labels` (names of T1, T2) and those of every meter."""
+
+    name = "ut325"
+    title = "UNI-T UT325 thermometer"
+    quantity = "temperature"
+
+    def find(self) -> list[Found]:
+        """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""
+        return find_usb(self.name, self.title, KINDS, "other UNI-T meters use the same bridge")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the bridge, start the live stream and wait for its first record."""
+        options.refuse_unknown(settings, meter.OPTIONS)
+        port = HidBridge(settings, clock)
+        port.write(START_LIVE)
+        meter.first_record(port, LAYOUT, settings.name, _HINT)
+        names = options.labels(settings, CHANNELS)
+        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, "UT325")
+        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)])

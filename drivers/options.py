@@ -1,0 +1,49 @@
+"""A driver's own options in the configuration: known keys, sensible types, or an error that helps."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any
+
+from fieldkit.device import DeviceSettings
+from fieldkit.errors import ConfigError
+
+
+def refuse_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
+    """Raise `ConfigError` for the first option of a device that its driver does not know."""
+    for key in settings.options:
+        if key not in allowed:
+            near = difflib.get_close_matches(key, allowed, n=1)
+            raise ConfigError(
+                f"{settings.name}: the driver {settings.driver} has no option {key!r}",
+                fix=f"did you mean {near[0]}?" if near else f"it has: {', '.join(sorted(allowed))}",
+            )
+
+
+def number(settings: DeviceSettings, key: str, default: float) -> float:
+    """The option `key` as a number; raises `ConfigError` if it is none."""
+    value = settings.options.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong(settings, key, value, "a number")
+    return float(value)
+
+
+def text(settings: DeviceSettings, key: str, default: str, choices: Sequence[str] = ()) -> str:
+    """The option `key` as text, one of `choices` if there are any; raises `ConfigError`."""
+    value = settings.options.get(key, default)
+    if not isinstance(value, str) or (choices and value not in choices):
+        raise _wrong(settings, key, value, f"one of {', '.join(choices)}" if choices else "text")
+    return value
+
+
+def labels(settings: DeviceSettings, default: Sequence[str]) -> tuple[str, ...]:
+    """The names given to a meter's channels (option `labels`), in its own order."""
+    value = settings.options.get("labels", tuple(default))
+    if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
+        raise _wrong(settings, "labels", value, 'a list of names such as ["reference", "b05"]')
+    return tuple(value)
+
+
+def _wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:
+    return ConfigError(f"{settings.name}: {key} = {value!r} is not {expected}", fix=f"give {expected}")

@@ -1,0 +1,274 @@
+"""The serial port every meter shares: exclusive, read in chunks, found by identity.
+
+pyserial opens and configures the port, waiting is left to the session's clock, and records are made by
+`fieldkit.drivers.framing`. Foreign exceptions end here.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import grp
+import os
+import termios
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fieldkit.clock import Clock
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers.framing import Framer, Stamped
+from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.records import Layout
+from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+
+CHUNK_BYTES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """Settings of a serial line; `start + bits + parity + stop` bits make one byte on the wire."""
+
+    baud: int = 9600
+    bits: int = 8
+    parity: str = "N"
+    stop: int = 1
+
+    @property
+    def byte_ns(self) -> int:
+        """Wire time of one byte in nanoseconds."""
+        length = 1 + self.bits + (self.parity != "N") + self.stop
+        return length * 1_000_000_000 // self.baud
+
+    def __str__(self) -> str:
+        return f"{self.baud} {self.bits}{self.parity}{self.stop}"
+
+
+class SerialPort:
+    """An open serial port, for one program only.
+
+    `dtr` stays asserted unless False: some meters draw the power of their transmitter from it.
+    Raises what `open_failure` explains when the port cannot be opened.
+    """
+
+    def __init__(self, path: str, line: Line, clock: Clock, *, dtr: bool = True) -> None:
+        import serial
+
+        self.path = path
+        self.line = line
+        self.framer = Framer(line.byte_ns)
+        self._clock = clock
+        self._serial = serial.Serial()
+        self._serial.port = path
+        self._serial.baudrate = line.baud
+        self._serial.bytesize, self._serial.parity, self._serial.stopbits = line.bits, line.parity, line.stop
+        self._serial.exclusive = True
+        self._serial.dtr = dtr
+        try:
+            self._serial.open()
+            self._fd = self._serial.fileno()
+            # The lock above only keeps out programs that ask for it; this keeps out the others.
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        except (OSError, termios.error) as error:
+            self._serial.close()
+            raise open_failure(path, error) from error
+        self.usb_latency_ms = _shorten_usb_latency(self._serial)
+
+    @property
+    def byte_ns(self) -> int:
+        """Wire time of one byte."""
+        return self.line.byte_ns
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a stream should record about its port."""
+        facts: dict[str, Any] = {"line": str(self.line)}
+        if self.usb_latency_ms is not None:
+            facts["usb_latency_ms"] = self.usb_latency_ms
+        return facts
+
+    @property
+    def identity(self) -> str:
+        """Identity of the USB adapter, empty for a port that is none."""
+        adapter = usb_parent(_sysfs_node(self.path))
+        return adapter.written() if adapter else ""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; raises `DeviceLostError` when the port is gone."""
+        try:
+            sent = os.write(self._fd, data)
+            if sent < len(data):  # a full buffer: pyserial waits for room
+                self._serial.write(data[sent:])
+        except OSError as error:
+            raise self._lost() from error
+
+    def discard(self) -> None:
+        """Forget everything received so far, before a fresh question."""
+        try:
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except termios.error as error:
+            raise self._lost() from error
+        self.framer.discard()
+
+    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`."""
+        started_ns = self._clock.mono_ns()
+        remaining_s = timeout_s
+        while (found := self.framer.take(layout)) is None:
+            if not self._clock.wait_readable(self._fd, max(remaining_s, 0.0)):
+                return None
+            self._fill()
+            remaining_s = timeout_s - (self._clock.mono_ns() - started_ns) / 1e9
+        return found
+
+    def close(self) -> None:
+        """Release the port; a second call does nothing."""
+        if self._serial.is_open:
+            with suppress(OSError):
+                fcntl.ioctl(self._fd, termios.TIOCNXCL)
+            with suppress(OSError):
+                self._serial.close()
+
+    def _fill(self) -> None:
+        try:
+            chunk = os.read(self._fd, CHUNK_BYTES)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            raise self._lost() from error
+        if not chunk:  # readable, yet nothing to read: hung up
+            raise self._lost()
+        self.framer.feed(chunk, self._clock.mono_ns())
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(
+            f"{self.path} is gone", fix="plug the cable back in; it is opened again by identity"
+        )
+
+
+def open_port(
+    settings: DeviceSettings,
+    line: Line,
+    clock: Clock,
+    *,
+    kinds: Sequence[tuple[int, int]] = (),
+    dtr: bool = True,
+) -> SerialPort:
+    """The port that `settings` names, by path or identity; with neither, the only one that could be meant.
+
+    `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
+    `DeviceNotFoundError` with what is plugged in instead.
+    """
+    return SerialPort(_find_path(settings, kinds), line, clock, dtr=dtr)
+
+
+def serial_ports() -> list[tuple[str, UsbIdentity]]:
+    """(path, identity) of every USB serial port of this computer."""
+    nodes = sorted((SYSFS / "class/tty").glob("tty[UA]*"))
+    found = ((f"/dev/{node.name}", usb_parent((node / "device").resolve())) for node in nodes)
+    return [(path, identity) for path, identity in found if identity is not None]
+
+
+def find_ports(driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str) -> list[Found]:
+    """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
+    ports = serial_ports()
+    present = [identity for _, identity in ports]
+    return [
+        Found(
+            driver, identity.written(present), path, f"{title} ({identity.title or 'serial adapter'})", doubt
+        )
+        for path, identity in ports
+        if not kinds or (identity.vendor, identity.product) in kinds
+    ]
+
+
+def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> str:
+    ports = serial_ports()
+    if settings.port:
+        _refuse_another(settings, ports)
+        return settings.port
+    wanted = settings.identity
+    fitting = [
+        path
+        for path, usb in ports
+        if (usb.matches(wanted) if wanted else not kinds or (usb.vendor, usb.product) in kinds)
+    ]
+    if len(fitting) == 1:
+        return fitting[0]
+    what = f"with identity {wanted}" if wanted else "that could be meant"
+    raise DeviceNotFoundError(
+        f"{settings.name}: {len(fitting) or 'no'} serial ports {what}; {_listing(ports)}",
+        fix=f'write the right one into the configuration of {settings.name}: identity = "..."',
+    )
+
+
+def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity]]) -> None:
+    """A port that is given with an identity must have it: node numbers change at every boot."""
+    real = os.path.realpath(settings.port)
+    for path, usb in ports:
+        if path == real and settings.identity and not usb.matches(settings.identity):
+            another = f"{settings.port} is {usb.written()}, not {settings.identity}"
+            raise DeviceNotFoundError(
+                f"{settings.name}: {another}; {_listing(ports)}",
+                fix="leave port out of the configuration: the identity is enough",
+            )
+
+
+def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
+    present = [usb for _, usb in ports]
+    names = [f"{usb.written(present)} at {path} ({usb.title})" for path, usb in ports]
+    return "plugged in: " + ", ".join(names) if names else "no USB serial port is plugged in"
+
+
+def open_failure(path: str, error: Exception) -> DeviceError:
+    """Why a port would not open, with what to type."""
+    code = getattr(error, "errno", None)
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return DeviceNotFoundError(
+            f"no serial port {path}; {_listing(serial_ports())}",
+            fix="plug the instrument in; fieldkit devices shows the identity to configure",
+        )
+    if code in (errno.EACCES, errno.EPERM):
+        return DeviceAccessError(
+            f"no permission for {path} (it belongs to group {_group(path)})", fix=permission_fix(_group(path))
+        )
+    if code in (errno.EAGAIN, errno.EBUSY):
+        return DeviceAccessError(
+            f"{path} is used by another program",
+            fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: {UDEV_FIX}",
+        )
+    return DeviceAccessError(f"{path} cannot be opened: {error}", fix="fieldkit doctor looks for the cause")
+
+
+UDEV_FIX = "fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules"
+
+
+def permission_fix(group: str) -> str:
+    """What to type when a node may not be opened."""
+    return f"{UDEV_FIX}, then unplug and plug it; or: sudo usermod -aG {group} $USER, then log in again"
+
+
+def _group(path: str) -> str:
+    try:
+        return grp.getgrgid(os.stat(path).st_gid).gr_name
+    except (OSError, KeyError):
+        return "dialout"
+
+
+def _sysfs_node(path: str) -> Path:
+    return (SYSFS / "class/tty" / os.path.basename(os.path.realpath(path)) / "device").resolve()
+
+
+def _shorten_usb_latency(port: Any) -> int | None:
+    """Ask an FTDI adapter to deliver at once; its latency timer in ms as read back, None for others.
+
+    By default the chip holds a short packet for 16 ms, which would move every stamp by as much.
+    """
+    with suppress(OSError, ValueError, NotImplementedError):
+        port.set_low_latency_mode(True)
+    try:
+        return int((_sysfs_node(port.port) / "latency_timer").read_text())
+    except (OSError, ValueError):
+        return None

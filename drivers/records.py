@@ -1,0 +1,122 @@
+"""What bytes mean: values as the instrument says them, or the reason for rejecting them.
+
+A meter's protocol is a `Layout`: one pure function that looks at the start of a buffer and
+says "a record", "not a record, drop so many bytes" or "too short to tell". Everything that
+moves bytes (the serial port, `fieldkit decode`) works with that alone. What is made for every record is a
+tuple: at ten readings a second the interpreter is cold, and every step of making one is felt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from fieldkit.samples import Quality
+
+GOOD = Quality.GOOD
+"""The flag by a plain name: looking it up in its class, or combining flags, costs more than a reading."""
+
+
+class Value(NamedTuple):
+    """One value in the unit the instrument used; NaN where it shows none.
+
+    `words` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
+    """
+
+    value: float
+    unit: str
+    channel: str
+    quality: Quality = GOOD
+    words: tuple[str, ...] = ()
+
+    @property
+    def flags(self) -> list[str]:
+        """Quality and words as lower-case names."""
+        return [flag.name.lower() for flag in self.quality if flag.name] + list(self.words)
+
+
+class Record(NamedTuple):
+    """One record at the start of a buffer, `length` bytes long.
+
+    `note` says in words what is no value (a request, a mode, a range); `device_time` is the
+    instrument's own time.
+    """
+
+    length: int
+    values: tuple[Value, ...] = ()
+    note: str = ""
+    device_time: int | None = None
+
+
+class Rejected(NamedTuple):
+    """Bytes that are no record, and why; `offset` counts from where the reading began."""
+
+    length: int
+    reason: str
+    offset: int = 0
+
+
+Taken = Record | Rejected | None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How records look on the wire: `take` sees at most `longest` bytes and needs no more."""
+
+    take: Callable[[bytes], Taken]
+    longest: int
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """All that a stretch of bytes says: values, rejected parts, and bytes left over at the end."""
+
+    values: tuple[Value, ...]
+    rejected: tuple[Rejected, ...] = ()
+    rest: int = 0
+    notes: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class Decodes(Protocol):
+    """A driver that can say what bytes mean without an instrument."""
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain `data`; never raises for any bytes."""
+
+
+def skip_to(start: bytes, data: bytes) -> int:
+    """How many bytes to drop so that the rest begins with (a part of) `start`, at least one."""
+    found = data.find(start, 1)
+    return found if found > 0 else len(data)
+
+
+def decode_records(data: bytes, layout: Layout) -> Decoded:
+    """Take `data` apart into records, as the serial port would."""
+    values: list[Value] = []
+    rejected: list[Rejected] = []
+    notes: list[str] = []
+    position = 0
+    while position < len(data):
+        taken = layout.take(data[position : position + layout.longest])
+        if taken is None:
+            if len(data) - position < layout.longest:
+                break
+            taken = Rejected(1, "no end of record in sight")
+        if isinstance(taken, Record):
+            values.extend(taken.values)
+            notes.extend([taken.note] if taken.note else [])
+        else:
+            _note_rejected(rejected, taken, position)
+        position += taken.length
+    return Decoded(tuple(values), tuple(rejected), len(data) - position, tuple(notes))
+
+
+def _note_rejected(rejected: list[Rejected], part: Rejected, position: int) -> None:
+    """Append a rejected part; neighbours become one, with the first reason."""
+    if rejected and rejected[-1].offset + rejected[-1].length == position:
+        first = rejected[-1]
+        rejected[-1] = Rejected(first.length + part.length, first.reason, first.offset)
+    else:
+        rejected.append(Rejected(part.length, part.reason, position))

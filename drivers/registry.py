@@ -1,0 +1,115 @@
+"""Which drivers there are: our own in a table, those of other packages by entry point.
+
+A driver is loaded when it is asked for, never before. An entry point of group `fieldkit.drivers`
+names a class like the ones in the table. A name that two packages claim is refused,
+and a driver that cannot be loaded is a problem to report, not an end.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import logging
+from collections.abc import Mapping
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import cast
+
+from fieldkit.clock import Clock
+from fieldkit.device import Device, DeviceSettings, Driver, Found
+from fieldkit.errors import ConfigError
+
+GROUP = "fieldkit.drivers"
+
+BUILT_IN: Mapping[str, str] = MappingProxyType(
+    {
+        "purethermal": "fieldkit.drivers.cameras.purethermal:PureThermal",
+        "p2pro": "fieldkit.drivers.cameras.p2pro:P2Pro",
+        "boson": "fieldkit.drivers.cameras.boson:Boson",
+        "ht301": "fieldkit.drivers.cameras.ht301:Ht301",
+        "thermal-master": "fieldkit.drivers.cameras.thermal_master:ThermalMaster",
+        "y16": "fieldkit.drivers.cameras.y16:Y16",
+        "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
+        "lutron": "fieldkit.drivers.meters.lutron:Lutron",
+        "center-309": "fieldkit.drivers.meters.center_309:Center309",
+        "center-303": "fieldkit.drivers.meters.center_303:Center303",
+        "modbus": "fieldkit.drivers.meters.modbus:Modbus",
+        "pce-174": "fieldkit.drivers.meters.pce_174:Pce174",
+        "ut325": "fieldkit.drivers.meters.ut325:Ut325",
+        "nmea": "fieldkit.drivers.meters.nmea:Nmea",
+        "gpsd": "fieldkit.drivers.meters.gpsd:Gpsd",
+        "text": "fieldkit.drivers.meters.text:Text",
+    }
+)
+
+_log = logging.getLogger(__name__)
+
+
+def names() -> list[str]:
+    """Every driver's name: ours in the order of the table, then those of other packages."""
+    return [*BUILT_IN, *sorted({point.name for point in _plugins()} - set(BUILT_IN))]
+
+
+def get(name: str) -> Driver:
+    """The driver called `name`.
+
+    Raises `ConfigError` if there is none, if two packages claim the name, or if it cannot be loaded.
+    """
+    plugins = [point for point in _plugins() if point.name == name]
+    owners = (["fieldkit"] if name in BUILT_IN else []) + sorted(_package(point) for point in plugins)
+    if not owners:
+        near = difflib.get_close_matches(name, names(), n=1)
+        hint = f"did you mean {near[0]}?" if near else "fieldkit devices lists the drivers"
+        raise ConfigError(f"no driver is called {name!r}; there are {', '.join(names())}", fix=hint)
+    if len(owners) > 1:
+        raise ConfigError(
+            f"two drivers are called {name!r}: one of {owners[0]}, one of {owners[1]}",
+            fix=f"uninstall one of them: pip uninstall {owners[-1]}",
+        )
+    target = BUILT_IN[name] if name in BUILT_IN else plugins[0].value
+    return _load(name, target, owners[0])
+
+
+def open_device(settings: DeviceSettings, clock: Clock) -> Device:
+    """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
+    return get(settings.driver).open(settings, clock)
+
+
+def load_all() -> tuple[list[Driver], list[str]]:
+    """Every driver that can be loaded, and in words what is wrong with the others."""
+    drivers: list[Driver] = []
+    problems: list[str] = []
+    for name in names():
+        try:
+            drivers.append(get(name))
+        except ConfigError as error:
+            problems.append(error.message)
+    return drivers, problems
+
+
+def find_all() -> list[Found]:
+    """Every instrument that is plugged in and that a driver takes for its own; problems are logged."""
+    drivers, problems = load_all()
+    for problem in problems:
+        _log.warning("%s", problem)
+    return [found for driver in drivers for found in driver.find()]
+
+
+def _plugins() -> list[EntryPoint]:
+    return list(entry_points(group=GROUP))
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist else point.value
+
+
+def _load(name: str, target: str, owner: str) -> Driver:
+    module, _, attribute = target.partition(":")
+    try:
+        driver = getattr(importlib.import_module(module), attribute)()
+    except Exception as error:  # another package's code may fail in any way
+        raise ConfigError(
+            f"the driver {name!r} of {owner} cannot be loaded: {type(error).__name__}: {error}",
+            fix=f"pip install --upgrade {owner}, or pip uninstall {owner}",
+        ) from error
+    return cast(Driver, driver)

@@ -1,0 +1,75 @@
+"""All simulated instruments of one scene, and where to plug the drivers in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType, TracebackType
+
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
+from fieldkit.drivers.simulated.meters import Center309FarEnd, LutronFarEnd, Meter
+from fieldkit.errors import ConfigError
+from fieldkit.scene import FaultKind, Scene
+from fieldkit.scene.faults import CLOCK_STEP_S
+from fieldkit.simulated_clock import SimulatedClock
+
+PORT = "simulated"
+"""What the configuration writes for the port of a simulated instrument."""
+
+CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType({"purethermal": SimulatedLepton})
+METERS: Mapping[str, type[Meter]] = MappingProxyType({"lutron": LutronFarEnd, "center-309": Center309FarEnd})
+
+
+class SimulatedField:
+    """The instruments of a scene, running by a clock; a context manager.
+
+    The drivers are the real ones: a meter's gets the path of a pseudo-terminal, a camera's
+    a source of buffers, and neither can tell.
+    """
+
+    def __init__(self, scene: Scene, clock: SimulatedClock) -> None:
+        self._scene, self._clock = scene, clock
+        self._meters: list[Meter] = []
+        for begin_ns, _ in scene.fault_spans(FaultKind.CLOCK):
+            clock.call_at(clock.to_mono_ns(begin_ns), lambda: clock.step_system_clock(CLOCK_STEP_S))
+
+    def plug(self, settings: DeviceSettings) -> DeviceSettings:
+        """Settings that lead the driver to a simulated instrument, if their port is "simulated".
+
+        Latency and response of the instrument are declared in the options unless they are
+        given there. Raises `ConfigError` for a driver whose instrument is not simulated.
+        """
+        if settings.port != PORT:
+            return settings
+        if (camera := CAMERAS.get(settings.driver)) is not None:
+            options = {"latency_s": LATENCY_S, **settings.options}
+            return replace(settings, options=options, source=camera(self._scene, self._clock))
+        if (meter := METERS.get(settings.driver)) is not None:
+            instrument = meter(self._scene, self._clock, settings)
+            self._meters.append(instrument)
+            return replace(
+                settings, port=instrument.path, options={**instrument.declared(), **settings.options}
+            )
+        raise ConfigError(
+            f"{settings.name}: there is no simulated instrument for the driver {settings.driver!r}",
+            fix=f"simulated are {', '.join((*CAMERAS, *METERS))}",
+        )
+
+    def disk_free_bytes(self, real: int) -> int:
+        """Free space now: the `real` one unless the scene's fault takes it away."""
+        return self._scene.disk_free_bytes(self._clock.to_utc_ns(self._clock.mono_ns()), real)
+
+    def close(self) -> None:
+        """Pull all plugs; a second call does nothing."""
+        for meter in self._meters:
+            meter.close()
+        self._meters.clear()
+
+    def __enter__(self) -> SimulatedField:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

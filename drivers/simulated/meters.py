@@ -1,0 +1,149 @@
+"""The far ends of the serial meters: what they measure, and the bytes in which they say it.
+
+Written from the same protocol sheets as the drivers (see `fieldkit.drivers.meters`), in
+the other direction, and sharing nothing with them but the line's speed.
+"""
+
+from __future__ import annotations
+
+import struct
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.ports import Line
+from fieldkit.drivers.simulated.terminal import Terminal
+from fieldkit.scene import FaultKind, Scene
+from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+
+_LINE = Line(9600)
+_SPOILT_SHARE = 0.7  # of the records during a garbled minute
+_OPEN_PROBE = 0x7FFF
+
+
+class Meter(ABC):
+    """An instrument on a pseudo-terminal, looking at the scene through the clock.
+
+    `latency_s` is how old the value is that the first byte of a record announces, and
+    `response_s` the time constant of the sensor: the truth, which `declared` puts into the
+    options unless somebody declared something else.
+    """
+
+    latency_s = 0.0
+    response_s = 0.0
+
+    def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
+        self._scene, self._clock = scene, clock
+        self._every_ns = max(1, round(settings.every_s * SECOND_NS))
+        self._terminal = Terminal(clock)
+        self._closed = False
+        self.path = self._terminal.path
+        self._start()
+
+    def declared(self) -> dict[str, float]:
+        """Options by which the driver's stream declares latency and response."""
+        return {"latency_s": self.latency_s, "response_s": self.response_s}
+
+    def close(self) -> None:
+        """Pull the plug."""
+        self._closed = True
+        self._terminal.close()
+
+    @abstractmethod
+    def _start(self) -> None:
+        """Begin to talk or to listen."""
+
+    def _measured_ns(self, first_byte_ns: int) -> int:
+        """UTC of the value that a record beginning at this monotonic time announces."""
+        return self._clock.to_utc_ns(first_byte_ns - round(self.latency_s * SECOND_NS))
+
+    def _send_from(self, first_byte_ns: int, record: bytes) -> int:
+        """Put a record on the wire from that time on; returns when its last byte is out."""
+        out_ns = first_byte_ns + len(record) * _LINE.byte_ns
+        self._clock.call_at(out_ns, lambda: self._deliver(record))
+        return out_ns
+
+    def _deliver(self, record: bytes) -> None:
+        if self._closed:
+            return
+        now_ns = self._clock.to_utc_ns(self._clock.mono_ns())
+        if self._scene.is_on(FaultKind.GARBLED, now_ns):
+            record = spoilt(record, np.random.default_rng([self._scene.seed, now_ns]))
+        self._terminal.send(record)
+
+
+class LutronFarEnd(Meter):
+    """A light meter that lies flat and sends a record every `every_s`, asked or not."""
+
+    latency_s = 0.2
+
+    def _start(self) -> None:
+        self._clock.call_at(self._clock.mono_ns() + self._every_ns, self._measure)
+
+    def _measure(self) -> None:
+        if self._closed:
+            return
+        now_ns = self._clock.mono_ns()
+        lux = self._scene.lux_reading(self._measured_ns(now_ns))
+        self._send_from(now_ns, lutron_record(lux, "15"))
+        self._clock.call_at(now_ns + self._every_ns, self._measure)
+
+
+class Center309FarEnd(Meter):
+    """A thermometer with its four probes in the first four beds; it answers `A` and `K`."""
+
+    latency_s = 0.1
+    _THINKS_NS = 20_000_000
+
+    def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
+        self.response_s = scene.response_s
+        super().__init__(scene, clock, settings)
+
+    def _start(self) -> None:
+        self._terminal.listen(self._hear)
+
+    def _hear(self, letters: bytes) -> None:
+        """Answer each letter in turn; the others are key presses without an answer."""
+        free_ns = self._clock.mono_ns()
+        for letter in letters:
+            first_byte_ns = free_ns + self._THINKS_NS
+            if letter == ord("K"):
+                free_ns = self._send_from(first_byte_ns, b"309\r")
+            elif letter == ord("A"):
+                probes = self._scene.probe_readings(self._measured_ns(first_byte_ns))
+                free_ns = self._send_from(first_byte_ns, center_309_record(probes[:4] - 273.15))
+
+
+def lutron_record(value: float, unit: str, display: str = "1") -> bytes:
+    """16 bytes of the Lutron stream: as many decimals as fit a display of five digits."""
+    decimals = 0 if abs(value) >= 10_000 else 1 if abs(value) >= 1_000 else 2
+    digits = round(abs(value) * 10**decimals)
+    sign = "1" if value < 0 else "0"
+    return b"\x02" + f"4{display}{unit}{sign}{decimals}{digits:08}".encode() + b"\r"
+
+
+def center_309_record(celsius: ArrayLike) -> bytes:
+    """45 bytes of the Center 309 for up to four probes, tenths of °C; NaN and absent probes are open."""
+    probes = np.full(4, np.nan)
+    given = np.atleast_1d(celsius)[:4]
+    probes[: given.size] = given
+    is_open = np.isnan(probes)
+    record = bytearray(45)
+    record[0], record[1], record[2], record[44] = 0x02, 0x80, 0x80, 0x03
+    tenths = np.where(is_open, _OPEN_PROBE, np.rint(10.0 * np.nan_to_num(probes)))
+    struct.pack_into(">4h", record, 7, *tenths.astype(int).tolist())
+    record[39] = int(np.packbits(is_open, bitorder="little")[0])
+    return bytes(record)
+
+
+def spoilt(record: bytes, random: np.random.Generator) -> bytes:
+    """A record as a bad contact leaves it: mostly with bytes lost and others changed."""
+    if random.random() > _SPOILT_SHARE:
+        return record
+    kept = bytearray(record)
+    for _ in range(int(random.integers(1, 4))):
+        del kept[int(random.integers(len(kept)))]
+        kept[int(random.integers(len(kept)))] ^= int(random.integers(1, 256))
+    return bytes(kept)

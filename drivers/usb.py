@@ -1,0 +1,88 @@
+"""USB instruments without a kernel driver of their own, and vendor commands beside one that has, by pyusb.
+
+pyusb is loaded when used; where it or libusb is absent, nothing is found. Its exceptions end here.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from fieldkit.device import DeviceSettings, Found
+from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.ports import permission_fix
+from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+
+
+def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIdentity]]:
+    """(pyusb device, identity) of everything plugged in that is one of `kinds`."""
+    try:
+        import usb.core
+
+        present = list(usb.core.find(find_all=True))
+    except (ImportError, ValueError, OSError):  # no pyusb, no libusb, or it may not look
+        return []
+    return [(unit, _identity(unit)) for unit in present if (unit.idVendor, unit.idProduct) in kinds]
+
+
+def find_usb(driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str = "") -> list[Found]:
+    """Plugged-in instruments of `kinds`, for `Driver.find`."""
+    units = [identity for _, identity in usb_instruments(kinds)]
+    return [Found(driver, one.written(units), f"usb:{one.path}", one.title or title, doubt) for one in units]
+
+
+def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tuple[Any, UsbIdentity]:
+    """The instrument that `settings` name, or the only one of `kinds`; raises `DeviceNotFoundError`."""
+    present = usb_instruments(kinds)
+    units = [identity for _, identity in present]
+    fitting = [pair for pair in present if not settings.identity or pair[1].matches(settings.identity)]
+    if len(fitting) == 1:
+        return fitting[0]
+    there = ", ".join(one.written(units) for one in units) or "none is plugged in"
+    what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
+    raise DeviceNotFoundError(
+        f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; there: {there}",
+        fix=f'write the right one into the configuration of {settings.name}: identity = "..."',
+    )
+
+
+@contextmanager
+def explained(where: str) -> Iterator[None]:
+    """Around pyusb calls: their errors become `DeviceAccessError`, `DeviceLostError` or `DeviceError`."""
+    try:
+        yield
+    except DeviceError:
+        raise
+    except OSError as error:  # usb.core.USBError is one
+        code = error.errno
+        if code in (errno.EACCES, errno.EPERM):
+            raise DeviceAccessError(
+                f"no permission for the USB instrument {where}", fix=permission_fix("plugdev")
+            ) from error
+        if code == errno.EBUSY:
+            raise DeviceAccessError(
+                f"the USB instrument {where} is used by another program",
+                fix="close it, or unplug and plug it",
+            ) from error
+        if code in (errno.ENODEV, errno.ENOENT, errno.EIO):
+            raise DeviceLostError(
+                f"the USB instrument {where} is gone", fix="plug it back in; it is opened again by identity"
+            ) from error
+        raise DeviceError(f"the USB instrument {where} refused: {error}") from error
+
+
+def _identity(unit: Any) -> UsbIdentity:
+    socket = "-".join([str(unit.bus), ".".join(str(port) for port in unit.port_numbers or ())])
+    return UsbIdentity(
+        unit.idVendor, unit.idProduct, _text(unit, "serial_number"), socket, _text(unit, "product")
+    )
+
+
+def _text(unit: Any, name: str) -> str:
+    """A string descriptor, empty where there is none or it may not be read."""
+    try:
+        return str(getattr(unit, name) or "")
+    except (OSError, ValueError):
+        return ""

@@ -1,0 +1,53 @@
+"""A source of pictures for cameras that are not plugged in: the bytes are the test's."""
+
+import pytest
+
+from fieldkit.device import Buffer
+from fieldkit.errors import DeviceError
+
+
+class Reel:
+    """A `FrameSource` that plays buffers and answers controls; `written` keeps what it was told."""
+
+    backend = "reel"
+    port = "reel"
+
+    def __init__(self, buffers, controls=None):
+        self.buffers = list(buffers)
+        self.controls = controls or {}
+        self.written = []
+        self.closed = 0
+
+    def read(self, timeout_s):
+        return self.buffers.pop(0) if self.buffers else None
+
+    def skip_until(self, mono_ns):
+        while self.buffers and self.buffers[0].mono_ns < mono_ns:
+            self.buffers.pop(0)
+
+    def get_control(self, unit, selector, length):
+        if (unit, selector) not in self.controls:
+            raise DeviceError(f"no control {selector} of unit {unit}")
+        return self.controls[unit, selector]
+
+    def set_control(self, unit, selector, data):
+        self.written.append((unit, selector, data))
+
+    def set_zoom(self, value):
+        self.written.append(("zoom", value))
+
+    def close(self):
+        self.closed += 1
+
+
+@pytest.fixture
+def reel():
+    def play(*pictures, interval_ns=111_111_111, **more):
+        """Pictures as bytes, 9 a second, or as ready buffers."""
+        buffers = [
+            Buffer(picture, 10**9 + index * interval_ns, index) if isinstance(picture, bytes) else picture
+            for index, picture in enumerate(pictures)
+        ]
+        return Reel(buffers, **more)
+
+    return play

@@ -1,0 +1,145 @@
+import math
+
+import numpy as np
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.cameras import boson
+from fieldkit.drivers.cameras.boson import Boson, decode
+from fieldkit.drivers.cameras.boson_serial import BosonSerial, pack, take, unpack
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import ConfigError, DeviceError, DeviceTimeoutError
+from fieldkit.samples import Quality
+
+
+def picture(count=29515, rows=512, seed=0):
+    return (count + np.random.default_rng(seed).integers(-9, 9, (rows, 640))).astype("<u2").tobytes()
+
+
+def opened(source, **options):
+    return Boson().open(DeviceSettings("ir", "boson", source=source, options=options), HostClock())
+
+
+def test_frame_is_escaped_and_taken_apart_again():
+    frame = pack(0x8E9EAE, 0x00050030, bytes([0x8E, 0x9E, 0xAE, 0x81]))
+    assert frame[0] == 0x8E
+    assert frame[-1] == 0xAE
+    assert not {0x8E, 0xAE} & set(frame[1:-1])
+    assert unpack(frame) == (0x8E9EAE, 0x00050030, 0xFFFFFFFF, bytes([0x8E, 0x9E, 0xAE, 0x81]))
+
+
+def test_question_is_laid_out_as_published():
+    # 8E, channel, sequence 1, function, FFFFFFFF; CRC-16 with start 1D0F, whose check value is E5CC
+    assert pack(1, 0x00050007)[:14] == bytes.fromhex("8E 00 00000001 00050007 FFFFFFFF")
+
+
+def test_damaged_frame_is_rejected():
+    frame = bytearray(pack(1, 0x00050007))
+    frame[5] ^= 1
+    assert take(bytes(frame)) == Rejected(len(frame), "the CRC does not fit")
+
+
+def answering(function, payload, sequence=1, status=0):
+    return pack(sequence, function, payload, status)
+
+
+def test_answer_belongs_to_its_question(wire):
+    question = pack(1, 0x00050030)
+    late = answering(0x00050030, (999).to_bytes(2, "big"), sequence=77)
+    wire.answer({question: late + answering(0x00050030, (251).to_bytes(2, "big"))})
+    serial = BosonSerial(wire.path, HostClock())
+    assert serial.fpa_temperature_k() == pytest.approx(298.25)
+    serial.close()
+
+
+def test_refusal_and_silence_are_errors(wire):
+    wire.answer({pack(1, 0x0005000C): answering(0x0005000C, b"", status=0x0161)})
+    serial = BosonSerial(wire.path, HostClock())
+    with pytest.raises(DeviceError, match="unknown command"):
+        serial.is_shutter_running()
+    with pytest.raises(DeviceTimeoutError, match="does not answer"):
+        serial.is_shutter_running()
+    serial.close()
+
+
+def test_plain_boson_is_counts(reel):
+    camera = opened(reel(picture(), picture(seed=1)))
+    assert (camera.info.unit, camera.info.shape) == ("counts", (512, 640))
+    assert camera.info.settings["commands"] == "not reachable"
+    assert camera.read(1.0).quality == Quality.NO_VALUE
+
+
+def test_radiometric_one_is_kelvin_times_100(reel):
+    camera = opened(reel(picture(), picture(seed=1)), kelvin_per_count=0.01)
+    assert (camera.info.unit, camera.info.scale) == ("K", 0.01)
+    assert camera.read(1.0).quality == Quality.GOOD
+
+
+def test_two_more_rows_are_kept():
+    told = decode(picture(rows=514), 0.01)
+    assert told.counts.shape == (512, 640)
+    assert told.metadata_rows.shape == (2, 640)
+
+
+class Serial:
+    """The serial side's answers."""
+
+    def __init__(self):
+        self.asked, self.running = [], False
+
+    def make_radiometric(self):
+        self.asked.append("radiometric")
+
+    def facts(self):
+        return {"serial_number": "4711", "model": "20640A", "gain": "high"}
+
+    def fpa_temperature_k(self):
+        return 298.25
+
+    def is_shutter_running(self):
+        return self.running
+
+    def ask(self, function):
+        self.asked.append(function)
+
+    def close(self):
+        self.asked.append("close")
+
+
+@pytest.fixture
+def serial(monkeypatch):
+    serial = Serial()
+    monkeypatch.setattr(boson, "serial_side", lambda *_: serial)
+    return serial
+
+
+def test_serial_side_tells_sensor_and_shutter(reel, serial):
+    camera = opened(reel(*(picture(seed=seed) for seed in range(14))), radiometric=True)
+    assert (camera.info.scale, camera.info.serial_number) == (0.01, "4711")
+    first = camera.read(1.0)
+    assert first.fpa_temperature_k == 298.25
+    assert first.quality == Quality.GOOD
+    serial.running = True
+    assert [camera.read(1.0).quality for _ in range(11)][-1] == Quality.SHUTTER
+    assert camera.run_shutter()
+    camera.close()
+    assert serial.asked == ["radiometric", 0x00050007, "close"]
+
+
+def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):
+    source = reel(picture(count=8000))
+    with pytest.raises(DeviceError, match="no temperatures"):
+        opened(source, radiometric=True)
+    assert source.closed
+    with pytest.raises(ConfigError):
+        opened(source, radiometric="yes")
+
+
+def test_without_a_scale_decode_gives_counts():
+    decoded = Boson().decode(picture(), {})
+    assert {value.unit for value in decoded.values} == {"counts"}
+    kelvin = Boson().decode(picture(), {"kelvin_per_count": 0.01}).values[1]
+    assert kelvin.unit == "K"
+    assert kelvin.value == pytest.approx(295.15, abs=0.1)
+    assert not math.isnan(kelvin.value)

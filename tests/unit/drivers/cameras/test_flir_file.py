@@ -1,0 +1,97 @@
+import json
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldkit.drivers.cameras import flir_file
+from fieldkit.drivers.cameras.flir_file import frame_length, pictures
+from fieldkit.errors import DecodeError
+from fieldkit.physics.camera_laws import temperature_k
+from tests.shared_data import shared
+
+NAMES = ("frame_000000.fff", "frame_000000_le.fff")
+
+
+@pytest.fixture(params=NAMES)
+def recorded(request):
+    data = shared(f"data/frames/flir_file/{request.param}").read_bytes()
+    expected = json.loads(shared("data/frames/expected.json").read_text())[f"flir_file/{request.param}"]
+    return data, expected
+
+
+def test_public_files_give_their_stated_counts_and_temperatures(recorded):
+    data, expected = recorded
+    (picture,) = pictures(data)
+    counts, celsius = picture.counts, picture.temperature_k() - 273.15
+    assert list(counts.shape) == expected["shape"]
+    assert (counts.min(), counts.max(), np.median(counts)) == tuple(
+        expected[key] for key in ("raw_min", "raw_max", "raw_median")
+    )
+    assert counts[:5, 0].tolist() == expected["raw_first_column"]
+    for figure, key in ((celsius.min(), "min"), (celsius.mean(), "mean"), (celsius.max(), "max")):
+        assert figure == pytest.approx(expected[f"celsius_{key}"], abs=expected["tolerance"])
+
+
+def test_sequence_is_walked_by_its_directories(recorded):
+    data, _ = recorded
+    assert frame_length(data) == len(data)
+    found = list(pictures(data * 3))
+    assert len(found) == 3
+    assert all((one.counts == found[0].counts).all() for one in found)
+
+
+def test_marker_bytes_inside_the_pixels_do_no_harm(recorded):
+    data, _ = recorded
+    (picture,) = pictures(data)
+    place = data.index(picture.counts.tobytes())
+    disguised = data[:place] + b"FFF\0" + data[place + 4 :]
+    assert len(list(pictures(disguised * 2))) == 2
+
+
+def test_radiometric_jpeg_carries_the_same_file_in_parts(recorded):
+    data, _ = recorded
+    parts = [data[start : start + 60_000] for start in range(0, len(data), 60_000)]
+    jpeg = b"\xff\xd8\xff\xe0\0\x04JF"
+    for number, part in reversed(list(enumerate(parts))):  # the order of segments is not the order of parts
+        body = b"FLIR\0\x01" + bytes([number, len(parts) - 1]) + part
+        jpeg += b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
+    (picture,) = pictures(jpeg + b"\xff\xda")
+    (plain,) = pictures(data)
+    assert (picture.counts == plain.counts).all()
+
+
+def test_picture_stored_as_png_is_unswapped(recorded):
+    data, _ = recorded
+    (plain,) = pictures(data)
+    pixels = plain.counts.tobytes()
+    _, png = cv2.imencode(".png", plain.counts.byteswap())
+    body = png.tobytes().ljust(len(pixels), b"\0")
+    (picture,) = pictures(data.replace(pixels, body))
+    assert (picture.counts == plain.counts).all()
+
+
+def test_stream_settings_give_brightness_temperature_without_the_cameras_emissivity(recorded):
+    data, _ = recorded
+    (picture,) = pictures(data)
+    settings = flir_file.settings(picture)
+    assert settings["camera_emissivity"] == picture.constants.emissivity
+    brightness = temperature_k("planck", picture.counts, picture.counts[:0], settings)
+    warmer = picture.temperature_k() > picture.constants.reflected_k
+    assert (brightness[warmer] < picture.temperature_k()[warmer]).all()
+
+
+@pytest.mark.parametrize("length", [0, 3, 63, 70, 500, -1])
+def test_cut_files_are_refused(recorded, length):
+    data, _ = recorded
+    if length == 0:
+        assert list(pictures(b"")) == []
+        return
+    with pytest.raises(DecodeError):
+        list(pictures(data[:length]))
+
+
+def test_jpeg_without_thermal_data_is_refused():
+    with pytest.raises(DecodeError, match="without FLIR"):
+        list(pictures(b"\xff\xd8\xff\xe0\0\x04JF\xff\xda"))

@@ -1,0 +1,147 @@
+import struct
+
+import numpy as np
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import Buffer, DeviceSettings
+from fieldkit.drivers.cameras import infiray
+from fieldkit.drivers.cameras.infiray import Commands
+from fieldkit.drivers.cameras.p2pro import LENGTH, P2Pro, decode
+from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import DeviceError
+from fieldkit.samples import Quality
+
+GREY = np.full((192, 256), 0x8020, "<u2")
+
+
+def frame(counts=None, seed=0):
+    """A grey picture over temperatures of 22 °C with the noise of a clean camera."""
+    noise = np.random.default_rng(seed).integers(-4, 5, (192, 256))
+    return GREY.tobytes() + (18890 + noise if counts is None else counts).astype("<u2").tobytes()
+
+
+def opened(source, **options):
+    return P2Pro().open(DeviceSettings("ir", "p2pro", source=source, options=options), HostClock())
+
+
+def test_lower_half_is_kelvin_times_64():
+    counts = 18890 + np.arange(192 * 256).reshape(192, 256) % 7
+    counts[147, 157], counts[1, 116] = 20332, 18508  # 44.54 and 16.04 °C, as a public TC001 frame has them
+    picture = decode(frame(counts))
+    assert picture.counts.shape == (192, 256)
+    kelvin = picture.counts * picture.scale
+    assert kelvin[147, 157] - 273.15 == pytest.approx(44.5375)
+    assert kelvin[1, 116] - 273.15 == pytest.approx(16.0375)
+    assert picture.quality == Quality.GOOD
+
+
+@pytest.mark.parametrize("size", [0, LENGTH // 2, LENGTH - 2, LENGTH + 8])
+def test_frames_of_another_size_are_rejected(size):
+    assert isinstance(decode(bytes(size)), Rejected)
+
+
+def test_start_up_has_no_value():
+    assert decode(frame(np.full((192, 256), 0x8000))).quality & Quality.NO_VALUE
+    stripes = 18890 + 160 * (-1) ** np.arange(256)  # neighbours differ by 320 before the first correction
+    assert decode(frame(np.tile(stripes, (192, 1)))).quality == Quality.NO_VALUE
+
+
+def test_exchanged_halves_have_no_value():
+    assert decode(frame(GREY)).quality == Quality.NO_VALUE  # chroma 0x80 would read as 512 K
+
+
+def test_picture_that_stands_still_betrays_the_shutter(reel):
+    still, moving = frame(seed=1), [frame(seed=seed) for seed in range(2, 300)]
+    pictures = [moving[0], moving[1], still, still, still, *moving[2:]]
+    camera = opened(reel(*pictures, interval_ns=40_000_000))
+    flags = [camera.read(1.0).quality for _ in range(290)]
+    assert flags[:2] == [Quality.GOOD] * 2
+    assert flags[2] == Quality.DUPLICATE
+    assert flags[3] == Quality.DUPLICATE | Quality.SHUTTER
+    assert set(flags[4:252]) == {Quality.SHUTTER}  # ten seconds of settling
+    assert flags[260] == Quality.GOOD
+
+
+class Camera:
+    """The far end of the control endpoint, as the public program drives it."""
+
+    def __init__(self):
+        self.written, self.statuses, self.properties = [], [], {5: 1}
+        self.answer = b""
+
+    def ctrl_transfer(self, kind, request, value, index, data):
+        assert value == 0x78
+        if (kind, request) == (0xC1, 0x44):
+            if index == 0x0200:
+                return [self.statuses.pop(0) if self.statuses else 0]
+            return list(self.answer[:data])
+        assert (kind, request) == (0x41, 0x45)
+        self.written.append((index, bytes(data)))
+        if index == 0x9D00:
+            code, item, number = struct.unpack("<H", data[:2]) + struct.unpack(">HI", data[2:])
+            if code & 0x4000:
+                self.properties[item] = number
+            self.answer = self.properties.get(item, 0).to_bytes(2, "big")
+        return None
+
+
+@pytest.fixture
+def far():
+    return Camera()
+
+
+@pytest.fixture
+def commands(far):
+    return Commands(far, "in the test", HostClock())
+
+
+def test_shutter_command_is_a_short_one(far, commands):
+    commands.calibrate()
+    assert far.written == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
+
+
+def test_information_is_asked_with_a_big_endian_length(far, commands):
+    far.answer = b"20220808"
+    assert commands.information(1, 8) == b"20220808"
+    assert far.written == [(0x1D00, bytes.fromhex("0584 01000000 0008"))]
+
+
+def test_property_is_written_and_read_back(far, commands):
+    assert commands.set(infiray.PROPERTIES, infiray.GAIN, 0) == 0
+    assert far.written[:2] == [
+        (0x9D00, bytes.fromhex("14c5 0005 00000000")),
+        (0x1D08, bytes.fromhex("00000000 00000000")),
+    ]
+    assert far.written[3] == (0x1D08, bytes.fromhex("00000000 00000002"))
+
+
+def test_busy_camera_is_waited_for_and_a_refusal_is_an_error(far, commands):
+    far.statuses = [1, 1, 0]
+    commands.calibrate()
+    far.statuses = [0x0A]
+    with pytest.raises(DeviceError, match="refuses the command: status 0x0a"):
+        commands.calibrate()
+
+
+def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):
+    usb = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
+    monkeypatch.setattr(infiray, "usb_instruments", lambda kinds: [(far, usb)])
+    channel, facts = infiray.connect(usb, HostClock(), "low")
+    assert channel is not None
+    assert (facts["gain"], far.properties[5]) == ("low", 0)
+
+
+def test_unreachable_commands_are_a_fact_unless_a_gain_is_wanted(reel):
+    camera = opened(reel(frame()))
+    assert camera.info.settings["commands"] == "not reachable"
+    assert camera.run_shutter() is False
+    with pytest.raises(DeviceError, match="gain cannot be set"):
+        opened(reel(frame()), gain="low")
+
+
+def test_kernels_error_flag_is_a_rejection(reel):
+    camera = opened(reel(frame(), Buffer(frame(), 1, 1, error=True)))
+    assert camera.read(1.0) is None
+    assert camera.rejected == 1

@@ -1,0 +1,244 @@
+"""The reader against a kernel played by the test; against the real one it runs in the USB lab."""
+
+import ctypes
+import errno
+import os
+import shutil
+import subprocess
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.drivers.cameras import v4l2, videodev2
+from fieldkit.drivers.cameras.v4l2 import V4l2Source
+from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+
+SLOT = 65536
+WIDTH, HEIGHT = 160, 122
+
+
+class Kernel:
+    """Answers the requests of one streaming camera; pictures lie in a file mapped instead of a node."""
+
+    def __init__(self, path):
+        self.path = path
+        path.write_bytes(bytes(SLOT * v4l2.BUFFERS))
+        self.free, self.ready, self.extension = [], [], {}
+        self.streaming = self.gone = False
+        self.refuse = {}
+        self.caps = videodev2.CAP_CAPTURE | videodev2.CAP_STREAMING
+        self.sizes = [(160, 120), (160, 122)]
+        self.zoom = None
+
+    def deliver(self, data, sequence, flags=videodev2.STAMP_MONOTONIC, at=(12, 345)):
+        index = self.free.pop(0)
+        with self.path.open("r+b") as memory:
+            memory.seek(index * SLOT)
+            memory.write(data)
+        self.ready.append((index, len(data), sequence, flags, at))
+
+    def ioctl(self, fd, request, argument):
+        if self.gone:
+            raise OSError(errno.ENODEV, "gone")
+        if request in self.refuse:
+            raise OSError(self.refuse[request], "refused")
+        names = {getattr(videodev2, name): name for name in REQUESTS}
+        return getattr(self, names[request].lower())(argument)
+
+    def querycap(self, caps):
+        caps.device_caps = self.caps
+
+    def enum_framesizes(self, entry):
+        if entry.index >= len(self.sizes):
+            raise OSError(errno.EINVAL, "no more")
+        entry.width, entry.height = self.sizes[entry.index]
+
+    def s_fmt(self, wanted):
+        wanted.fmt.pix.sizeimage = 2 * WIDTH * HEIGHT
+
+    def reqbufs(self, wish):
+        wish.count = v4l2.BUFFERS
+
+    def querybuf(self, slot):
+        slot.length, slot.m.offset = SLOT, slot.index * SLOT
+
+    def qbuf(self, slot):
+        self.free.append(slot.index)
+
+    def dqbuf(self, slot):
+        if not self.ready:
+            raise BlockingIOError(errno.EAGAIN, "nothing yet")
+        slot.index, slot.bytesused, slot.sequence, slot.flags, at = self.ready.pop(0)
+        slot.seconds, slot.microseconds = at
+
+    def streamon(self, kind):
+        self.streaming = True
+
+    def streamoff(self, kind):
+        self.streaming = False
+
+    def s_ctrl(self, control):
+        self.zoom = (control.id, control.value)
+
+    def uvc_query(self, query):
+        content = self.extension.get((query.unit, query.selector))
+        if content is None:
+            raise OSError(errno.ENOENT, "no such unit")
+        if query.query == videodev2.GET_LEN:
+            ctypes.memmove(query.data, len(content).to_bytes(2, "little"), 2)
+        elif query.size != len(content):
+            raise OSError(errno.ENOBUFS, "wrong size")
+        elif query.query == videodev2.GET_CUR:
+            ctypes.memmove(query.data, content, len(content))
+        else:
+            self.extension[query.unit, query.selector] = ctypes.string_at(query.data, query.size)
+
+
+REQUESTS = (
+    *("QUERYCAP", "S_FMT", "REQBUFS", "QUERYBUF", "QBUF", "DQBUF", "STREAMON", "STREAMOFF"),
+    *("S_CTRL", "ENUM_FRAMESIZES", "UVC_QUERY"),
+)
+
+
+@pytest.fixture
+def kernel(tmp_path, monkeypatch):
+    kernel = Kernel(tmp_path / "video0")
+    monkeypatch.setattr(v4l2.fcntl, "ioctl", kernel.ioctl)
+    return kernel
+
+
+def opened(kernel, sizes=((WIDTH, HEIGHT), (160, 120))):
+    return V4l2Source(str(kernel.path), "Y16 ", sizes, HostClock())
+
+
+@pytest.fixture
+def source(kernel):
+    source = opened(kernel)
+    yield source
+    source.close()
+
+
+def test_picture_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
+    data = os.urandom(2 * WIDTH * HEIGHT)
+    kernel.deliver(data, 41)
+    kernel.deliver(data[:100], 43, videodev2.STAMP_MONOTONIC | videodev2.FLAG_ERROR)
+    first, second = source.read(1.0), source.read(1.0)
+    assert (first.data, first.mono_ns, first.sequence, first.error) == (data, 12_000_345_000, 41, False)
+    assert (second.data, second.sequence, second.error) == (data[:100], 43, True)
+    assert source.read(0.01) is None
+    assert len(kernel.free) == v4l2.BUFFERS
+
+
+def test_stamp_of_another_clock_is_not_trusted(kernel, source):
+    before = HostClock().mono_ns()
+    kernel.deliver(b"picture", 1, flags=0)
+    assert source.read(1.0).mono_ns >= before
+
+
+def test_first_wanted_size_that_is_offered_is_taken(kernel):
+    assert opened(kernel).size == (160, 122)
+    kernel.sizes = [(160, 120)]
+    assert opened(kernel).size == (160, 120)
+
+
+def test_camera_without_the_wanted_picture_says_what_it_has(kernel):
+    kernel.sizes = [(640, 480)]
+    with pytest.raises(DeviceNotFoundError, match="no Y16 picture of 160x122, 160x120; it has 640x480"):
+        opened(kernel)
+
+
+def test_metadata_node_is_refused(kernel):
+    kernel.caps = 0x0080_0000
+    with pytest.raises(DeviceNotFoundError, match="metadata node"):
+        opened(kernel)
+
+
+@pytest.mark.parametrize(
+    ("code", "error", "words"),
+    [
+        (errno.EBUSY, DeviceAccessError, "used by another program"),
+        (errno.ENOSPC, DeviceAccessError, "no USB bandwidth"),
+        (errno.EIO, DeviceAccessError, "does not start"),
+    ],
+)
+def test_refused_start_is_explained(kernel, code, error, words):
+    kernel.refuse[videodev2.STREAMON] = code
+    with pytest.raises(error, match=words):
+        opened(kernel)
+
+
+def test_missing_node_and_missing_permission_are_told_apart(monkeypatch):
+    with pytest.raises(DeviceNotFoundError):
+        V4l2Source("/dev/video-none", "Y16 ", ((1, 1),), HostClock())
+    monkeypatch.setattr(
+        v4l2.os, "open", lambda *_: (_ for _ in ()).throw(PermissionError(errno.EACCES, "no"))
+    )
+    with pytest.raises(DeviceAccessError, match="no permission") as caught:
+        V4l2Source("/dev/video0", "Y16 ", ((1, 1),), HostClock())
+    assert "usermod -aG video" in caught.value.fix
+
+
+def test_unplugged_camera_is_lost_and_closes_quietly(kernel, source):
+    kernel.gone = True
+    with pytest.raises(DeviceLostError, match="is gone"):
+        source.read(1.0)
+    source.close()
+    source.close()
+
+
+def test_skipped_pictures_go_back_to_the_kernel(kernel, source):
+    for number in range(5):
+        kernel.deliver(b"picture", number)
+    source.skip_until(HostClock().mono_ns() + 20_000_000)
+    assert source.read(0.0) is None
+    assert len(kernel.free) == v4l2.BUFFERS
+
+
+def test_extension_unit_is_read_and_written_at_its_own_length(kernel, source):
+    kernel.extension[6, 19] = bytes(4)
+    source.set_control(6, 19, (1).to_bytes(4, "little"))
+    assert source.get_control(6, 19, 4) == b"\x01\0\0\0"
+    with pytest.raises(DeviceError, match="control 9 of unit 6"):
+        source.get_control(6, 9, 4)
+    with pytest.raises(DeviceError):
+        source.set_control(6, 19, b"\x01")
+
+
+def test_zoom_is_the_absolute_one(kernel, source):
+    source.set_zoom(0x8004)
+    assert kernel.zoom == (0x009A090D, 0x8004)
+
+
+C_PROGRAM = r"""
+#include <stdio.h>
+#include <stddef.h>
+#include <linux/videodev2.h>
+#include <linux/uvcvideo.h>
+int main(void) {
+    printf("%lu %lu %lu %lu %lu %lu ", VIDIOC_QUERYCAP, VIDIOC_S_FMT, VIDIOC_REQBUFS, VIDIOC_QUERYBUF,
+           VIDIOC_QBUF, VIDIOC_DQBUF);
+    printf("%lu %lu %lu %lu %lu ", VIDIOC_STREAMON, VIDIOC_STREAMOFF, VIDIOC_S_CTRL, VIDIOC_ENUM_FRAMESIZES,
+           (unsigned long)UVCIOC_CTRL_QUERY);
+#define AT(name, member) (long)offsetof(struct v4l2_##name, member)
+    printf("%ld %ld ", AT(buffer, timestamp), AT(buffer, sequence));
+    printf("%ld %ld ", AT(buffer, m), AT(buffer, length));
+    printf("%ld %ld ", AT(format, fmt), AT(capability, device_caps));
+    printf("%d %d\n", V4L2_CID_ZOOM_ABSOLUTE, V4L2_BUF_FLAG_ERROR);
+}
+"""
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="no C compiler")
+def test_structures_are_those_of_this_kernels_headers(tmp_path):
+    source, program = tmp_path / "ask.c", tmp_path / "ask"
+    source.write_text(C_PROGRAM)
+    if subprocess.run(["gcc", source, "-o", program], capture_output=True).returncode:
+        pytest.skip("no kernel headers")
+    told = [int(word) for word in subprocess.run([program], capture_output=True, text=True).stdout.split()]
+    buffer, layout = videodev2.VideoBuffer, videodev2.Format
+    assert told == [
+        *(getattr(videodev2, name) for name in REQUESTS),
+        *(buffer.seconds.offset, buffer.sequence.offset, buffer.m.offset, buffer.length.offset),
+        *(layout.fmt.offset, videodev2.Capability.device_caps.offset),
+        *(videodev2.ZOOM_ABSOLUTE, videodev2.FLAG_ERROR),
+    ]

@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.cameras.y16 import Y16
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Quality
+from tests.shared_data import shared
+
+COUNTS = np.random.default_rng(0).integers(6900, 7000, (240, 320)).astype("<u2")
+
+
+def opened(source, **options):
+    settings = DeviceSettings("ir", "y16", source=source, options={"width": 320, "height": 240, **options})
+    return Y16().open(settings, HostClock())
+
+
+def test_counts_are_never_guessed_to_be_temperatures(reel):
+    camera = opened(reel(COUNTS.tobytes(), (COUNTS + 1).tobytes()))
+    assert (camera.info.quantity, camera.info.unit) == ("counts", "counts")
+    frame = camera.read(1.0)
+    assert frame.quality == Quality.NO_VALUE
+    assert (frame.counts == COUNTS + 1).all()
+
+
+def test_scale_is_what_the_user_says(reel):
+    camera = opened(reel(COUNTS.tobytes(), (COUNTS + 1).tobytes()), kelvin_per_count=0.04, kelvin_offset=0.0)
+    assert (camera.info.unit, camera.info.scale) == ("K", 0.04)
+    assert camera.read(1.0).quality == Quality.GOOD
+
+
+def test_it_must_be_told_which_camera():
+    with pytest.raises(ConfigError, match="must be told which"):
+        Y16().open(DeviceSettings("ir", "y16"), HostClock())
+
+
+def test_recorded_picture_of_unknown_scale_stays_counts():
+    cv2 = pytest.importorskip("cv2")
+    image = cv2.imread(str(shared("data/frames/flir_file/example_radiometric.tiff")), cv2.IMREAD_UNCHANGED)
+    decoded = Y16().decode(image.astype("<u2").tobytes(), {"width": 640, "height": 512})
+    low, mean, high = decoded.values
+    assert (low.value, high.value, low.unit) == (6743, 7077, "counts")
+    assert mean.value == pytest.approx(6983.25, abs=0.005)
+    assert "no_value" in mean.flags
+
+
+@pytest.mark.parametrize("name", ["face_raw", "face_cal", "floor_raw", "floor_cal"])
+def test_seek_words_are_counts_only(name):
+    words = np.load(shared(f"data/frames/seek_compact/{name}.npy")).astype("<u2")
+    decoded = Y16().decode(words.tobytes(), {"width": 208, "height": 156})
+    assert {value.unit for value in decoded.values} == {"counts"}
+    assert decoded.values[0].value == 0
+    assert (words == 0).sum() == 2296

@@ -1,0 +1,73 @@
+"""A pseudo-terminal with an instrument's end in the test's hand."""
+
+import os
+import pty
+import threading
+import time
+import tty
+
+import pytest
+
+
+class Wire:
+    """`path` is what a driver opens; on the far end an instrument may say, talk on, or answer questions."""
+
+    def __init__(self):
+        self.far, self.near = pty.openpty()
+        tty.setraw(self.near)
+        self.path = os.ttyname(self.near)
+        self.threads = []
+
+    def say(self, data):
+        os.write(self.far, data)
+
+    def talk(self, data):
+        """Say the same again and again, as a meter does that nobody asks."""
+        self._start(self._talk, data)
+
+    def _talk(self, data):
+        try:
+            while self.far >= 0:
+                os.write(self.far, data)
+                time.sleep(0.01)
+        except OSError:
+            return
+
+    def hear(self, length):
+        return os.read(self.far, length)
+
+    def answer(self, replies):
+        """Reply from `replies` (question: answer) until the wire is cut."""
+        self._start(self._answer, replies)
+
+    def _start(self, role, *lines):
+        thread = threading.Thread(target=role, args=lines, daemon=True)
+        thread.start()
+        self.threads.append(thread)
+
+    def _answer(self, replies):
+        heard = b""
+        try:
+            while heard := heard + os.read(self.far, 256):
+                for question, reply in replies.items():
+                    if heard.endswith(question):
+                        heard = b""
+                        os.write(self.far, reply)
+                        break
+        except OSError:
+            return
+
+    def cut(self):
+        for end in (self.near, self.far):
+            if end >= 0:
+                os.close(end)
+        self.near = self.far = -1
+
+
+@pytest.fixture
+def wire():
+    wire = Wire()
+    yield wire
+    wire.cut()
+    for thread in wire.threads:
+        thread.join(2)

@@ -1,0 +1,87 @@
+import math
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.center_309 import Center309, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.samples import Quality
+
+RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
+
+
+def settings(wire, **given):
+    return DeviceSettings("thermometer", "center-309", port=wire.path, every_s=0.02, **given)
+
+
+@pytest.fixture
+def device(wire):
+    wire.answer({b"K": b"309\r", b"A": RECORD})
+    device = Center309().open(settings(wire, options={"labels": ["reference", "b05", "b15"]}), HostClock())
+    yield device
+    device.close()
+
+
+def test_model_and_channels_are_declared(device):
+    assert device.info.model == "309"
+    assert device.info.channels == ("reference", "b05", "b15")
+    assert (device.info.quantity, device.info.unit, device.info.shape) == ("temperature", "K", (3,))
+
+
+def test_readings_are_kelvin_and_keep_their_bytes(device):
+    reading = device.read(1.0)
+    assert reading.values == pytest.approx((298.45, 267.95, 373.65))
+    assert reading.raw == RECORD
+    assert reading.quality == Quality.GOOD
+
+
+def test_questions_keep_to_their_grid(device):
+    first, second, third = (device.read(1.0) for _ in range(3))
+    assert third.mono_ns - first.mono_ns == pytest.approx(40e6, abs=15e6)
+    assert first.mono_ns < second.mono_ns < third.mono_ns
+
+
+def test_turn_that_is_not_due_is_none(wire):
+    wire.answer({b"K": b"309\r", b"A": RECORD})
+    device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=60), HostClock())
+    assert device.read(1.0) is not None
+    assert device.read(0.01) is None
+    device.close()
+
+
+def test_open_probe_leaves_the_others_good(wire):
+    wire.answer({b"K": b"309\r", b"A": RECORD})
+    device = Center309().open(settings(wire), HostClock())
+    reading = device.read(1.0)
+    assert math.isnan(reading.values[3])
+    assert reading.quality == Quality.GOOD
+    device.close()
+
+
+def test_held_display_is_stale(wire):
+    wire.answer({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
+    device = Center309().open(settings(wire), HostClock())
+    assert device.read(1.0).quality == Quality.STALE
+    device.close()
+
+
+def test_sibling_of_another_record_is_named(wire):
+    wire.answer({b"K": b"303\r"})
+    with pytest.raises(DeviceNotFoundError, match="Center 303") as caught:
+        Center309().open(settings(wire), HostClock())
+    assert caught.value.fix == 'driver = "center-303"'
+
+
+def test_silent_thermometer_says_what_to_do(wire, monkeypatch):
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.ANSWER_S", 0.05)
+    with pytest.raises(DeviceTimeoutError, match="nothing heard"):
+        Center309().open(settings(wire), HostClock())
+
+
+@pytest.mark.parametrize(("offset", "value"), [(0, 3), (44, 2), (7, 0x7F), (9, 0x80)])
+def test_record_that_no_thermocouple_can_give_is_rejected(offset, value):
+    broken = bytearray(RECORD)
+    broken[offset] = value
+    assert isinstance(take(bytes(broken)), Rejected)

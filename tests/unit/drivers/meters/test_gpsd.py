@@ -1,0 +1,76 @@
+import json
+import socket
+import threading
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.samples import Quality
+
+
+def line(**report):
+    return json.dumps(report).encode() + b"\n"
+
+
+TPV = line(
+    **{
+        "class": "TPV",
+        "mode": 3,
+        "time": "2026-11-21T02:15:30.000Z",
+        "lat": 35.689447,
+        "lon": 139.75502,
+        "alt": 38.4,
+    }
+)
+PPS = line(**{"class": "PPS", "real_sec": 100, "real_nsec": 0, "clock_sec": 100, "clock_nsec": 250_000_000})
+
+
+@pytest.fixture
+def daemon():
+    """A server that says what gpsd would, once it is asked to watch."""
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def serve():
+        connection, _ = server.accept()
+        with connection:
+            assert connection.recv(256) == WATCH
+            connection.sendall(line(**{"class": "VERSION", "release": "3.25"}) + TPV + PPS)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    yield f"127.0.0.1:{server.getsockname()[1]}"
+    thread.join(5)
+    server.close()
+
+
+def test_position_and_clock_error_are_recorded_until_it_hangs_up(daemon):
+    device = Gpsd().open(DeviceSettings("gps", "gpsd", port=daemon), HostClock())
+    place = device.read(1.0)
+    assert place.values[:3] == (35.689447, 139.75502, 38.4)
+    assert place.device_time == 1_795_227_330_000_000_000
+    assert device.read(1.0).values[3] == pytest.approx(0.25)
+    with pytest.raises(DeviceLostError, match="hung up"):
+        device.read(1.0)
+    device.close()
+
+
+def test_no_gpsd_says_how_to_start_it():
+    with pytest.raises(DeviceNotFoundError) as caught:
+        Gpsd().open(DeviceSettings("gps", "gpsd", port="127.0.0.1:1"), HostClock())
+    assert "systemctl start gpsd" in caught.value.fix
+
+
+def test_position_without_a_fix_is_no_value():
+    record = take(line(**{"class": "TPV", "mode": 1, "lat": 1.0}))
+    assert {value.quality for value in record.values} == {Quality.NO_VALUE}
+
+
+@pytest.mark.parametrize(
+    "text", [b"{\n", b"[]\n", b"17\n", b'{"class":"PPS"}\n', b'{"class":"TPV","mode":3,"lat":"x"}\n']
+)
+def test_what_is_no_report_is_rejected(text):
+    assert isinstance(take(text), Rejected)

@@ -1,0 +1,79 @@
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, request, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import DeviceTimeoutError
+from fieldkit.samples import Quality
+
+LUX = bytes.fromhex(
+    "02 30 30 31 30 30 20 35 30 2B 39 38 37 36 35 20 20 20 20 20 20 20 20 20 20 20 20 03 30 39 0D 0A"
+)
+OVER = LUX.replace(b"100 50", b"100550")
+PC_MODE = bytes.fromhex("02 30 30 35 34 20 20 20 20 03 30 32 0D 0A")
+
+
+class HurriedClock(HostClock):
+    """Does not wait where the meter would need a pause."""
+
+    def sleep(self, seconds):
+        pass
+
+
+def signed(body):
+    return b"\x02" + body + check(body) + b"\r\n"
+
+
+def settings(wire, **options):
+    return DeviceSettings("lux", "konica-minolta", port=wire.path, every_s=0.01, options=options)
+
+
+@pytest.mark.parametrize(
+    ("question", "sent"),
+    [
+        (request(0, "54", "1"), "02 30 30 35 34 31 20 20 20 03 31 33 0D 0A"),
+        (request(0, "10", "0200"), "02 30 30 31 30 30 32 30 30 03 30 30 0D 0A"),
+        (request(99, "55", "1  0"), "02 39 39 35 35 31 20 20 30 03 30 32 0D 0A"),
+        (request(99, "40", "21"), "02 39 39 34 30 32 31 20 20 03 30 34 0D 0A"),
+    ],
+)
+def test_questions_are_those_of_the_manual(question, sent):
+    assert question == bytes.fromhex(sent)
+
+
+def test_t10_is_put_into_pc_mode_and_polled(wire):
+    wire.answer({request(0, "54", "1"): PC_MODE, request(0, "10", "0200"): LUX})
+    device = KonicaMinolta().open(settings(wire), HurriedClock())
+    assert (device.info.unit, device.info.latency_s, device.info.settings["line"]) == ("lx", 0.25, "9600 7E1")
+    reading = device.read(1.0)
+    assert (reading.values, reading.quality, reading.raw) == ((98760.0,), Quality.GOOD, LUX)
+    device.close()
+
+
+def test_cl200_is_triggered_before_it_is_asked(wire):
+    colour = signed(b"00020 50+98765+03124+03294\x03")
+    wire.answer(
+        {request(0, "54", "1"): PC_MODE, request(0, "40", "10"): PC_MODE, request(0, "02", "1200"): colour}
+    )
+    device = KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
+    assert device.read(1.0).values == (98760.0,)
+    device.close()
+
+
+def test_silent_meter_says_what_to_do(wire, monkeypatch):
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.ANSWER_S", 0.05)
+    with pytest.raises(DeviceTimeoutError, match="no answer to the PC mode command"):
+        KonicaMinolta().open(settings(wire), HurriedClock())
+
+
+def test_bytes_of_a_port_opened_without_parity_say_so():
+    with_parity = bytes(byte | (byte.bit_count() & 1) << 7 for byte in LUX)
+    assert "open this port 7E1" in take(with_parity).reason
+
+
+def test_lower_case_check_is_accepted_and_a_wrong_one_is_not():
+    record = signed(b"0054    \x03")
+    assert not isinstance(take(record.lower()), Rejected)
+    wrong = take(LUX[:-3] + b"8\r\n")
+    assert wrong.reason == "check is 08, should be 09"

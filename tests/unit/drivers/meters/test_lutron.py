@@ -1,0 +1,106 @@
+import math
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import Device, DeviceSettings
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.meters.lutron import Lutron, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import ConfigError, DecodeError, DeviceTimeoutError
+from fieldkit.samples import Quality
+
+LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
+FOOTCANDLE = bytes.fromhex("02 34 31 31 36 30 32 30 30 30 30 34 38 32 31 0D")
+T2 = bytes.fromhex("02 34 32 30 31 31 31 30 30 30 30 30 31 32 37 0D")
+NO_PROBE = bytes.fromhex("02 34 32 30 31 30 31 18 18 18 18 18 18 18 18 0D")
+
+
+def settings(wire, **options):
+    return DeviceSettings("lux", "lutron", port=wire.path, options=options)
+
+
+@pytest.fixture
+def opened(wire):
+    devices = []
+
+    def open_with(record, **options):
+        wire.talk(record)
+        devices.append(Lutron().open(settings(wire, **options), HostClock()))
+        return devices[-1]
+
+    yield open_with
+    for device in devices:
+        device.close()
+
+
+def test_light_meter_declares_lux_before_its_first_reading(opened):
+    device = opened(LUX)
+    assert isinstance(device, Device)
+    assert (device.info.quantity, device.info.unit, device.info.channels) == ("illuminance", "lx", ("lux",))
+    assert device.info.wire_time_s == pytest.approx(0.0167, abs=1e-4)
+    reading = device.read(1.0)
+    assert (reading.values, reading.raw, reading.quality) == ((98760.0,), LUX, Quality.GOOD)
+
+
+def test_footcandles_are_stored_as_lux(opened):
+    assert opened(FOOTCANDLE).read(1.0).values == pytest.approx((518.9,), abs=0.05)
+
+
+def test_end_of_range_is_flagged(opened):
+    assert opened(LUX, range_max_lx=98760).read(1.0).quality == Quality.OVERRANGE
+
+
+def test_thermometer_stores_kelvin_per_display(opened):
+    device = opened(T2, labels=["reference", "bed"])
+    assert (device.info.quantity, device.info.unit) == ("temperature", "K")
+    values = device.read(1.0).values
+    assert math.isnan(values[0])
+    assert values[1] == pytest.approx(273.15 - 12.7)
+
+
+def test_open_probe_is_no_value(opened):
+    reading = opened(NO_PROBE, labels=["reference", "bed"]).read(1.0)
+    assert all(math.isnan(value) for value in reading.values)
+    assert reading.quality == Quality.NO_VALUE
+    assert reading.raw == NO_PROBE
+
+
+def test_record_of_another_quantity_is_rejected(opened):
+    device = opened(LUX + T2)
+    assert {device.read(0.2).values for _ in range(4)} == {(98760.0,)}
+    assert device.rejected >= 1
+
+
+def test_silent_meter_says_what_to_do(wire, monkeypatch):
+    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
+    with pytest.raises(DeviceTimeoutError, match="nothing heard") as caught:
+        Lutron().open(settings(wire), HostClock())
+    assert "DTR" in caught.value.fix
+
+
+def test_other_meter_on_the_line_is_a_decode_error_with_its_bytes(wire, monkeypatch):
+    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.1)
+    wire.talk(b"T1= 23.5 C\r\n")
+    with pytest.raises(DecodeError, match="none of them a record") as caught:
+        Lutron().open(settings(wire), HostClock())
+    assert b"T1= 23.5 C\r\n" in caught.value.raw
+
+
+def test_meter_of_neither_light_nor_temperature_is_refused(wire):
+    wire.talk(LUX.replace(b"\x3115", b"\x3117"))
+    with pytest.raises(DecodeError, match="sends dB"):
+        Lutron().open(settings(wire), HostClock())
+
+
+def test_unknown_option_is_refused_with_the_near_one(wire):
+    with pytest.raises(ConfigError) as caught:
+        Lutron().open(settings(wire, range_max_lux=1), HostClock())
+    assert caught.value.fix == "did you mean range_max_lx?"
+
+
+@pytest.mark.parametrize("offset", [0, 1, 2, 3, 5, 6, 7, 14, 15])
+def test_no_byte_of_a_record_may_be_another(offset):
+    broken = bytearray(LUX)
+    broken[offset] ^= 0x40
+    assert isinstance(take(bytes(broken)), Rejected)

@@ -1,0 +1,114 @@
+import math
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.modbus import Modbus, crc16, request, take
+from fieldkit.drivers.meters.modbus_map import load_map, packaged
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Quality
+
+SMP = bytes.fromhex("01 04 10 00 01 00 00 00 00 03 E5 03 E5 00 00 00 F8 00 EA 66 12")
+VOID = bytes.fromhex("01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8")
+RTD = bytes.fromhex("01 03 10 00 FA 00 FD FF CC 03 ED 00 00 00 01 00 F9 7F FF B5 3A")
+OPTIONS = {"map": "kipp-smp"}
+
+
+def settings(wire, **options):
+    return DeviceSettings("sun", "modbus", port=wire.path, every_s=0.02, options=options)
+
+
+def test_requests_are_those_of_the_manuals():
+    assert request(1, 4, 2, 8) == bytes.fromhex("01 04 00 02 00 08 50 0C")
+    assert request(1, 3, 0, 1) == bytes.fromhex("01 03 00 00 00 01 84 0A")
+
+
+def test_printed_reply_with_a_wrong_crc_is_rejected():
+    # 01 03 02 00 FA B8 44 stands in a module's paper; B8 44 belongs to the value 0.
+    assert isinstance(take(bytes.fromhex("01 03 02 00 FA B8 44") + bytes(8)), Rejected)
+    assert not isinstance(take(bytes.fromhex("01 03 02 00 FA 38 07")), Rejected)
+    assert crc16(bytes.fromhex("01 03 02 00 00")) == 0x44B8
+
+
+def test_refusal_of_the_instrument_is_said_in_words():
+    body = bytes.fromhex("01 84 02")
+    refused = take(body + crc16(body).to_bytes(2, "little"))
+    assert refused.reason == "the instrument refuses: illegal address"
+
+
+def test_pyranometer_is_polled_by_its_map(wire):
+    wire.answer({request(1, 4, 2, 8): SMP})
+    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    assert (device.info.quantity, device.info.unit) == ("irradiance", "W m-2")
+    assert device.info.settings["line"] == "19200 8E1"
+    assert device.info.channels == ("irradiance", "irradiance uncompensated")
+    assert device.read(1.0).values == (997.0, 997.0)
+    device.close()
+
+
+def test_void_data_are_stale(wire):
+    wire.answer({request(1, 4, 2, 8): VOID})
+    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    reading = device.read(1.0)
+    assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
+    device.close()
+
+
+def test_adapter_that_echoes_the_question_is_understood(wire):
+    question = request(1, 3, 0, 8)
+    wire.answer({question: question + RTD})
+    device = Modbus().open(settings(wire, map="rtd-8"), HostClock())
+    reading = device.read(1.0)
+    assert reading.values[:4] == pytest.approx((298.15, 298.45, 267.95, 373.65))
+    assert math.isnan(reading.values[7])
+    assert device.rejected == 0
+    device.close()
+
+
+@pytest.mark.parametrize("name", packaged())
+def test_packaged_maps_are_whole(name):
+    assert load_map(name).channels
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (("register = 0", "register = 8"), "register 8 is not among 0 to 7"),
+        (('type = "s16"', 'type = "s17"'), "type 's17' is none of u16"),
+        (("function = 3", "function = 6"), "function 6 does not read"),
+        (("count = 8", ""), "'count' is missing"),
+        (("count = 8", "cuont = 8"), "unknown keys: cuont"),
+        (('unit = "°C"\nline', 'unit = "W/m²"\nline'), "no channel has the unit"),
+        (("scale = 0.1", "sclae = 0.1"), "sclae"),
+        (("scale = 0.1", "scale ="), "Invalid value"),
+    ],
+)
+def test_half_read_map_says_what_is_wrong(tmp_path, change, complaint):
+    from fieldkit.drivers.meters.modbus_map import FOLDER
+
+    text = (FOLDER / "rtd-8.toml").read_text()
+    assert change[0] in text
+    broken = tmp_path / "mine.toml"
+    broken.write_text(text.replace(*change))
+    with pytest.raises(ConfigError, match=complaint) as caught:
+        load_map(str(broken))
+    assert str(broken) in str(caught.value)
+
+
+def test_missing_map_lists_those_there_are(wire):
+    with pytest.raises(ConfigError) as caught:
+        load_map("smp")
+    assert "kipp-smp" in caught.value.fix
+    with pytest.raises(ConfigError, match="which instrument"):
+        Modbus().open(settings(wire), HostClock())
+
+
+@pytest.mark.parametrize(("low_first", "registers"), [(False, (0x4452, 0xECCD)), (True, (0xECCD, 0x4452))])
+def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
+    text = (load_map.__globals__["FOLDER"] / "apogee.toml").read_text()
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text + f"words_low_first = {str(low_first).lower()}\n")
+    (value,) = load_map(str(mine)).values(registers)
+    assert value.value == pytest.approx(843.7)

@@ -1,0 +1,63 @@
+import math
+import subprocess
+import sys
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.nmea import Nmea, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.samples import NO_COUNTER, Quality
+
+pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
+
+GGA = b"$GPGGA,021530.00,3541.3668,N,13945.3012,E,2,11,0.86,38.4,M,39.5,M,,0000*66\r\n"
+RMC = b"$GPRMC,021530.00,A,3541.3668,N,13945.3012,E,0.02,77.52,211126,,,A*6B\r\n"
+
+
+def signed(body):
+    check = 0
+    for byte in body:
+        check ^= byte
+    return b"$" + body + b"*%02X\r\n" % check
+
+
+def test_position_and_time_are_recorded(wire):
+    wire.talk(b"3012,E,2*00\r\n" + GGA + RMC)
+    device = Nmea().open(DeviceSettings("gps", "nmea", port=wire.path), HostClock())
+    assert device.info.channels == ("latitude", "longitude", "altitude")
+    readings = [device.read(1.0) for _ in range(4)]
+    with_height = next(reading for reading in readings if not math.isnan(reading.values[2]))
+    with_time = next(reading for reading in readings if reading.device_time != NO_COUNTER)
+    assert with_height.values == pytest.approx((35.689447, 139.755020, 38.4), abs=1e-6)
+    assert with_time.device_time == 1_795_227_330_000_000_000
+    device.close()
+
+
+def test_receiver_without_a_fix_gives_no_value():
+    record = take(signed(b"GPRMC,021530.00,V,,,,,,,211126,,,N"))
+    assert all(value.quality == Quality.NO_VALUE for value in record.values)
+    record = take(signed(b"GPGGA,021530.00,,,,,0,00,99.99,,,,,,"))
+    assert math.isnan(record.values[0].value)
+
+
+@pytest.mark.parametrize("broken", [GGA.replace(b"3541", b"3542"), GGA[:-5] + b"\r\n", b"$GPGGA,0215" + GGA])
+def test_damaged_or_cut_sentences_are_rejected(broken):
+    assert isinstance(take(broken), Rejected)
+
+
+def test_other_sentences_are_let_by():
+    assert take(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
+
+
+def test_without_the_extra_the_fix_says_what_to_install():
+    code = (
+        "import sys; sys.modules['pynmeagps'] = None\n"
+        "from fieldkit.drivers.meters.nmea import Nmea\n"
+        "from fieldkit.errors import ConfigError\n"
+        f"try: Nmea().decode({GGA!r}, {{}})\n"
+        "except ConfigError as error: print(error.fix)"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == 'pip install "fieldkit[gps]"'

@@ -1,0 +1,61 @@
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, take
+from fieldkit.drivers.records import Rejected
+from fieldkit.samples import Quality
+
+RECORD = bytes.fromhex("AA DD 00 26 06 11 21 10 15 30 09 57 09 57 80 00 00 00")
+
+
+def changed(**offsets):
+    record = bytearray(RECORD)
+    for name, value in offsets.items():
+        record[int(name[1:])] = value
+    return bytes(record)
+
+
+@pytest.mark.parametrize(
+    ("state", "unit", "value"),
+    [
+        (0, "lx", 98700),
+        (1, "lx", 98.7),
+        (2, "lx", 987),
+        (3, "lx", 9870),
+        (4, "fc", 9870),
+        (5, "fc", 9.87),
+        (7, "fc", 987),
+    ],
+)
+def test_unit_and_range_scale_the_value(state, unit, value):
+    (found,) = take(changed(_14=state)).values
+    assert (found.unit, found.value) == (unit, pytest.approx(value))
+
+
+def test_relative_mode_gives_the_absolute_value():
+    (found,) = take(changed(_10=0, _11=5, _14=5 << 3)).values
+    assert found.value == 98700
+    assert found.flags == ["relative"]
+
+
+def test_minus_and_low_battery_are_read():
+    (found,) = take(changed(_15=0x30)).values
+    assert (found.value, found.flags) == (-98700, ["low_battery"])
+
+
+def test_end_of_range_is_flagged():
+    (found,) = take(changed(_10=39, _11=99)).values
+    assert found.quality == Quality.OVERRANGE
+
+
+@pytest.mark.parametrize("wrong", [{"_2": 1}, {"_3": 0x2A}, {"_10": 100}, {"_13": 200}])
+def test_what_the_layout_forbids_is_rejected(wrong):
+    assert isinstance(take(changed(**wrong)), Rejected)
+
+
+def test_meter_is_polled(wire):
+    wire.answer({ASK_LIVE: RECORD})
+    device = Pce174().open(DeviceSettings("lux", "pce-174", port=wire.path, every_s=0.02), HostClock())
+    assert device.read(1.0).values == (98700.0,)
+    device.close()

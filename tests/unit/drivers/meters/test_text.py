@@ -1,0 +1,79 @@
+import math
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.text import Grammar, Text
+from fieldkit.drivers.records import Rejected
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Quality
+
+
+def settings(wire, **options):
+    return DeviceSettings("board", "text", port=wire.path, options=options)
+
+
+def values(data, **options):
+    return [(value.channel, value.value, value.unit) for value in Text().decode(data, options).values]
+
+
+def test_pairs_carry_their_unit():
+    assert values(b"T1=21.56 C, lux = 98760 lx;w=-3e1W/m2\r\n") == [
+        ("T1", 21.56, "°C"),
+        ("lux", 98760.0, "lx"),
+        ("w", -30.0, "W/m²"),
+    ]
+
+
+def test_header_names_the_columns_that_follow():
+    assert values(b"ms,temp_c,light_lx\n12345,21.56,98760\n") == [
+        ("temp_c", 21.56, "°C"),
+        ("light_lx", 98760.0, "lx"),
+    ]
+
+
+def test_columns_may_be_given():
+    assert values(b"21.5\t9\n", columns="temp_c,count") == [("temp_c", 21.5, "°C"), ("count", 9.0, "")]
+
+
+def test_sentinels_blanks_and_nan_are_no_value():
+    record = Grammar(("a", "b", "c"), "°C", (-127.0,)).take(b"-127.00,,nan\n")
+    assert [value.quality for value in record.values] == [Quality.NO_VALUE] * 3
+    assert all(math.isnan(value.value) for value in record.values)
+
+
+@pytest.mark.parametrize(
+    "line", [b"hello world=\xff\n", b"T1=abc C\n", b"21.5,x1y\n", b"1,2,3\n", b"=5\n", b"1" * 600]
+)
+def test_what_is_no_line_of_ours_is_rejected(line):
+    assert isinstance(Grammar(("a", "b")).take(line[:512]), Rejected)
+
+
+def test_board_with_header_and_clock_is_recorded(wire):
+    wire.talk(b"# ready\r\nms,T1_c,T2_c,light_lx\r\n12345,21.50,-127,98760\r\n")
+    device = Text().open(settings(wire, no_value=[-127, 85], labels=["reference", "bed"]), HostClock())
+    assert (device.info.unit, device.info.channels, device.info.device_time_unit) == (
+        "K",
+        ("reference", "bed"),
+        "ms",
+    )
+    reading = device.read(1.0)
+    assert reading.values[0] == pytest.approx(294.65)
+    assert math.isnan(reading.values[1])
+    assert reading.device_time == 12345
+    device.close()
+
+
+def test_unit_of_bare_numbers_is_configured(wire):
+    wire.talk(b"98760\n")
+    device = Text().open(settings(wire, unit="lux"), HostClock())
+    assert (device.info.quantity, device.info.unit) == ("illuminance", "lx")
+    assert device.read(1.0).values == (98760.0,)
+    device.close()
+
+
+@pytest.mark.parametrize("options", [{"columns": "a,b"}, {"no_value": 85}, {"no_value": ["x"]}])
+def test_wrong_options_say_what_is_expected(wire, options):
+    with pytest.raises(ConfigError, match="is not a list"):
+        Text().open(settings(wire, **options), HostClock())

@@ -1,0 +1,174 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers import registry
+from fieldkit.drivers.meters import center_309, lutron
+from fieldkit.drivers.simulated import SimulatedField
+from fieldkit.drivers.simulated.meters import center_309_record, lutron_record, spoilt
+from fieldkit.errors import DeviceLostError
+from fieldkit.scene import Fault, FaultKind, sand_slopes
+from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+
+LUX = DeviceSettings("lux", "lutron", "simulated")
+THERMOMETER = DeviceSettings("thermometer", "center-309", "simulated", every_s=2.0)
+
+
+def opened(instrument, scene):
+    """Clock, field and the real driver's device for one simulated instrument; close all three."""
+    clock = SimulatedClock(scene.start_ns)
+    field = SimulatedField(scene, clock)
+    return clock, field, registry.open_device(field.plug(instrument), clock)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return sand_slopes(duration_s=600.0)
+
+
+@pytest.fixture
+def lux(scene):
+    clock, field, device = opened(LUX, scene)
+    with clock, field:
+        yield device
+        device.close()
+
+
+@pytest.fixture
+def thermometer(scene):
+    clock, field, device = opened(THERMOMETER, scene)
+    with clock, field:
+        yield device
+        device.close()
+
+
+# --- bytes: golden vectors of the protocol sheets
+
+
+@pytest.mark.parametrize(
+    ("record", "golden"),
+    [
+        (lutron_record(98_760, "15"), "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"),
+        (lutron_record(1_234.5, "15"), "02 34 31 31 35 30 31 30 30 30 31 32 33 34 35 0D"),
+        (lutron_record(48.21, "16"), "02 34 31 31 36 30 32 30 30 30 30 34 38 32 31 0D"),
+        (
+            center_309_record([25.3, -5.2, 100.5]),
+            "02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + " 00" * 24 + " 08 00 00 00 00 03",
+        ),
+    ],
+)
+def test_records_are_the_golden_vectors_of_the_protocol_sheets(record, golden):
+    assert record == bytes.fromhex(golden)
+
+
+@settings(deadline=None)
+@given(st.floats(-2e5, 4e5))
+def test_driver_reads_back_what_the_light_meter_says(value):
+    (read,) = lutron.Lutron().decode(lutron_record(value, "15"), {}).values
+    assert read.value == pytest.approx(value, rel=1e-4, abs=0.00501)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-200.0, 1300.0) | st.just(math.nan), max_size=4))
+def test_driver_reads_back_what_the_thermometer_says(celsius):
+    read = [value.value for value in center_309.Center309().decode(center_309_record(celsius), {}).values]
+    expected = [*celsius, *[math.nan] * (4 - len(celsius))]
+    np.testing.assert_allclose(read, expected, atol=0.0501)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.0, 2e5))
+def test_spoilt_records_are_shorter_or_whole(seed, value):
+    record = lutron_record(value, "15")
+    rest = spoilt(record, np.random.default_rng(seed))
+    assert rest == record or len(rest) < len(record)
+
+
+# --- instruments at the end of a real pseudo-terminal
+
+
+def test_light_meter_tells_the_scene_as_it_was_when_it_measured(lux, scene):
+    lux.read(2.0)
+    for _ in range(5):
+        reading = lux.read(2.0)
+        measured_ns = reading.time_ns - round(lux.info.latency_s * SECOND_NS)
+        assert reading.values == (round(scene.lux_reading(measured_ns)),)
+
+
+def test_light_meter_talks_once_a_second_to_the_nanosecond(lux):
+    stamps = [lux.read(2.0).mono_ns for _ in range(10)]
+    assert set(np.diff(stamps)) == {SECOND_NS}
+
+
+def test_light_meter_declares_what_it_is(lux):
+    assert (lux.info.quantity, lux.info.unit) == ("illuminance", "lx")
+    assert lux.info.latency_s > 0.0
+
+
+def test_thermometer_tells_its_probes_as_they_were_when_it_measured(thermometer, scene):
+    for _ in range(5):
+        reading = None
+        while reading is None:
+            reading = thermometer.read(1.0)
+        probes = scene.probe_readings(reading.time_ns - round(thermometer.info.latency_s * SECOND_NS))
+        np.testing.assert_allclose(reading.values, probes, atol=0.0501)
+
+
+def test_thermometer_knows_its_model_and_response(thermometer, scene):
+    assert thermometer.info.model == "309"
+    assert thermometer.info.response_s == scene.response_s
+
+
+def test_declared_latency_of_the_configuration_is_left_alone(scene):
+    with SimulatedClock(scene.start_ns) as clock, SimulatedField(scene, clock) as field:
+        settings = DeviceSettings("lux", "lutron", "simulated", options={"latency_s": 0.5})
+        assert field.plug(settings).options["latency_s"] == 0.5
+
+
+def test_pulled_plug_is_a_lost_device(scene):
+    clock, field, device = opened(LUX, scene)
+    with clock:
+        device.read(2.0)
+        field.close()
+        with pytest.raises(DeviceLostError):
+            device.read(2.0)
+        device.close()
+
+
+def test_meter_can_be_opened_again(scene):
+    with SimulatedClock(scene.start_ns) as clock, SimulatedField(scene, clock) as field:
+        settings = field.plug(LUX)
+        for _ in range(3):
+            device = registry.open_device(settings, clock)
+            before_ns = clock.mono_ns()
+            assert device.read(2.0).mono_ns > before_ns - SECOND_NS
+            device.close()
+            clock.sleep(300.0)
+
+
+@pytest.mark.parametrize("settings", [LUX, THERMOMETER], ids=lambda settings: settings.driver)
+def test_garbled_bytes_are_rejected_and_good_ones_come_back(settings):
+    scene = sand_slopes(duration_s=300.0, faults=(Fault(FaultKind.GARBLED, 60.0, 120.0),))
+    clock, field, device = opened(settings, scene)
+    begin_ns, end_ns = scene.fault_spans(FaultKind.GARBLED)[0]
+    counts = {"before": 0, "during": 0, "after": 0}
+    rejected = {}
+    with clock, field:
+        while clock.mono_ns() < clock.to_mono_ns(scene.end_ns):
+            reading = device.read(0.5)
+            now_ns = clock.to_utc_ns(clock.mono_ns())
+            when = "before" if now_ns < begin_ns else "during" if now_ns < end_ns else "after"
+            counts[when] += reading is not None
+            rejected[when] = device.rejected
+        device.close()
+    every_s = settings.every_s
+    assert rejected["before"] == 0
+    assert rejected["during"] > 3
+    assert rejected["after"] <= rejected["during"] + 1, "the last spoilt bytes at most"
+    assert counts["before"] >= 55 / every_s
+    assert 0 < counts["during"] < 0.6 * 120 / every_s
+    assert counts["after"] >= 115 / every_s

@@ -1,0 +1,111 @@
+"""Every driver passes the suite, the sample plug-in too; a driver that breaks a rule is caught."""
+
+import importlib
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers import registry
+from fieldkit.drivers.conformance import check_driver
+from fieldkit.drivers.meters.center_309 import Center309
+from fieldkit.drivers.meters.lutron import Lutron
+
+LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
+TEMPERATURES = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
+SAMPLE = Path(__file__).parents[2] / "data/sample_plugin"
+
+
+def levels(outcomes):
+    return {one.what: one.level for one in outcomes}
+
+
+@pytest.mark.parametrize("name", registry.BUILT_IN)
+def test_every_driver_of_ours_conforms(name):
+    outcomes = list(check_driver(registry.get(name), HostClock()))
+    assert [one for one in outcomes if one.level == "fail"] == []
+
+
+def test_meter_that_talks_conforms_on_its_port(wire):
+    wire.talk(LUX)
+    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
+    assert set(levels(outcomes).values()) == {"ok"}, outcomes
+
+
+def test_meter_that_answers_conforms_on_its_port(wire):
+    wire.answer({b"K": b"309\r", b"A": TEMPERATURES})
+    settings = DeviceSettings("t", "center-309", port=wire.path, every_s=0.05)
+    outcomes = list(check_driver(Center309(), HostClock(), settings))
+    assert set(levels(outcomes).values()) == {"ok"}, outcomes
+
+
+@pytest.fixture
+def sample_package(tmp_path, monkeypatch):
+    """The sample package as pip would install it."""
+    project = tomllib.loads((SAMPLE / "pyproject.toml").read_text())["project"]
+    (tmp_path / "sample_lux.py").write_text((SAMPLE / "sample_lux.py").read_text())
+    info = tmp_path / "sample_lux-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 1.0\n")
+    lines = (f"{name} = {target}" for name, target in project["entry-points"]["fieldkit.drivers"].items())
+    (info / "entry_points.txt").write_text("[fieldkit.drivers]\n" + "\n".join(lines) + "\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    importlib.invalidate_caches()
+    yield
+    sys.modules.pop("sample_lux", None)
+
+
+def test_sample_plug_in_is_short_and_conforms(sample_package, wire):
+    lines = sum(len(path.read_text().splitlines()) for path in SAMPLE.glob("*.*"))
+    assert lines <= 60
+    wire.talk(b"LUX 98760\r\n")
+    driver = registry.get("sample-lux")
+    outcomes = list(check_driver(driver, HostClock(), DeviceSettings("t", "sample-lux", port=wire.path)))
+    assert set(levels(outcomes).values()) == {"ok"}, outcomes
+
+
+class Vanishing(Lutron):
+    """Loses bytes, finds for others, opens nothing and everything."""
+
+    def find(self):
+        raise RuntimeError("no bus")
+
+    def decode(self, data, options):
+        return data[1000]
+
+    def open(self, settings, clock):
+        class Nothing:
+            def close(self):
+                pass
+
+        return Nothing()
+
+
+def test_driver_that_breaks_the_rules_is_caught():
+    found = levels(check_driver(Vanishing(), HostClock(), DeviceSettings("t", "lutron", port="x")))
+    assert found == {
+        "it says what it is": "ok",
+        "it looks for instruments": "fail",
+        "any bytes give values or reasons": "fail",
+        "an instrument that is not there is said to be missing": "fail",
+        "it opens and declares its stream": "fail",
+    }
+
+
+class Overdue(Lutron):
+    """Declares one channel and delivers two."""
+
+    def open(self, settings, clock):
+        device = super().open(settings, clock)
+        device._columns = {"1": 0, "2": 1}
+        device._units = ("lx", "lx")
+        return device
+
+
+def test_samples_that_were_not_declared_are_caught(wire):
+    wire.talk(LUX)
+    outcomes = list(check_driver(Overdue(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
+    assert levels(outcomes)["it delivers what it declared"] == "fail"

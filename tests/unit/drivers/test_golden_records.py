@@ -1,0 +1,40 @@
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fieldkit.drivers import registry
+from fieldkit.drivers.records import Decodes
+
+GOLDEN = tomllib.loads((Path(__file__).parents[2] / "data/golden_records.toml").read_text())["record"]
+
+
+def bytes_of(golden):
+    return golden["text"].encode() if "text" in golden else bytes.fromhex(golden["hex"])
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["id"])
+def test_bytes_mean_what_the_maker_says(golden):
+    driver = registry.get(golden["driver"])
+    assert isinstance(driver, Decodes)
+    decoded = driver.decode(bytes_of(golden), golden.get("options", {}))
+    assert not decoded.rejected
+    assert list(decoded.notes) == golden.get("notes", list(decoded.notes))
+    assert decoded.rest == 0
+    assert [(value.unit, value.channel, value.flags) for value in decoded.values] == [
+        (expected["unit"], expected["channel"], expected["flags"]) for expected in golden["values"]
+    ]
+    assert [value.value for value in decoded.values] == pytest.approx(
+        [expected["value"] for expected in golden["values"]], rel=1e-6, nan_ok=True
+    )
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden["id"])
+def test_a_record_is_found_again_after_noise_and_its_beginning_is_waited_for(golden):
+    driver = registry.get(golden["driver"])
+    assert isinstance(driver, Decodes)
+    data = bytes_of(golden)
+    decoded = driver.decode(b"\xfe\xfd\xfc" + data + data[:5], golden.get("options", {}))
+    assert len(decoded.values) == len(golden["values"])
+    assert [(part.offset, part.length) for part in decoded.rejected] == [(0, 3)]
+    assert decoded.rest == 5

@@ -1,0 +1,156 @@
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers import ports
+from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.meters.lutron import LAYOUT
+from fieldkit.drivers.ports import Line, SerialPort, open_failure, open_port
+from fieldkit.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
+
+RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
+BYTE_NS = 1_041_666  # ten bits at 9600 baud
+
+
+@pytest.fixture
+def port(wire):
+    port = SerialPort(wire.path, Line(9600), HostClock())
+    yield port
+    port.close()
+
+
+def test_wire_time_of_lines_is_that_of_their_bits():
+    assert 16 * Line(9600).byte_ns / 1e6 == pytest.approx(16.7, abs=0.05)  # Lutron
+    assert 32 * Line(9600, 7, "E").byte_ns / 1e6 == pytest.approx(33.3, abs=0.05)  # T-10A
+    assert 21 * Line(19200, 8, "E").byte_ns / 1e6 == pytest.approx(12.0, abs=0.05)  # SMP
+    assert 19 * Line(2400).byte_ns / 1e6 == pytest.approx(79.2, abs=0.05)  # UT325
+
+
+def test_stamp_is_the_arrival_less_the_wire_time_of_what_came_with_the_first_byte(wire, port):
+    before = port._clock.mono_ns()
+    wire.say(RECORD)
+    found = port.read(LAYOUT, 2.0)
+    after = port._clock.mono_ns()
+    assert found.raw == RECORD
+    assert before - 16 * BYTE_NS <= found.mono_ns <= after - 16 * BYTE_NS
+
+
+def test_stamp_belongs_to_the_chunk_of_the_first_byte(wire, port):
+    wire.say(RECORD[:1])
+    assert port.read(LAYOUT, 0.05) is None
+    first_ns = port._clock.mono_ns()
+    wire.say(RECORD[1:])
+    assert port.read(LAYOUT, 2.0).mono_ns <= first_ns - BYTE_NS
+
+
+def test_second_of_two_records_in_one_chunk_is_one_record_later(wire, port):
+    wire.say(RECORD + RECORD)
+    first, second = port.read(LAYOUT, 2.0), port.read(LAYOUT, 2.0)
+    assert second.mono_ns - first.mono_ns == 16 * BYTE_NS
+
+
+def test_noise_between_records_is_skipped_and_counted_once_a_run(wire, port):
+    wire.say(b"\x34\x02\x02" + RECORD + b"\x00\xff\x02\x34" + RECORD)
+    assert port.read(LAYOUT, 2.0).raw == RECORD
+    assert port.framer.rejected == 1
+    assert port.read(LAYOUT, 2.0).raw == RECORD
+    assert port.framer.rejected == 2
+
+
+def test_silence_is_none(port):
+    assert port.read(LAYOUT, 0.01) is None
+
+
+def test_old_bytes_are_discarded(wire, port):
+    wire.say(RECORD)
+    port.discard()
+    assert port.read(LAYOUT, 0.01) is None
+
+
+def test_unplugged_port_is_lost_on_read_and_on_write(wire, port):
+    wire.cut()
+    with pytest.raises(DeviceLostError, match=wire.path):
+        port.read(LAYOUT, 1.0)
+    with pytest.raises(DeviceLostError):
+        port.write(b"A")
+    port.close()
+    port.close()
+
+
+def test_port_taken_by_another_program_says_how_to_find_it(wire):
+    code = (
+        "import serial, sys; port = serial.Serial(sys.argv[1], exclusive=True);"
+        "print('open', flush=True); sys.stdin.read()"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", code, wire.path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout.readline() == "open\n"
+    with pytest.raises(DeviceAccessError, match="used by another program") as caught:
+        SerialPort(wire.path, Line(), HostClock())
+    assert f"fuser -v {wire.path}" in caught.value.fix
+    other.communicate()
+
+
+def test_port_can_be_opened_again_after_it_was_closed(wire, port):
+    port.close()
+    again = SerialPort(wire.path, Line(), HostClock())
+    wire.say(RECORD)
+    assert again.read(LAYOUT, 2.0).raw == RECORD
+    again.close()
+
+
+def test_missing_port_lists_what_is_there(monkeypatch):
+    meter = UsbIdentity(0x0403, 0x6001, "A1", "1-1", "FTDI adapter")
+    monkeypatch.setattr(ports, "serial_ports", lambda: [("/dev/ttyUSB7", meter)])
+    with pytest.raises(DeviceNotFoundError, match="0403:6001:A1 at /dev/ttyUSB7"):
+        SerialPort("/dev/ttyUSB-none", Line(), HostClock())
+
+
+def test_permission_says_what_to_type(tmp_path):
+    failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
+    assert isinstance(failure, DeviceAccessError)
+    assert "usermod -aG" in failure.fix
+    assert "doctor --udev" in failure.fix
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_port_without_permission_is_an_access_error(tmp_path):
+    forbidden = tmp_path / "tty"
+    forbidden.touch(mode=0)
+    with pytest.raises(DeviceAccessError, match="no permission"):
+        SerialPort(str(forbidden), Line(), HostClock())
+
+
+def settings(**given):
+    return DeviceSettings("lux", "lutron", **given)
+
+
+def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
+    present = [
+        ("/dev/ttyUSB0", UsbIdentity(0x0403, 0x6001, "B2")),
+        (wire.path, UsbIdentity(0x0403, 0x6001, "A1")),
+    ]
+    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    port = open_port(settings(identity="0403:6001:A1"), Line(), HostClock())
+    assert port.path == wire.path
+    port.close()
+
+
+def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
+    monkeypatch.setattr(ports, "serial_ports", lambda: [(wire.path, UsbIdentity(0x10C4, 0xEA60, "X"))])
+    with pytest.raises(DeviceNotFoundError, match="is 10c4:ea60:X, not 0403:6001"):
+        open_port(settings(port=wire.path, identity="0403:6001"), Line(), HostClock())
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_without_port_and_identity_only_a_single_port_is_taken(monkeypatch, count):
+    present = [(f"/dev/ttyUSB{n}", UsbIdentity(0x0403, 0x6001, f"S{n}")) for n in range(count)]
+    monkeypatch.setattr(ports, "serial_ports", lambda: present)
+    with pytest.raises(DeviceNotFoundError, match=r"no serial ports|2 serial ports"):
+        open_port(settings(), Line(), HostClock())

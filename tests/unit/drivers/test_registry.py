@@ -1,0 +1,73 @@
+import importlib
+import subprocess
+import sys
+
+import pytest
+
+from fieldkit.drivers import registry
+from fieldkit.errors import ConfigError
+
+
+def install(folder, package, name, module="json:JSONDecoder"):
+    """Lay down what pip would of a package that offers a driver."""
+    info = folder / f"{package.replace('-', '_')}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[fieldkit.drivers]\n{name} = {module}\n")
+
+
+@pytest.fixture
+def site_packages(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    importlib.invalidate_caches()
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", registry.BUILT_IN)
+def test_every_row_of_the_table_is_a_driver_of_that_name(name):
+    assert registry.get(name).name == name
+
+
+def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):
+    install(site_packages, "sample-meter", "sample")
+    assert "sample" in registry.names()
+    assert type(registry.get("sample")).__name__ == "JSONDecoder"
+
+
+def test_name_of_two_packages_is_refused_and_both_are_named(site_packages):
+    install(site_packages, "first-meter", "same")
+    install(site_packages, "second-meter", "same")
+    with pytest.raises(
+        ConfigError, match=r"two drivers are called 'same': one of first-meter, one of second-meter"
+    ):
+        registry.get("same")
+
+
+def test_name_of_ours_is_not_for_others(site_packages):
+    install(site_packages, "my-lutron", "lutron")
+    with pytest.raises(ConfigError, match="one of fieldkit, one of my-lutron"):
+        registry.get("lutron")
+
+
+def test_broken_package_is_a_problem_not_an_end(site_packages):
+    install(site_packages, "broken-meter", "broken", "no_such_module:Driver")
+    drivers, problems = registry.load_all()
+    assert {driver.name for driver in drivers} == set(registry.BUILT_IN)
+    assert len(problems) == 1
+    assert "'broken' of broken-meter cannot be loaded" in problems[0]
+
+
+def test_misspelt_name_has_a_suggestion():
+    with pytest.raises(ConfigError) as caught:
+        registry.get("lutro")
+    assert caught.value.fix == "did you mean lutron?"
+
+
+def test_listing_the_names_loads_no_driver():
+    code = (
+        "import sys; from fieldkit.drivers import registry; registry.names();"
+        "heavy = ('cv2', 'serial', 'usb', 'fieldkit.drivers.meters', 'fieldkit.drivers.cameras');"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
