@@ -1,0 +1,1 @@
+"""From a session to numbers one can trust; functions of arrays."""

@@ -1,0 +1,140 @@
+"""What a camera's band sees of a black surface: flat 8-14 micrometres, a given response, or R, B, F, O.
+
+An emissivity is a ratio of differences of band signals, so only the shape of the band counts: a factor
+and an offset (a FLIR camera's R and O) fall out. Kelvin; signals in a unit of the band's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.errors import ConfigError
+from fieldkit.physics.camera_laws import Planck, path_transmission
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.radiance import band_radiance, band_temperature
+
+SECOND_RADIATION_UM_K = 14387.76877
+"""h c / k, micrometre kelvin (CODATA 2018)."""
+
+
+class Band(Protocol):
+    """From temperature to signal and back, for a black surface."""
+
+    @property
+    def label(self) -> str:
+        """What a record says about the band."""
+
+    def signal(self, temperature_k: ArrayLike) -> FloatArray:
+        """Signal of a black surface, same shape."""
+
+    def temperature(self, signal: ArrayLike) -> FloatArray:
+        """Temperature of a black surface of that signal, kelvin."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlatBand:
+    """Planck's law over 8-14 micrometres, all of them alike."""
+
+    label: str = "8-14 um, flat"
+
+    def signal(self, temperature_k: ArrayLike) -> FloatArray:
+        """Exitance within the band, W/m2."""
+        return band_radiance(temperature_k)
+
+    def temperature(self, signal: ArrayLike) -> FloatArray:
+        """See `Band`."""
+        return band_temperature(signal)
+
+
+FLAT = FlatBand()
+
+
+@dataclass(frozen=True, slots=True)
+class CameraBand:
+    """A FLIR camera's own law, ``R / (exp(B/T) - F) - O``."""
+
+    b: float
+    f: float = 1.0
+    r: float = 1.0
+    o: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """See `Band`."""
+        return f"camera, B {self.b:g} K, F {self.f:g}"
+
+    def signal(self, temperature_k: ArrayLike) -> FloatArray:
+        """Counts of a black surface."""
+        return np.asarray(self.r / (np.exp(self.b / np.asarray(temperature_k, np.float64)) - self.f) - self.o)
+
+    def temperature(self, signal: ArrayLike) -> FloatArray:
+        """See `Band`."""
+        return np.asarray(self.b / np.log(self.r / (np.asarray(signal, np.float64) + self.o) + self.f))
+
+
+class ResponseBand:
+    """Planck's law weighed with a response given at wavelengths (n,) in micrometres, straight in between."""
+
+    def __init__(self, wavelength_um: ArrayLike, response: ArrayLike, label: str = "given response") -> None:
+        wavelength, weight = np.asarray(wavelength_um, np.float64), np.asarray(response, np.float64)
+        if wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0.0:
+            raise ConfigError("a response needs two or more wavelengths in micrometres, growing")
+        if np.any(weight < 0.0) or not np.any(weight > 0.0):
+            raise ConfigError("a response must not be negative, nor zero everywhere")
+        self.label = label
+        fine = np.linspace(wavelength[0], wavelength[-1], 600)
+        self._temperatures = np.arange(150.0, 500.0, 0.25)
+        grid = SECOND_RADIATION_UM_K / np.outer(self._temperatures, fine)
+        spectral = np.interp(fine, wavelength, weight) / fine**5 / np.expm1(grid)
+        self._signals = np.trapezoid(spectral, fine, axis=1)
+
+    @classmethod
+    def read(cls, path: Path) -> ResponseBand:
+        """A table of wavelength in micrometres and response, separated by comma, one heading allowed."""
+        try:
+            text = [line for line in path.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
+            table = np.array([[float(cell) for cell in line.split(",")[:2]] for line in text])
+            return cls(table[:, 0], table[:, 1], f"response {path.name}")
+        except (ValueError, IndexError) as error:
+            raise ConfigError(
+                f"{path} is no table of wavelength and response", fix="two columns: micrometres,response"
+            ) from error
+
+    def signal(self, temperature_k: ArrayLike) -> FloatArray:
+        """See `Band`; NaN outside 150-500 K."""
+        kelvin = np.asarray(temperature_k, np.float64)
+        return np.asarray(np.interp(kelvin, self._temperatures, self._signals, np.nan, np.nan))
+
+    def temperature(self, signal: ArrayLike) -> FloatArray:
+        """See `Band`."""
+        level = np.asarray(signal, np.float64)
+        return np.asarray(np.interp(level, self._signals, self._temperatures, np.nan, np.nan))
+
+
+def before_camera_settings(
+    reported_k: ArrayLike, emissivity: float, reflected_k: float, band: Band = FLAT
+) -> FloatArray:
+    """Brightness temperature of what a camera reports after applying an emissivity of its own, kelvin."""
+    seen = emissivity * band.signal(reported_k) + (1.0 - emissivity) * band.signal(reflected_k)
+    return band.temperature(seen)
+
+
+def transmission(distance_m: float, air_k: float, humidity: float) -> float:
+    """Share of the band that comes through air, 1 at no distance; `humidity` is a fraction.
+
+    The law FLIR cameras use (Minkina and Dudzik, "Infrared Thermography: Errors and Uncertainties", 2009).
+    """
+    # the law is written for half of a path with a window in its middle
+    path = Planck(1.0, 1.0, 1.0, 0.0, distance_m=2.0 * distance_m, air_k=air_k, humidity=humidity)
+    return path_transmission(path)
+
+
+def without_air(brightness_k: ArrayLike, transmitted: float, air_k: float, band: Band = FLAT) -> FloatArray:
+    """Brightness temperature just before the air between surface and camera, kelvin."""
+    seen = band.signal(brightness_k) - (1.0 - transmitted) * band.signal(air_k)
+    return band.temperature(seen / transmitted)

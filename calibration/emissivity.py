@@ -1,0 +1,263 @@
+"""Emissivity of a surface in the camera's band, from pairs of camera and thermometer.
+
+At emissivity 1 the camera reports the brightness temperature of emitted plus reflected light, so over
+many pairs ``M(T_app) - M(T_refl) = e (M(T) - M(T_refl))`` with M the band signal: a line through the
+origin whose slope is the emissivity. Errors that all pairs share do not average out and are added
+afterwards (GUM, type B). What the data do not determine is refused, with what would determine it.
+
+Sources: ASTM E1933 (contact thermometer and reference emissivity methods), ISO 18434-1 annex A
+(reflector method), JCGM 100. Kelvin throughout; arrays of n pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fieldkit.calibration.band import FLAT, Band
+from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined, effective_freedom, largest
+from fieldkit.calibration.emissivity_refusals import agree, refuse_after, refuse_before
+from fieldkit.calibration.line import Line, Points, fit_line
+from fieldkit.physics.facet import FloatArray
+
+Reflected = Literal["fixed", "free"]
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """What was read at n moments, each array (n,), kelvin.
+
+    `apparent_k` is the camera's region mean at emissivity 1 with the air taken out, `contact_k` the
+    thermometer, `reflected_k` the band temperature of what the surface mirrors (foil). `apparent_sd_k`
+    and `contact_sd_k` are standard uncertainties that differ from pair to pair.
+    """
+
+    apparent_k: FloatArray
+    contact_k: FloatArray
+    reflected_k: FloatArray
+    apparent_sd_k: FloatArray
+    contact_sd_k: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.apparent_k)
+
+    @property
+    def span_k(self) -> float:
+        """How far the surface temperatures lie apart."""
+        return float(np.ptp(self.contact_k))
+
+    @property
+    def contrast_k(self) -> float:
+        """Least distance between surface and reflected temperature."""
+        return float(np.min(np.abs(self.contact_k - self.reflected_k)))
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """Standard uncertainties that all pairs share, kelvin (transmission: 1).
+
+    Defaults are those of a camera checked against ice water, a good thermometer, a fine wire under one
+    layer of grains in the sun, and a crumpled foil.
+    """
+
+    camera_k: float = 0.3
+    thermometer_k: float = 0.3
+    probe_to_skin_k: float = 0.5
+    reflected_k: float = 5.0
+    transmission: float = 0.004
+
+
+DEFAULT_SHARED = Shared()
+
+
+@dataclass(frozen=True, slots=True)
+class Emissivity:
+    """An emissivity with its budget.
+
+    `reflected_k` is a result when it was left free, else the mean of what was given. `freedom` are the
+    degrees of freedom of the fit, `chi_square` is per degree of freedom, `residual_k` the root mean
+    square of what the line leaves, as camera temperature. `remarks` are doubts short of a refusal.
+    """
+
+    value: float
+    reflected_k: float
+    chi_square: float
+    freedom: int
+    residual_k: float
+    span_k: float
+    budget: tuple[Contribution, ...]
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty, all contributions together."""
+        return combined(self.budget)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+    @property
+    def largest(self) -> Contribution:
+        """The contribution to work on first."""
+        return largest(self.budget)
+
+    @property
+    def effective_freedom(self) -> float:
+        """Degrees of freedom of the standard uncertainty (Welch and Satterthwaite)."""
+        return effective_freedom(self.budget, self.freedom)
+
+
+def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: Band = FLAT) -> float:
+    """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``; no uncertainty."""
+    mirror = band.signal(reflected_k)
+    return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
+
+
+def tape_temperature_k(
+    apparent_k: FloatArray, tape_emissivity: float, reflected_k: FloatArray, band: Band = FLAT
+) -> FloatArray:
+    """Surface temperature under a tape or paint of known emissivity, to stand in for a thermometer."""
+    own = band.signal(apparent_k) - (1.0 - tape_emissivity) * band.signal(reflected_k)
+    return band.temperature(own / tape_emissivity)
+
+
+def fit_emissivity(
+    pairs: Pairs,
+    shared: Shared = DEFAULT_SHARED,
+    *,
+    reflected: Reflected = "fixed",
+    band: Band = FLAT,
+    tape_emissivity_sd: float = 0.0,
+    tape_emissivity: float = 1.0,
+) -> Emissivity:
+    """Emissivity, its uncertainty and its budget.
+
+    Parameters
+    ----------
+    pairs
+        At least three, the surface at least 10 K from what it mirrors.
+    shared
+        Uncertainties common to all pairs.
+    reflected
+        ``free`` also fits the reflected temperature; the surface must then span 15 K.
+    band
+        What the camera sees.
+    tape_emissivity, tape_emissivity_sd
+        Of the tape that stood in for the thermometer, where one did.
+
+    Raises
+    ------
+    CalibrationError
+        If the data do not determine the emissivity to 0.05, or contradict the model.
+    """
+    refuse_before(len(pairs), pairs.contrast_k, shared.reflected_k, pairs.span_k, reflected == "free")
+    fit = _line(pairs, reflected, band)
+    scatter_k = float(np.sqrt(np.mean(pairs.contact_sd_k**2 + pairs.apparent_sd_k**2)))
+    budget = (
+        Contribution("scatter of the pairs", scatter_k, "K", "A", fit.slope_sd),
+        *_shared_effects(pairs, shared, reflected, band, fit.slope, tape=tape_emissivity_sd > 0.0),
+    )
+    if tape_emissivity_sd > 0.0:
+        effect = fit.slope / tape_emissivity * tape_emissivity_sd
+        budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
+    found = Emissivity(
+        value=fit.slope,
+        reflected_k=_mirrored(fit, pairs, reflected, band),
+        chi_square=fit.chi_square / max(1, fit.freedom),
+        freedom=fit.freedom,
+        residual_k=float(np.sqrt(np.mean((fit.residuals / _steepness(pairs.apparent_k, band)) ** 2))),
+        span_k=pairs.span_k,
+        budget=budget,
+    )
+    spread = _disagreement(fit, pairs, shared, reflected, band)
+    fahrenheit = _as_fahrenheit(pairs, shared, band)
+    doubts = refuse_after(
+        found.value, found.standard_uncertainty, found.largest, spread, fit.freedom, fahrenheit
+    )
+    return replace(found, remarks=doubts)
+
+
+def _line(pairs: Pairs, reflected: Reflected, band: Band) -> Line:
+    """The line of camera signal over surface signal; with a fixed reflected temperature both above it."""
+    seen, black = band.signal(pairs.apparent_k), band.signal(pairs.contact_k)
+    mirror = band.signal(pairs.reflected_k) if reflected == "fixed" else np.zeros(len(pairs))
+    points = Points(
+        black - mirror,
+        seen - mirror,
+        _steepness(pairs.contact_k, band) * pairs.contact_sd_k,
+        _steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
+    )
+    return fit_line(points, origin=reflected == "fixed")
+
+
+def _disagreement(fit: Line, pairs: Pairs, shared: Shared, reflected: Reflected, band: Band) -> float:
+    """Chi-square of what the line leaves, allowing for shared errors, which also bend it.
+
+    How far the probe is from the skin changes with the heat that flows past it: it counts as an error of
+    each pair by itself.
+    """
+    per_k, mirror_per_k = _steepness(pairs.contact_k, band), _steepness(pairs.reflected_k, band)
+    own = np.hypot(_steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
+                   fit.slope * per_k * np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k))  # fmt: skip
+    together = [
+        _steepness(pairs.apparent_k, band) * shared.camera_k,
+        fit.slope * per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
+    ]
+    if reflected == "fixed":
+        together.append((1.0 - fit.slope) * mirror_per_k * shared.reflected_k)
+    covariance = np.diag(own**2) + sum(np.outer(effect, effect) for effect in together)
+    return float(fit.residuals @ np.linalg.solve(covariance, fit.residuals))
+
+
+def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> float:
+    """The reflected temperature: as given, or from the intercept ``(1 - e) M(T_refl)``."""
+    if reflected == "fixed":
+        return float(np.mean(pairs.reflected_k))
+    return float(band.temperature(fit.intercept / (1.0 - fit.slope))) if fit.slope < 1.0 else float("nan")
+
+
+def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
+    """dM/dT of the band signal per kelvin."""
+    return np.asarray(band.signal(temperature_k + 0.5) - band.signal(temperature_k - 0.5))
+
+
+def _shared_effects(
+    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, value: float, *, tape: bool
+) -> Iterator[Contribution]:
+    """What each shared error would move the emissivity by, found by moving the data and fitting again."""
+
+    def moved(**changes: FloatArray) -> float:
+        return _line(replace(pairs, **changes), reflected, band).slope - value
+
+    apparent, contact = pairs.apparent_k, pairs.contact_k
+    both = {"contact_k": contact + shared.camera_k} if tape else {}  # a camera's offset is also the tape's
+    shift = moved(apparent_k=apparent + shared.camera_k, **both)
+    yield Contribution("camera offset", shared.camera_k, "K", "B", shift)
+    if not tape:
+        shift = moved(contact_k=contact + shared.thermometer_k)
+        yield Contribution("thermometer calibration", shared.thermometer_k, "K", "B", shift)
+        shift = moved(contact_k=contact + shared.probe_to_skin_k)
+        yield Contribution("probe to skin temperature", shared.probe_to_skin_k, "K", "B", shift)
+    if reflected == "fixed":
+        shift = moved(reflected_k=pairs.reflected_k + shared.reflected_k)
+        yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
+    yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
+
+
+def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:
+    """The emissivity had the thermometer's numbers been °F and not °C; NaN where the pairs then disagree."""
+    contact = (pairs.contact_k - 273.15 - 32.0) / 1.8 + 273.15
+    converted = replace(pairs, contact_k=contact)
+    if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
+        return float("nan")
+    fit = _line(converted, "fixed", band)
+    return (
+        fit.slope
+        if agree(_disagreement(fit, converted, shared, "fixed", band), fit.freedom)
+        else float("nan")
+    )

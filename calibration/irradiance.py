@@ -1,0 +1,151 @@
+"""The factor from a light meter's reading to irradiance on its plane, against a better instrument.
+
+Through the origin, with errors in both: in the dark both read zero. The reference is a pyranometer on the
+same plane, or a pyrheliometer or station whose beam is laid on the meter's plane with the sky's light added
+as measured, or as the configured diffuse model says. W/m2, and the reading's own unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.line import Points, fit_line
+from fieldkit.errors import CalibrationError
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.irradiance import IrradianceModel, direct_normal
+from fieldkit.physics.sky import sky_view
+
+MIN_MINUTES = 10
+UNSTEADY = 0.05
+"""Relative change between neighbouring minutes beyond which two instruments no longer see the same light."""
+METER_SD, REFERENCE_NOISE = 0.01, 0.005
+LARGEST_SCATTER, LEAST_ALIKE = 0.10, 0.7
+"""Minutes farther off the others' ratio had a cloud over one of the two; most must be nearer."""
+TELLING_INTERCEPT = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class LightFactor:
+    """W/m2 per unit of the reading, with its budget; `scatter` is relative, `minutes` those used."""
+
+    value: float
+    budget: tuple[Contribution, ...]
+    scatter: float
+    minutes: int
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty, all contributions together."""
+        return combined(self.budget)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+
+def on_plane(
+    model: IrradianceModel,
+    direct_w_m2: FloatArray,
+    diffuse_w_m2: FloatArray | None,
+    sun: FloatArray,
+    time_ns: NDArray[np.int64],
+) -> FloatArray:
+    """Irradiance on the meter's plane (n,) from a measured beam, W/m2; NaN where the sun is too low.
+
+    With measured diffuse light (n,) on the horizontal that is taken, else `model`'s share of the sky.
+    """
+    unit = replace(model, kind="calibrated", factor=1.0)
+    if diffuse_w_m2 is not None:
+        bare = replace(unit, diffuse="none")
+        cosine = 1.0 / direct_normal(bare, np.ones_like(direct_w_m2), sun, time_ns)
+        return np.asarray(direct_w_m2 * cosine + diffuse_w_m2 * _view(model, sun))
+    guess = np.array(direct_w_m2)
+    for _ in range(
+        40
+    ):  # where the sky's share depends on the light itself (Erbs) whole steps would overshoot
+        guess = guess * (direct_w_m2 / direct_normal(unit, guess, sun, time_ns)) ** 0.4
+    return guess
+
+
+def _view(model: IrradianceModel, sun: FloatArray) -> FloatArray:
+    """The meter's view of the sky, (n,)."""
+    if model.mounting == "sun-pointing":
+        return sky_view(sun[:, 2])
+    tilt = np.radians(model.plane_tilt_deg) if model.mounting == "in-plane" else 0.0
+    return np.full(len(sun), sky_view(np.cos(tilt)))
+
+
+def light_factor(
+    reading: FloatArray,
+    plane_w_m2: FloatArray,
+    *,
+    reference_sd: float = 0.02,
+    cosine_sd: float = 0.015,
+    diffuse_sd: float = 0.0,
+) -> LightFactor:
+    """The factor through the origin from minutes (n,) of both; relative uncertainties of what is shared.
+
+    Minutes in which either changes by more than a twentieth, or a cloud stood over one of them, are left out.
+
+    Raises
+    ------
+    CalibrationError
+        With fewer than ten steady minutes, or if the two do not go together.
+    """
+    kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > 20.0)
+    kept &= _steady(reading) & _steady(plane_w_m2)
+    if kept.sum() < MIN_MINUTES:
+        raise CalibrationError(
+            f"only {kept.sum()} steady minutes of sun in which both instruments read",
+            fix="compare them for half an hour under a clear sky, the sun above 12°; check their clocks",
+        )
+    ratio = plane_w_m2 / np.where(kept, reading, np.nan)
+    alike = kept & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < LARGEST_SCATTER)
+    if alike.sum() < LEAST_ALIKE * kept.sum():
+        raise CalibrationError(
+            f"the instruments do not go together: only {alike.sum()} of {kept.sum()} minutes fit one factor",
+            fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
+        )
+    x, y = reading[alike], plane_w_m2[alike]
+    points = Points(x, y, METER_SD * x, REFERENCE_NOISE * y)
+    line = fit_line(points, origin=True)
+    scatter = float(np.std(line.residuals / y))
+    value = line.slope
+    shared = {
+        "reference instrument": reference_sd,
+        "cosine and level": cosine_sd,
+        "share of the sky's light": diffuse_sd,
+    }
+    # neighbouring minutes err alike: the scatter is not divided by their number
+    budget = (
+        Contribution("scatter", scatter, "1", "A", value * scatter),
+        *(Contribution(name, sd, "1", "B", value * sd) for name, sd in shared.items() if sd > 0.0),
+    )
+    return LightFactor(value, budget, scatter, int(alike.sum()), _intercept(points))
+
+
+def _steady(values: FloatArray) -> NDArray[np.bool_]:
+    """Minutes that differ little from both neighbours."""
+    with np.errstate(all="ignore"):
+        change = np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), 1e-9)
+    calm = np.concatenate([[True], change < UNSTEADY, [True]])
+    return np.asarray(calm[1:] & calm[:-1])
+
+
+def _intercept(points: Points) -> tuple[str, ...]:
+    """A remark where the line through the points misses the origin by more than a twentieth."""
+    if np.ptp(points.x) < 0.2 * points.x.mean():
+        return ()
+    free = fit_line(points, origin=False)
+    miss = free.intercept / float(points.y.mean())
+    if abs(miss) < TELLING_INTERCEPT:
+        return ()
+    return (
+        f"a free line misses the origin by {miss:+.0%} of the mean: cosine error, sky share or dark offset",
+    )

@@ -1,0 +1,187 @@
+"""A calibration as a file: what was found, how well, with what, from which session.
+
+One TOML file each in the campaign's ``calibration/`` folder, named by time and name
+(``20261210T013000Z-dry-silica-sand.toml``), never changed afterwards. A configuration names the newest of
+a name by ``"@dry-silica-sand"``, or an older one by its whole file name. Celsius in the file, for readers.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import tomlkit
+
+from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution
+from fieldkit.errors import ConfigError, StorageError
+
+Kind = Literal["emissivity", "uniformity", "irradiance", "surface", "clock"]
+SCHEMA = 1
+FOLDER = "calibration"
+LIFETIME_DAYS: Mapping[str, float] = {
+    "emissivity": 365.0, "uniformity": 1.0, "irradiance": 90.0, "surface": 30.0, "clock": 1.0
+}  # fmt: skip
+"""How long a calibration is good for unless somebody says otherwise; a warning comes after that."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """The instrument that was calibrated; `range` is its gain or measuring range."""
+
+    stream: str = ""
+    model: str = ""
+    serial_number: str = ""
+    range: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A session that the calibration was worked out from, with the SHA-256 of its file."""
+
+    session: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """What one calibration found.
+
+    `value` and `standard_uncertainty` in `unit`; `values` are those of single regions where there are
+    several. `degrees_of_freedom` are those of the fit. `details` holds what belongs to the kind alone
+    (temperatures, angles, pairs); `settings` the options by which it can be worked out again.
+    """
+
+    kind: Kind
+    name: str
+    date: datetime
+    value: float
+    standard_uncertainty: float
+    unit: str
+    method: str
+    degrees_of_freedom: float = math.inf
+    budget: tuple[Contribution, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+    uncertainties: Mapping[str, float] = field(default_factory=dict)
+    band: str = ""
+    angle_deg: float = math.nan
+    instrument: Instrument = field(default_factory=Instrument)
+    sources: tuple[Source, ...] = ()
+    details: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
+    software: str = ""
+    expires: datetime | None = None
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+    @property
+    def file_name(self) -> str:
+        """Where it stands in the folder."""
+        return f"{self.date.astimezone(UTC):%Y%m%dT%H%M%SZ}-{self.name}.toml"
+
+
+def expiry(kind: Kind, date: datetime) -> datetime:
+    """When a calibration of this kind should be repeated."""
+    return date + timedelta(days=LIFETIME_DAYS[kind])
+
+
+def to_toml(record: CalibrationRecord) -> str:
+    """The record as TOML text; unknown numbers are left out."""
+    document = as_document(record)
+    single = {key: value for key, value in document.items() if not isinstance(value, dict | list)}
+    return tomlkit.dumps({**single, **document})  # tables come after all single values
+
+
+def as_document(record: CalibrationRecord) -> dict[str, Any]:
+    """The record as a plain document, as in the file; unknown numbers are left out."""
+    expanded = {"expanded_uncertainty": record.expanded, "coverage_factor": COVERAGE_FACTOR}
+    told: dict[str, Any] = _told({"schema": SCHEMA, **asdict(record), **expanded})
+    return told
+
+
+def _told(value: Any) -> Any:
+    """Without what is not known: NaN, None, infinity, empty text and tables."""
+    if isinstance(value, Mapping):
+        kept = {str(key): _told(item) for key, item in value.items()}
+        return {key: item for key, item in kept.items() if item not in (None, "", {}, [])}
+    if isinstance(value, list | tuple):
+        return [_told(item) for item in value]
+    if hasattr(value, "tolist"):  # a numpy number or array
+        return _told(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def from_toml(text: str, where: str) -> CalibrationRecord:
+    """The record in a TOML text; `where` names it in messages. Raises `ConfigError`."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{where} is not valid TOML: {error}") from error
+    return from_document(document, where)
+
+
+def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
+    """The record in a parsed document. Raises `ConfigError` for what is none, or of a newer layout."""
+    if document.get("schema") != SCHEMA:
+        raise ConfigError(
+            f"{where} has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
+            fix="calibrate again, or install a newer fieldkit",
+        )
+    given = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
+    try:
+        given["budget"] = tuple(Contribution(**line) for line in given.get("budget", ()))
+        given["sources"] = tuple(Source(**source) for source in given.get("sources", ()))
+        given["instrument"] = Instrument(**given.get("instrument", {}))
+        given["remarks"] = tuple(given.get("remarks", ()))
+        found = CalibrationRecord(**given)
+    except TypeError as error:
+        raise ConfigError(f"{where} is no calibration record: {error}") from error
+    if found.kind not in get_args(Kind) or not _is_number(found.value, found.standard_uncertainty):
+        raise ConfigError(f"{where} is no calibration record of a kind known here")
+    return found
+
+
+def _is_number(*values: Any) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+def save(record: CalibrationRecord, folder: Path) -> Path:
+    """Write the record into the folder; the path. Raises `StorageError`, also where one is there already."""
+    path = folder / record.file_name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("x", encoding="utf-8") as file:
+            file.write(to_toml(record))
+    except FileExistsError as error:
+        raise StorageError(
+            f"{path} exists already: a record is never changed", fix="give the calibration another name"
+        ) from error
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def find(reference: str, folder: Path) -> tuple[CalibrationRecord, Path]:
+    """The newest record called `reference`, or the one whose file is, both without ``@`` and suffix.
+
+    Raises `ConfigError` naming what is there instead.
+    """
+    files = sorted(folder.glob("*.toml")) if folder.is_dir() else []
+    for file in reversed(files):
+        if reference in (file.stem, file.stem.partition("-")[2]):
+            return from_toml(file.read_text(encoding="utf-8"), str(file)), file
+    names = sorted({file.stem.partition("-")[2] for file in files})
+    raise ConfigError(
+        f"there is no calibration {reference!r} in {folder}",
+        fix=f"there are {', '.join(names)}" if names else "make one: fieldkit calibrate",
+    )

@@ -1,0 +1,243 @@
+"""From what camera and thermometer read over hours to steady pairs, and what speaks against their pairing.
+
+A surface and a probe in it are compared only while both stand still: a minute or more in which the probe
+drifts by less than 0.1 K a minute, at most five at a time. Medians of the probe, means of the camera. Before
+that the whole curves are laid over each other: a clock that differs between logs, or a probe in another
+bed, shows there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibration.emissivity import Pairs
+from fieldkit.errors import CalibrationError
+from fieldkit.physics.facet import FloatArray
+
+Times = NDArray[np.int64]
+STEADY_K_MIN = 0.1
+BLOCK_S, LONGEST_BLOCKS = 60.0, 5
+CAMERA_NOISE_K, PLACEMENT_K = 0.05, 0.15
+"""What differs from pair to pair at least: noise of a region's mean, and how the probe lies each time."""
+LONGEST_LAG_S, LAG_STEP_S, TELLING_LAG_S = 1800.0, 15.0, 90.0
+BETTER_LAG, BETTER_PROBE = 2.0, 1.3
+"""How many times better another shift, or another probe, must fit to be believed."""
+MIN_VARIATION_K = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Camera readings at times (n,): region and reflector; probe readings at times (m,). Kelvin, UTC ns."""
+
+    camera_ns: Times
+    apparent_k: FloatArray
+    reflected_k: FloatArray
+    contact_ns: Times
+    contact_k: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Some steady minutes: means and standard uncertainties in kelvin, drifts in kelvin per minute."""
+
+    start_ns: int
+    end_ns: int
+    apparent_k: float
+    contact_k: float
+    reflected_k: float
+    apparent_sd_k: float
+    contact_sd_k: float
+    contact_drift_k_min: float
+    apparent_drift_k_min: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the camera also finds the surface steady, as far as it can tell."""
+        return not abs(self.apparent_drift_k_min) > 3.0 * STEADY_K_MIN
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """Minutes that have pictures and probe readings, side by side (b,); `run` numbers unbroken rows."""
+
+    start_ns: Times
+    apparent_k: FloatArray
+    reflected_k: FloatArray
+    contact_k: FloatArray
+    contact_drift_k_min: FloatArray
+
+    def __len__(self) -> int:
+        return self.start_ns.size
+
+
+def steady_stretches(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[Stretch]:
+    """Every stretch in which the probe stood still, in order of time."""
+    blocks = _blocks(readings)
+    return [_stretch(blocks, rows) for rows in _runs(blocks, steady_k_min)]
+
+
+def pairs_of(stretches: list[Stretch], reflected_k: float | None = None) -> tuple[Pairs, tuple[str, ...]]:
+    """Pairs of the stretches that camera and probe agree on, and remarks on the others.
+
+    `reflected_k` replaces what the reflector showed.
+    """
+    good = [one for one in stretches if one.agrees]
+    remarks = []
+    if len(good) < len(stretches):
+        count = len(stretches) - len(good)
+        remarks.append(
+            f"{count} stretches left out: the probe stood still, the surface seen by the camera did not"
+        )
+    columns = [(s.apparent_k, s.contact_k, s.reflected_k, s.apparent_sd_k, s.contact_sd_k) for s in good]
+    table = np.array(columns, np.float64).reshape(-1, 5).T
+    pairs = Pairs(*table)
+    if reflected_k is not None:
+        pairs = Pairs(table[0], table[1], np.full(len(good), reflected_k), table[3], table[4])
+    if len(good) >= 2 and pairs.span_k < 5.0:
+        remarks.append(f"the surface spans only {pairs.span_k:.1f} K; three temperatures 5 K apart tell more")
+    return pairs, tuple(remarks)
+
+
+def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
+    """Drift by a straight line, kelvin per minute; NaN of fewer than three values."""
+    known = np.isfinite(value_k)
+    if known.sum() < 3:
+        return float("nan")
+    minutes = (time_ns[known] - time_ns[0]) / 60e9
+    return float(np.polyfit(minutes, value_k[known], 1)[0])
+
+
+def refuse_shifted_clocks(readings: Readings) -> None:
+    """Raise `CalibrationError` if the probe's curve fits the camera's much better at another time."""
+    found = best_lag_s(readings)
+    if found is not None and abs(found) > TELLING_LAG_S:
+        raise CalibrationError(
+            f"the thermometer's curve fits the camera's best when moved by {found / 60.0:+.1f} min",
+            fix="the clocks of the two logs differ: import the thermometer again with --offset "
+            f"{found:+.0f}s, or set its clock",
+        )
+
+
+def best_lag_s(readings: Readings) -> float | None:
+    """Seconds to add to the probe's times for the best fit; 0 where none is twice as good, None if unclear.
+
+    Looks half an hour either way, or a third of the time that there is.
+    """
+    seen = readings.apparent_k[np.isfinite(readings.apparent_k)]
+    if seen.size == 0 or np.ptp(seen) < MIN_VARIATION_K:
+        return None
+    span_s = float(readings.contact_ns[-1] - readings.contact_ns[0]) / 1e9
+    steps = int(min(LONGEST_LAG_S, span_s / 3.0) // LAG_STEP_S)
+    lags = LAG_STEP_S * np.arange(-steps, steps + 1)
+    misfits = np.array([_misfit(readings, readings.contact_k, float(lag), float(lags[-1])) for lag in lags])
+    if not np.isfinite(misfits).all():
+        return None
+    return 0.0 if misfits[steps] <= BETTER_LAG * misfits.min() else float(lags[np.argmin(misfits)])
+
+
+def refuse_other_bed(readings: Readings, others_k: Mapping[str, FloatArray], chosen: str) -> None:
+    """Raise `CalibrationError` if another probe, read at the same times, follows the region much better.
+
+    Beds within some ten degrees of each other are too much alike for that.
+    """
+    own = _misfit(readings, readings.contact_k)
+    misfits = {name: _misfit(readings, values) for name, values in others_k.items()}
+    misfits = {name: misfit for name, misfit in misfits.items() if np.isfinite(misfit)}
+    best = min(misfits, key=misfits.__getitem__, default=chosen)
+    if misfits and own > 2.0 * CAMERA_NOISE_K and BETTER_PROBE * misfits[best] < own:
+        raise CalibrationError(
+            f"this region follows the probe {best}, not {chosen}: is the region on another bed?",
+            fix=f"choose the region that {chosen} lies in, or --channel {best}",
+        )
+
+
+def _misfit(readings: Readings, contact_k: FloatArray, lag_s: float = 0.0, margin_s: float = 0.0) -> float:
+    """Root mean square of what a straight line from the probe, `lag_s` later, to the camera leaves, kelvin.
+
+    Pictures nearer than `margin_s` to the probe's ends stay out, so that every lag is judged by the same.
+    """
+    known, seen = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
+    if not known.any():
+        return float("nan")
+    origin = readings.contact_ns[0]
+    probe_s, camera_s = ((times - origin) / 1e9 for times in (readings.contact_ns[known], readings.camera_ns))
+    inside = seen & (camera_s >= probe_s[0] + margin_s) & (camera_s <= probe_s[-1] - margin_s)
+    if inside.sum() < 10:
+        return float("nan")
+    x, y = np.interp(camera_s[inside], probe_s + lag_s, contact_k[known]), readings.apparent_k[inside]
+    centred = x - x.mean()
+    slope = float(centred @ y) / max(float(centred @ centred), 1e-12)
+    return float(np.std(y - slope * centred))
+
+
+def _blocks(readings: Readings) -> _Blocks:
+    block_ns = round(BLOCK_S * 1e9)
+    numbers = np.unique(readings.camera_ns // block_ns)
+    rows = []
+    for number in numbers:
+        start, end = int(number) * block_ns, (int(number) + 1) * block_ns
+        seen = _within(readings.camera_ns, start, end)
+        felt = _within(readings.contact_ns, start, end)
+        near = _within(readings.contact_ns, start - block_ns // 2, end + block_ns // 2)
+        contact, apparent = readings.contact_k[felt], readings.apparent_k[seen]
+        if np.isfinite(contact).any() and np.isfinite(apparent).any():
+            drift = drift_k_min(readings.contact_ns[near], readings.contact_k[near])
+            mirrored = _mean(readings.reflected_k[seen])
+            rows.append((start, _mean(apparent), mirrored, float(np.nanmedian(contact)), drift))
+    table = np.array([row[1:] for row in rows], np.float64).reshape(-1, 4).T
+    return _Blocks(np.array([row[0] for row in rows], np.int64), *table)
+
+
+def _within(time_ns: Times, start_ns: int, end_ns: int) -> slice:
+    """Rows of times in order that lie in between."""
+    first, last = np.searchsorted(time_ns, [start_ns, end_ns])
+    return slice(int(first), int(last))
+
+
+def _mean(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
+
+
+def _runs(blocks: _Blocks, steady_k_min: float) -> Iterator[NDArray[np.int64]]:
+    """Rows of unbroken steady minutes, five at most."""
+    steady = np.abs(blocks.contact_drift_k_min) < steady_k_min
+    run: list[int] = []
+    for row in range(len(blocks)):
+        follows = bool(run) and blocks.start_ns[row] - blocks.start_ns[run[-1]] <= 1.5 * BLOCK_S * 1e9
+        if run and not (steady[row] and follows and len(run) < LONGEST_BLOCKS):
+            yield np.array(run)
+            run = []
+        if steady[row]:
+            run.append(row)
+    if run:
+        yield np.array(run)
+
+
+def _stretch(blocks: _Blocks, rows: NDArray[np.int64]) -> Stretch:
+    around = slice(max(0, rows[0] - 2), rows[-1] + 3)
+    apparent, contact = blocks.apparent_k[rows], blocks.contact_k[rows]
+    return Stretch(
+        start_ns=int(blocks.start_ns[rows[0]]),
+        end_ns=int(blocks.start_ns[rows[-1]]) + round(BLOCK_S * 1e9),
+        apparent_k=float(apparent.mean()),
+        contact_k=float(np.median(contact)),
+        reflected_k=_mean(blocks.reflected_k[rows]),
+        apparent_sd_k=max(CAMERA_NOISE_K, _scatter(apparent)),
+        contact_sd_k=float(np.hypot(PLACEMENT_K, _scatter(contact))),
+        contact_drift_k_min=float(np.mean(blocks.contact_drift_k_min[rows])),
+        apparent_drift_k_min=drift_k_min(blocks.start_ns[around], blocks.apparent_k[around]),
+    )
+
+
+def _scatter(values: FloatArray) -> float:
+    """Standard error of the mean of values, their trend taken out."""
+    if values.size < 4:
+        return 0.0
+    at = np.arange(values.size)
+    left = values - np.polyval(np.polyfit(at, values, 1), at)
+    return float(np.sqrt(left @ left / (values.size - 2) / values.size))

@@ -1,0 +1,97 @@
+"""One scale kappa for the differences between beds, from several beds of known slope.
+
+Each bed by itself gives a kappa (measured over true ``delta S / S``); here they are taken together. Where
+they disagree by more than noise, the disagreement is the uncertainty. What single parameters are, albedo,
+emissivity, exchange, temperatures cannot tell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.errors import CalibrationError
+
+LEAST, MOST = 0.3, 3.0
+LARGEST_UNCERTAINTY = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class BedScale:
+    """kappa of one bed, its standard uncertainty from noise, its change with the inclinometer's error."""
+
+    kappa: float
+    kappa_sd: float
+    per_tilt_sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class PooledScale:
+    """kappa of all beds together with its budget."""
+
+    kappa: float
+    budget: tuple[Contribution, ...]
+    freedom: int
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """Standard uncertainty, all contributions together."""
+        return combined(self.budget)
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty, k = 2."""
+        return COVERAGE_FACTOR * self.standard_uncertainty
+
+
+def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
+    """The weighted mean of the beds' scales.
+
+    Weights allow for noise and for the inclinometer; each bed's inclinometer error counts as its own.
+
+    Raises
+    ------
+    CalibrationError
+        Without a bed, with a scale no surface has, or if the beds disagree by more than a quarter.
+    """
+    if not beds:
+        raise CalibrationError(
+            "no bed of known slope", fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees"
+        )
+    kappas = np.array([bed.kappa for bed in beds.values()])
+    noise = np.array([bed.kappa_sd for bed in beds.values()])
+    tilted = np.abs([bed.per_tilt_sd for bed in beds.values()])
+    weights = 1.0 / (noise**2 + tilted**2)
+    weights = weights / weights.sum()
+    kappa = float(weights @ kappas)
+    spread = math.sqrt(float(weights @ (kappas - kappa) ** 2)) if len(beds) > 1 else 0.0
+    beyond = max(0.0, spread**2 - float(weights @ (noise**2 + tilted**2)))
+    inclinometer = float(np.sqrt(np.sum((weights * tilted) ** 2)))
+    budget = (
+        Contribution(
+            "noise", float(np.mean(noise)), "1", "A", float(np.sqrt(np.sum((weights * noise) ** 2)))
+        ),
+        Contribution("beds disagree", math.sqrt(beyond), "1", "A", math.sqrt(beyond)),
+        Contribution("inclinometer", tilt_sd_deg, "deg", "B", inclinometer),
+    )
+    found = PooledScale(kappa, budget, max(0, len(beds) - 1))
+    _refuse(found, beds)
+    return found
+
+
+def _refuse(found: PooledScale, beds: Mapping[str, BedScale]) -> None:
+    each = ", ".join(f"{name} {bed.kappa:.2f}" for name, bed in beds.items())
+    if not LEAST < found.kappa < MOST:
+        raise CalibrationError(
+            f"the scale would be {found.kappa:.2f} ({each}), which no surface has",
+            fix="check irradiance (eq. (10) counts 400-700 nm only), the beds' azimuths, the clock",
+        )
+    if found.standard_uncertainty > LARGEST_UNCERTAINTY:
+        raise CalibrationError(
+            f"the beds disagree: {each}",
+            fix="are two regions exchanged, or a tilt or azimuth wrong? use one bed with --bed to see",
+        )

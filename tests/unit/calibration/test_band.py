@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from fieldkit.calibration.band import FLAT, CameraBand, ResponseBand, transmission, without_air
+from fieldkit.errors import ConfigError
+from fieldkit.physics.radiance import band_radiance, band_temperature
+
+
+def test_a_few_metres_of_air_let_99_percent_through_and_more_less():
+    """2-5 m: at least 0.99 within 0.005 (usual budgets of outdoor thermography); none: all."""
+    assert transmission(0.0, 293.15, 0.5) == pytest.approx(1.0, abs=1e-12)
+    through = [transmission(distance, 293.15, 0.5) for distance in (1.0, 3.0, 10.0, 100.0)]
+    assert np.all(np.diff(through) < 0.0)
+    assert through[1] == pytest.approx(0.99, abs=0.006)
+
+
+@pytest.mark.parametrize("air_k", [263.15, 303.15])
+def test_air_taken_out_gives_what_left_the_surface(air_k):
+    surface = np.array([280.0, 320.0])
+    seen = 0.93 * band_radiance(surface) + 0.07 * band_radiance(air_k)
+    np.testing.assert_allclose(without_air(band_temperature(seen), 0.93, air_k), surface, atol=1e-6)
+
+
+def test_flat_8_to_14_is_matched_by_a_cameras_constants():
+    """B 1324 K, F 2.81 follow the flat band to 0.05 K over -20..80 °C (fitted elsewhere)."""
+    camera, kelvin = CameraBand(1324.0, 2.81), np.linspace(253.0, 353.0, 21)
+    gain, offset = np.polyfit(camera.signal(kelvin), FLAT.signal(kelvin), 1)
+    fitted = FLAT.temperature(gain * camera.signal(kelvin) + offset)
+    np.testing.assert_allclose(fitted, kelvin, atol=0.2)
+    np.testing.assert_allclose(camera.temperature(camera.signal(kelvin)), kelvin, atol=1e-9)
+
+
+def test_a_response_is_read_from_a_table_with_a_heading(tmp_path):
+    table = tmp_path / "response.csv"
+    table.write_text("um,response\n8,1\n14,1\n", encoding="utf-8")
+    band = ResponseBand.read(table)
+    ratio = band.signal([260.0, 300.0, 340.0]) / FLAT.signal([260.0, 300.0, 340.0])
+    np.testing.assert_allclose(ratio / ratio[0], 1.0, rtol=1e-4)
+    assert band.label == "response response.csv"
+
+
+@pytest.mark.parametrize(
+    "text", ["um,response\n", "8,1\n", "8,1\n7,1\n", "8,-1\n9,1\n", "8,0\n9,0\n", "8;1\n9;1\n"]
+)
+def test_what_is_no_response_is_refused(tmp_path, text):
+    table = tmp_path / "response.csv"
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError):
+        ResponseBand.read(table)

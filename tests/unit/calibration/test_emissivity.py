@@ -1,0 +1,177 @@
+"""Days whose truth is known; sensitivities from the formula of one pair (GUM, JCGM 100)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings
+from fieldkit.calibration.emissivity import (
+    DEFAULT_SHARED,
+    Pairs,
+    Shared,
+    fit_emissivity,
+    single_pair,
+    tape_temperature_k,
+)
+from fieldkit.errors import CalibrationError
+from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
+from tests.harness.emissivity_days import days, make_day
+
+ZERO_C = 273.15
+NO_ERROR = Shared(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def pairs(surface_c=(35.0, 45.0, 55.0), *, emissivity=0.90, sky_c=-40.0, noise_k=0.1) -> Pairs:
+    """What faultless instruments read."""
+    surface = np.asarray(surface_c) + ZERO_C
+    sky, sd = np.full(surface.size, sky_c + ZERO_C), np.full(surface.size, noise_k)
+    return Pairs(brightness_temperature_k(surface, emissivity, sky), surface, sky, sd, sd)
+
+
+@pytest.mark.parametrize("emissivity", [0.70, 0.90, 0.98])
+@pytest.mark.parametrize("reflected", ["fixed", "free"])
+def test_faultless_pairs_give_the_emissivity_and_the_reflected_temperature(emissivity, reflected):
+    found = fit_emissivity(pairs(emissivity=emissivity), NO_ERROR, reflected=reflected)
+    assert found.value == pytest.approx(emissivity, abs=1e-5)
+    assert found.reflected_k == pytest.approx(233.15, abs=0.2)
+    assert found.freedom == (2 if reflected == "fixed" else 1)
+
+
+def test_single_pair_is_the_published_example():
+    """45 °C seen as 39.1 °C under a sky of -40 °C is 0.90 (radiometric table of the how-to page)."""
+    assert single_pair(39.1 + ZERO_C, 45.0 + ZERO_C, 233.15) == pytest.approx(0.90, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("name", "shared", "effect"),
+    [
+        # u(eps) = eps M'(T) u / |M(T) - M(T_refl)| and its like for camera and sky, at 45 °C, -40 °C, 0.90
+        ("thermometer calibration", replace(NO_ERROR, thermometer_k=0.5), 0.008),
+        ("probe to skin temperature", replace(NO_ERROR, probe_to_skin_k=1.5), 0.023),
+        ("camera offset", replace(NO_ERROR, camera_k=1.15), 0.020),
+        ("reflected temperature", replace(NO_ERROR, reflected_k=5.0), 0.003),
+        ("air in between", replace(NO_ERROR, transmission=0.004), 0.004),
+    ],
+)
+def test_each_line_of_the_budget_has_its_known_size_and_the_largest_is_named(name, shared, effect):
+    found = fit_emissivity(pairs((45.0, 45.0, 45.0), noise_k=0.01), shared)
+    line = next(one for one in found.budget if one.name == name)
+    assert abs(line.effect) == pytest.approx(effect, abs=0.0015)
+    assert found.largest.name == name
+    assert found.expanded == pytest.approx(2 * np.hypot(line.effect, found.budget[0].effect), rel=1e-6)
+
+
+def test_tape_stands_in_for_a_thermometer_and_the_cameras_offset_mostly_cancels():
+    truth, offset = pairs(emissivity=0.92), 1.0
+    tape_seen = brightness_temperature_k(truth.contact_k, 0.95, truth.reflected_k) + offset
+    surface = tape_temperature_k(tape_seen, 0.95, truth.reflected_k)
+    given = replace(truth, apparent_k=truth.apparent_k + offset, contact_k=surface)
+    found = fit_emissivity(given, Shared(camera_k=1.0), tape_emissivity=0.95, tape_emissivity_sd=0.01)
+    assert found.value == pytest.approx(0.92, abs=0.002)
+    assert found.largest.name == "emissivity of the tape"
+    assert found.standard_uncertainty == pytest.approx(0.92 / 0.95 * 0.01, rel=0.3)
+    assert not any("thermometer" in line.name for line in found.budget)
+
+
+def test_a_cameras_own_emissivity_is_undone():
+    truth = pairs(emissivity=0.88)
+    own = (band_radiance(truth.apparent_k) - 0.05 * band_radiance(293.15)) / 0.95
+    reported = np.interp(own, band_radiance(np.arange(250, 400, 0.01)), np.arange(250, 400, 0.01))
+    given = replace(truth, apparent_k=before_camera_settings(reported, 0.95, 293.15))
+    assert fit_emissivity(given, NO_ERROR).value == pytest.approx(0.88, abs=1e-4)
+
+
+def test_a_cameras_constants_r_and_o_fall_out_and_its_band_is_used():
+    """R1 14364.633, B 1385.4, F 1, O -5753 are of a FLIR camera's file."""
+    plain, full = CameraBand(1385.4), CameraBand(1385.4, 1.0, 14364.633 / 0.0106, -5753.0)
+    one, other = (fit_emissivity(pairs(), NO_ERROR, band=band).value for band in (plain, full))
+    assert one == pytest.approx(other, abs=1e-6)
+    assert one == pytest.approx(0.90, abs=0.01)  # the flat band made them
+
+
+def test_a_flat_response_is_the_flat_band():
+    band = ResponseBand([8.0, 14.0], [1.0, 1.0])
+    assert fit_emissivity(pairs(), NO_ERROR, band=band).value == pytest.approx(0.90, abs=1e-4)
+    np.testing.assert_allclose(band.temperature(band.signal([230.0, 300.0])), [230.0, 300.0], atol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "said", "fix"),
+    [
+        (pairs((45.0, 50.0)), {}, "2 steady pairs", "3 temperatures"),
+        (pairs((20.0, 24.0, 30.0), sky_c=18.0), {}, "from what it mirrors", "heat the sample"),
+        (pairs((40.0, 44.0, 48.0)), {"reflected": "free"}, "spans 8 K", "foil"),
+        (pairs(noise_k=8.0), {}, "not determined", "scatter of the pairs"),
+        (pairs(emissivity=1.0, sky_c=-20.0), {}, "", ""),
+    ],
+)
+def test_what_data_do_not_determine_is_refused_with_what_would(given, options, said, fix):
+    if not said:
+        assert "blacker than any dry soil" in fit_emissivity(given, **options).remarks[0]
+        return
+    with pytest.raises(CalibrationError) as refused:
+        fit_emissivity(given, **options)
+    assert said in refused.value.message
+    assert fix in (refused.value.fix or "")
+    assert refused.value.exit_code == 8
+
+
+def test_a_thermometer_in_fahrenheit_is_recognised():
+    given = pairs()
+    given = replace(given, contact_k=(given.contact_k - ZERO_C) * 1.8 + 32.0 + ZERO_C)
+    with pytest.raises(CalibrationError, match=r"read as °F the thermometer gives 0\.90"):
+        fit_emissivity(given)
+
+
+def test_an_emissivity_applied_twice_cannot_be():
+    truth = pairs(emissivity=0.90)
+    twice = tape_temperature_k(
+        truth.contact_k, 0.90, truth.reflected_k
+    )  # corrected by the camera, then again
+    with pytest.raises(CalibrationError, match="cannot be") as refused:
+        fit_emissivity(replace(truth, apparent_k=twice), NO_ERROR)
+    assert "emissivity already" in (refused.value.fix or "")
+
+
+def test_pairs_that_disagree_are_refused():
+    given = pairs((35.0, 40.0, 45.0, 50.0))
+    given = replace(given, contact_k=given.contact_k + np.array([0.0, 4.0, -4.0, 0.0]))
+    with pytest.raises(CalibrationError, match="disagree"):
+        fit_emissivity(given)
+
+
+def test_more_scatter_leaves_more_effective_degrees_of_freedom_to_the_fit():
+    quiet, loud = (fit_emissivity(pairs(noise_k=noise)) for noise in (0.05, 1.5))
+    assert loud.effective_freedom < 30 < quiet.effective_freedom
+    assert DEFAULT_SHARED.probe_to_skin_k == quiet.largest.uncertainty
+
+
+def test_the_truth_lies_inside_the_stated_interval_as_often_as_it_says():
+    """k = 2 of a normal error is 95 %; with 300 days 95 +- 1.3 % is one standard deviation."""
+    inside, refused, undetermined = [], [], []
+    for day in days(300, seed=11):
+        try:
+            found = fit_emissivity(day.pairs, day.shared)
+            inside.append(abs(found.value - day.emissivity) <= found.expanded)
+            refused.append(False)
+        except CalibrationError:
+            refused.append(True)
+        undetermined.append(day.expected_sd)
+    sd, no = np.array(undetermined), np.array(refused)
+    assert 0.92 <= np.mean(inside) <= 0.98
+    assert np.mean(no[sd < 0.025]) <= 0.01
+    assert np.mean(no[sd > 0.10]) >= 0.95
+
+
+def test_the_median_error_of_a_good_day_is_below_a_hundredth():
+    random = np.random.default_rng(3)
+    good = Shared(camera_k=0.3, thermometer_k=0.5, probe_to_skin_k=0.0)
+    errors = []
+    for _ in range(100):
+        day = make_day(
+            random, emissivity=float(random.uniform(0.85, 0.98)), surface_k=318.15 + random.uniform(-6, 6, 8),
+            probe_error_k=0.0, sky_k=233.15, thermometer_k=0.5, shared=good,
+        )  # fmt: skip
+        errors.append(abs(fit_emissivity(day.pairs, good).value - day.emissivity))
+    assert np.median(errors) <= 0.01

@@ -1,0 +1,97 @@
+import math
+import tomllib
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from fieldkit.calibration.budget import Contribution
+from fieldkit.calibration.record import (
+    CalibrationRecord,
+    Instrument,
+    Source,
+    expiry,
+    find,
+    from_toml,
+    save,
+    to_toml,
+)
+from fieldkit.errors import ConfigError, StorageError
+
+DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
+SAND = CalibrationRecord(
+    kind="emissivity",
+    name="dry-silica-sand",
+    date=DATE,
+    value=0.915,
+    standard_uncertainty=0.015,
+    unit="1",
+    method="contact thermometer (ASTM E1933)",
+    degrees_of_freedom=4,
+    budget=(Contribution("probe to skin temperature", 0.5, "K", "B", -0.012),),
+    band="8-14 um, flat",
+    angle_deg=25.0,
+    instrument=Instrument("camera", "Lepton 3.5", "0012", "high"),
+    sources=(Source("20261210T010000Z-sand.h5", "ab" * 32),),
+    details={"temperature_range_c": [41.2, 58.3], "pairs": 5},
+    settings={"region": "sand"},
+    remarks=("a doubt",),
+    software="fieldkit 0.1.0",
+    expires=expiry("emissivity", DATE),
+)
+
+
+def test_a_record_comes_back_as_it_was_written(tmp_path):
+    path = save(SAND, tmp_path / "calibration")
+    assert path.name == "20261210T013000Z-dry-silica-sand.toml"
+    assert from_toml(path.read_text(), "x") == SAND
+
+
+def test_a_reader_without_fieldkit_finds_value_uncertainty_and_origin():
+    document = tomllib.loads(to_toml(SAND))
+    assert document["value"] == 0.915
+    assert document["expanded_uncertainty"] == pytest.approx(0.030)
+    assert document["coverage_factor"] == 2
+    assert document["sources"][0]["sha256"] == "ab" * 32
+    assert document["budget"][0]["name"] == "probe to skin temperature"
+
+
+def test_what_is_not_known_is_left_out_and_comes_back_unknown():
+    bare = CalibrationRecord("clock", "pi", DATE, np.float64(3.5), 0.1, "s", "phone")
+    document = tomllib.loads(to_toml(bare))
+    assert not {"angle_deg", "band", "budget", "expires", "degrees_of_freedom"} & document.keys()
+    assert math.isnan(from_toml(to_toml(bare), "x").angle_deg)
+
+
+def test_a_record_is_never_overwritten(tmp_path):
+    save(SAND, tmp_path)
+    with pytest.raises(StorageError, match="never changed"):
+        save(SAND, tmp_path)
+
+
+def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
+    newer = replace(SAND, date=DATE.replace(day=11), value=0.93)
+    other = replace(SAND, date=DATE.replace(day=12), name="wet-dry-silica-sand", value=0.96)
+    for record in (SAND, newer, other):
+        save(record, tmp_path)
+    assert find("dry-silica-sand", tmp_path)[0].value == 0.93
+    assert find("20261210T013000Z-dry-silica-sand", tmp_path)[0].value == 0.915
+    with pytest.raises(ConfigError, match="there is no calibration 'sand'") as missing:
+        find("sand", tmp_path)
+    assert "dry-silica-sand" in (missing.value.fix or "")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("schema = 2", "layout 2"),
+        ("schema =", "not valid TOML"),
+        ("schema = 1\nname = 'x'", "no calibration record"),
+        (to_toml(SAND).replace('"emissivity"', '"colour"', 1), "kind known here"),
+        (to_toml(SAND).replace("value = 0.915", "value = true"), "no calibration record"),
+    ],
+)
+def test_what_is_no_record_is_refused(text, said):
+    with pytest.raises(ConfigError, match=said):
+        from_toml(text, "file.toml")

@@ -1,0 +1,39 @@
+import numpy as np
+import pytest
+
+from fieldkit.calibration.surface import BedScale, pool
+from fieldkit.errors import CalibrationError
+
+
+def test_one_bed_is_its_own_scale_with_noise_and_inclinometer():
+    found = pool({"b15": BedScale(1.13, 0.01, -0.03)}, 0.5)
+    assert found.kappa == pytest.approx(1.13)
+    assert found.standard_uncertainty == pytest.approx(np.hypot(0.01, 0.03))
+    assert found.freedom == 0
+
+
+def test_beds_that_agree_are_better_together():
+    beds = {f"b{n}": BedScale(1.1 + 0.005 * n, 0.01, 0.02) for n in range(-1, 2)}
+    found = pool(beds, 0.5)
+    assert found.kappa == pytest.approx(1.1)
+    assert found.standard_uncertainty == pytest.approx(np.hypot(0.01, 0.02) / np.sqrt(3), rel=1e-6)
+
+
+def test_beds_that_disagree_beyond_noise_make_the_scale_less_certain():
+    found = pool({"b05": BedScale(1.0, 0.005, 0.005), "b25": BedScale(1.3, 0.005, 0.005)}, 0.1)
+    assert found.kappa == pytest.approx(1.15)
+    assert found.standard_uncertainty == pytest.approx(0.15, rel=0.02)
+    assert max(found.budget, key=lambda line: line.effect).name == "beds disagree"
+
+
+@pytest.mark.parametrize(
+    ("beds", "said"),
+    [
+        ({}, "no bed of known slope"),
+        ({"b15": BedScale(0.2, 0.01, 0.01)}, "no surface has"),
+        ({"b05": BedScale(0.5, 0.01, 0.01), "b25": BedScale(1.6, 0.01, 0.01)}, "the beds disagree: b05 0.50"),
+    ],
+)
+def test_what_no_surface_has_is_refused(beds, said):
+    with pytest.raises(CalibrationError, match=said):
+        pool(beds, 0.5)
