@@ -1,0 +1,17 @@
+"""The recorder: one reading thread per device, one thread that writes, estimates and shows.
+
+::
+
+    device ─ Feed (thread) ─ Inbox (bounded per stream) ─ Recorder.run ─┬─ session (first)
+                                                                        ├─ estimator
+                                                                        └─ views (may fail)
+
+The recording ends because somebody or the plan says so, or because nothing can be stored
+any more; never because a device, the estimator or a view failed.
+"""
+
+from fieldkit.recorder.feed import Sampling
+from fieldkit.recorder.inbox import Inbox
+from fieldkit.recorder.recorder import Recorder, Summary, View
+
+__all__ = ["Inbox", "Recorder", "Sampling", "Summary", "View"]

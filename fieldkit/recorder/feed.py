@@ -1,0 +1,214 @@
+"""One device's reading thread: read, stamp, put; lost devices are opened again.
+
+A device counts as lost when it says so, when it stays silent past its deadline, or when its
+picture stays frozen. It is closed and opened again by its identity after 1, 2, 4 ... 30 s,
+for as long as the recording lasts; the other devices go on.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fieldkit.clock import Clock
+from fieldkit.device import Camera, Device, StreamInfo
+from fieldkit.errors import DeviceError, DeviceLostError
+from fieldkit.recorder.inbox import Inbox
+from fieldkit.samples import Event, EventKind, Quality, Severity
+
+SECOND_NS = 1_000_000_000
+READ_TIMEOUT_S = 0.5
+LONGEST_BACK_OFF_S = 30.0
+SHUTTER_LEAD_S = 12.0  # a correction takes 1-3 s and the level needs 10 s to settle
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """Which pictures are kept: every one, or a burst of `burst_frames` each `every_s`.
+
+    With `shutter_before_burst` the camera's shutter correction runs 12 s before each burst.
+    Meters are always kept whole.
+    """
+
+    every_s: float | None = None
+    burst_frames: int = 3
+    shutter_before_burst: bool = True
+
+
+class Feed:
+    """Reads one device into the inbox until `end_ns` (monotonic, None: open end) or `stop`.
+
+    `reopen` opens the same instrument again by its identity.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        reopen: Callable[[], Device],
+        inbox: Inbox,
+        clock: Clock,
+        sampling: Sampling,
+        end_ns: int | None = None,
+    ) -> None:
+        self.info: StreamInfo = device.info
+        self.received = 0
+        self.crashed: BaseException | None = None
+        self._device: Device | None = device
+        self._reopen, self._inbox, self._clock, self._sampling = reopen, inbox, clock, sampling
+        self._end_ns = end_ns
+        self._stopping = threading.Event()
+        self._rejected_before = 0
+        self._started_ns = self._next_burst_ns = clock.mono_ns()
+        self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
+        self.ready = threading.Event()
+
+    def start(self) -> None:
+        """Begin to read; `ready` is set once the thread takes part in the clock."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask the thread to end; it does within one read."""
+        self._stopping.set()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the thread; False if it is still stuck in a read."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the thread has started and not ended."""
+        return self._thread.is_alive()
+
+    @property
+    def rejected(self) -> int:
+        """Records dropped because their bytes made no sense, over all openings."""
+        device = self._device
+        return self._rejected_before + (device.rejected if device is not None else 0)
+
+    def _run(self) -> None:
+        with self._clock.taking_part():
+            self.ready.set()
+            try:
+                self._begin()
+                while self._goes_on():
+                    self._read_until_lost()
+            except Exception as error:  # told as an event: the other devices go on
+                self.crashed = error
+                self._tell(
+                    EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
+                )
+            finally:
+                self._close()
+
+    def _begin(self) -> None:
+        """Leave out what waited since the opening: nobody stamped it when it came."""
+        self._started_ns = self._clock.mono_ns()
+        if isinstance(self._device, Camera):
+            period_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 0.0
+            self._device.skip_until(self._started_ns + round(period_s * SECOND_NS))
+
+    def _goes_on(self) -> bool:
+        ended = self._end_ns is not None and self._clock.mono_ns() >= self._end_ns
+        return not (ended or self._stopping.is_set())
+
+    def _read_until_lost(self) -> None:
+        try:
+            if self._sampling.every_s is not None and isinstance(self._device, Camera):
+                self._read_bursts(self._device, self._sampling.every_s)
+            else:
+                self._read_all()
+        except DeviceError as error:
+            self._come_back(error)
+
+    def _read_all(self) -> None:
+        while self._goes_on():
+            self._read_one()
+
+    def _read_bursts(self, camera: Camera, every_s: float) -> None:
+        period_ns = round(every_s * SECOND_NS)
+        while self._goes_on():
+            late_ns = self._clock.mono_ns() - self._next_burst_ns
+            self._next_burst_ns += max(0, late_ns // period_ns) * period_ns
+            if self._sampling.shutter_before_burst:
+                self._skip(camera, self._next_burst_ns - round(SHUTTER_LEAD_S * SECOND_NS))
+                if self._goes_on() and self._clock.mono_ns() < self._next_burst_ns:
+                    camera.run_shutter()
+            self._skip(camera, self._next_burst_ns)
+            for _ in range(self._sampling.burst_frames):
+                if self._goes_on():
+                    self._read_one()
+            self._next_burst_ns += period_ns
+
+    def _skip(self, camera: Camera, until_ns: int) -> None:
+        """Let pictures pass, a second at a time so that `stop` is heard."""
+        if self._end_ns is not None:
+            until_ns = min(until_ns, self._end_ns)
+        while self._goes_on() and (now := self._clock.mono_ns()) < until_ns:
+            camera.skip_until(min(until_ns, now + SECOND_NS))
+
+    def _read_one(self) -> None:
+        """Put the next sample; raises `DeviceLostError` past the deadline or on a frozen picture."""
+        assert self._device is not None
+        deadline_ns = self._clock.mono_ns() + round(self._deadline_s() * SECOND_NS)
+        while self._goes_on():
+            sample = self._device.read(READ_TIMEOUT_S)
+            if sample is not None and sample.mono_ns >= self._started_ns:
+                self.received += 1
+                if Quality.DROPPED_BEFORE in sample.quality:
+                    self._tell(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
+                self._inbox.put(sample)
+                if Quality.FROZEN in sample.quality:
+                    raise DeviceLostError("the picture is frozen")
+                return
+            if self._clock.mono_ns() >= deadline_ns:
+                raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
+
+    def _deadline_s(self) -> float:
+        """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""
+        interval_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 5.0
+        return max(2.0 * interval_s, 2.0)
+
+    def _come_back(self, error: DeviceError) -> None:
+        lost_ns = self._clock.mono_ns()
+        self._tell(EventKind.LOST, f"lost: {error}", Severity.WARNING)
+        self._close()
+        wait_s = 1.0
+        while self._goes_on():
+            self._pause(wait_s)
+            wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
+            try:
+                device = self._reopen()
+            except DeviceError:
+                continue
+            if device.info.shape != self.info.shape:
+                device.close()  # another instrument answers to the same name
+                continue
+            self._device = device
+            gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
+            self._tell(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
+            return
+
+    def _pause(self, seconds: float) -> None:
+        until_ns = self._clock.mono_ns() + round(seconds * SECOND_NS)
+        while self._goes_on() and (left := until_ns - self._clock.mono_ns()) > 0:
+            self._clock.sleep(min(left / SECOND_NS, READ_TIMEOUT_S))
+
+    def _close(self) -> None:
+        device, self._device = self._device, None
+        if device is not None:
+            self._rejected_before += device.rejected
+            device.close()
+
+    def _tell(
+        self,
+        kind: EventKind,
+        text: str,
+        severity: Severity = Severity.INFO,
+        data: dict[str, float] | None = None,
+    ) -> None:
+        now = self._clock.mono_ns()
+        utc = self._clock.to_utc_ns(now)
+        name = self.info.name
+        self._inbox.tell(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))

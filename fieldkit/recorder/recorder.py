@@ -1,0 +1,267 @@
+"""The recorder's own thread: every item to the session first, then to the estimator and the views."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Protocol, TypeAlias
+
+from fieldkit.clock import Clock
+from fieldkit.device import Device, StreamInfo
+from fieldkit.errors import StorageError
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.recorder.feed import Feed, Sampling
+from fieldkit.recorder.housekeeping import Housekeeping
+from fieldkit.recorder.inbox import Inbox, Item
+from fieldkit.recorder.watch import DiskWatch, FlagWatch
+from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
+from fieldkit.sessions.seal import SealReport
+from fieldkit.sessions.writer import SessionWriter
+
+QUEUE_S = 3.0
+Shown: TypeAlias = Sample | Event | Minute | Health
+log = logging.getLogger(__name__)
+
+
+class View(Protocol):
+    """Something that looks on; it may fail without harm, and is then left out."""
+
+    def show(self, item: Shown) -> None:
+        """Take note of an item; must return at once."""
+
+    def close(self) -> None:
+        """The recording is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """How a recording went: samples stored and lost per stream, the last minute, the seal.
+
+    `failure` says why storing had to end early, if it had to.
+    """
+
+    counts: dict[str, int]
+    dropped: dict[str, int]
+    last_minute: Minute | None
+    seal: SealReport
+    failure: StorageError | None = None
+
+
+@dataclass
+class Recorder:
+    """Records opened devices into a session until `stop`, the planned end, or a full disk.
+
+    `reopen(name)` opens a device again by its identity; `free_bytes` tells the disk's free
+    space; `marks` yields events that people dropped in meanwhile. `end_ns` is monotonic.
+    Call `run` once.
+    """
+
+    devices: Sequence[Device]
+    reopen: Callable[[str], Device]
+    writer: SessionWriter
+    estimator: Estimator
+    clock: Clock
+    free_bytes: Callable[[], int]
+    sampling: Sampling = field(default_factory=Sampling)
+    views: Sequence[View] = ()
+    end_ns: int | None = None
+    marks: Callable[[], Iterable[Event]] = tuple
+    disk_reserve_bytes: int = 64_000_000
+
+    def __post_init__(self) -> None:
+        self._inbox = Inbox({device.info.name: _queue_limit(device.info) for device in self.devices})
+        self._feeds = [self._feed(device) for device in self.devices]
+        disk = DiskWatch(self.disk_reserve_bytes)
+        self._house = Housekeeping(
+            self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, self.marks, disk
+        )
+        self._views = list(self.views)
+        self._estimator: Estimator | None = self.estimator
+        self._flags = FlagWatch()
+        self._stopping = threading.Event()
+        self._counts: Counter[str] = Counter()
+        self._last_minute: Minute | None = None
+        self._is_refused = False
+        self._failure: StorageError | None = None
+
+    def stop(self) -> None:
+        """Ask for an orderly end; safe from any thread and from signal handlers."""
+        self._stopping.set()
+
+    def run(self) -> Summary:
+        """Record; returns when the session is sealed.
+
+        Raises `StorageError` only if not even sealing is possible; a disk that fills up
+        seals what is there and is told in `Summary.failure`.
+        """
+        self._say(EventKind.START, "recording started")
+        self.clock.hold_while(self._inbox.is_busy)
+        try:
+            self._start_feeds()
+            while self._goes_on():
+                self._take(self._inbox.get(0.1))
+            self._stop_feeds()
+            for mark in self.marks():  # dropped since the last look around
+                self._keep_event(mark)
+            self._finish_estimates()
+            self._say(EventKind.STOP, "recording stopped")
+            seal = self.writer.close()
+        except BaseException:  # a second Ctrl-C, or our own mistake: the journal keeps everything
+            self.writer.abandon()
+            raise
+        finally:
+            for view in tuple(self._views):
+                self._guarded(view, view.close)
+        counts = {feed.info.name: self._counts[feed.info.name] for feed in self._feeds}
+        return Summary(counts, dict(self._inbox.dropped), self._last_minute, seal, self._failure)
+
+    # --- reading threads
+
+    def _feed(self, device: Device) -> Feed:
+        name = device.info.name
+        return Feed(device, lambda: self.reopen(name), self._inbox, self.clock, self.sampling, self.end_ns)
+
+    def _start_feeds(self) -> None:
+        with self.clock.taking_part():  # time stands until every reader takes part
+            for feed in self._feeds:
+                feed.start()
+            for feed in self._feeds:
+                feed.ready.wait()
+
+    def _goes_on(self) -> bool:
+        if self._stopping.is_set() or self._failure is not None:
+            return False
+        return self._inbox.is_busy() or any(feed.is_running for feed in self._feeds)
+
+    def _stop_feeds(self) -> None:
+        """Let the readers end and take what they still hand over; a stuck one is left behind."""
+        for feed in self._feeds:
+            feed.stop()
+        deadline = time.monotonic() + 5.0
+        while any(feed.is_running for feed in self._feeds) and time.monotonic() < deadline:
+            self._take(self._inbox.get(0.02))
+        while (item := self._inbox.get(0.0)) is not None:
+            self._take(item)
+        for feed in self._feeds:
+            if feed.is_running:
+                log.warning("%s is stuck in a read and was left behind", feed.info.name)
+
+    # --- items: the session first
+
+    def _take(self, item: Item | None) -> None:
+        if isinstance(item, Event):
+            self._keep_event(item)
+        elif item is not None:
+            self._keep_sample(item)
+        self._look_around()
+        if item is not None:
+            self._inbox.done(item)  # only now may a simulated clock move on
+
+    def _keep_sample(self, sample: Sample) -> None:
+        self._house.arrived(sample)
+        if isinstance(sample, Frame) and (self._is_refused or not self._house.disk.pictures):
+            return
+        sample = replace(sample, seq=self._counts[sample.stream])
+        if not self._stored(lambda: self.writer.append(sample)):
+            return
+        self._counts[sample.stream] += 1
+        for event in self._flags.look(sample):
+            self._keep_event(event)
+        self._estimate(sample)
+        self._show(sample)
+
+    def _keep_event(self, event: Event) -> None:
+        self._stored(lambda: self.writer.event(event))
+        self._show(event)
+
+    def _say(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
+        now = self.clock.mono_ns()
+        self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity))
+
+    def _stored(self, write: Callable[[], None]) -> bool:
+        """Write; the first failure turns pictures off, a further one ends the recording."""
+        try:
+            write()
+        except StorageError as error:
+            log.error("cannot store: %s", error)
+            if self._is_refused:
+                self._failure = error
+            self._is_refused = True
+            return False
+        return True
+
+    def _look_around(self) -> None:
+        findings = self._house.look()
+        if findings is None:
+            return
+        self._stored(lambda: self.writer.health(findings.health))
+        if (check := findings.clock_check) is not None:
+            self._stored(lambda: self.writer.clock_check(check))
+        for event in findings.events:
+            self._keep_event(event)
+        self._show(findings.health)
+        if self._house.disk.is_full and self._failure is None:
+            fix = "free some space before the next session; this one was sealed in time"
+            self._failure = StorageError("the disk is full", fix=fix)
+
+    # --- estimates and views
+
+    def _estimate(self, sample: Sample) -> None:
+        if self._estimator is None:
+            return
+        try:
+            minutes = self._estimator.add(sample)
+        except Exception as error:
+            self._lose_estimator(error)
+            return
+        for minute in minutes:
+            self._keep_minute(minute)
+
+    def _finish_estimates(self) -> None:
+        try:
+            minutes = self._estimator.finish() if self._estimator is not None else []
+        except Exception as error:
+            self._lose_estimator(error)
+            return
+        for minute in minutes:
+            self._keep_minute(minute)
+
+    def _lose_estimator(self, error: Exception) -> None:
+        log.exception("estimator failed")
+        self._estimator = None
+        self._say(
+            EventKind.ESTIMATOR, f"live estimates stopped: {error!r}; recording goes on", Severity.ERROR
+        )
+
+    def _keep_minute(self, minute: Minute) -> None:
+        self._last_minute = minute
+        irradiance, model = minute.irradiance_w_m2, minute.irradiance_model
+        self._stored(
+            lambda: self.writer.minute(minute.time_ns, minute.estimates, irradiance, model, minute.flags)
+        )
+        for notice in minute.notices:
+            self._keep_event(notice)
+        self._show(minute)
+
+    def _show(self, item: Shown) -> None:
+        for view in tuple(self._views):
+            self._guarded(view, partial(view.show, item))
+
+    def _guarded(self, view: View, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except Exception as error:
+            log.exception("view failed")
+            self._views.remove(view)
+            if not self.writer.is_closed:
+                self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
+
+
+def _queue_limit(info: StreamInfo) -> int:
+    """Room for three seconds of samples, and for a burst."""
+    return max(64, round(QUEUE_S * info.rate_hz))

@@ -1,0 +1,127 @@
+"""What deserves an event while samples pass: the first of a run of flags, garbled bytes, the clock, the disk.
+
+Pure bookkeeping on samples and numbers; the recorder stores and shows what comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from fieldkit.clock import ClockCheck
+from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
+
+SECOND_NS = 1_000_000_000
+CLOCK_STEP_NS = SECOND_NS // 2
+SLEEP_NS = 5 * SECOND_NS
+
+_TOLD = {
+    Quality.SHUTTER: (EventKind.SHUTTER, Severity.INFO, "shutter correction"),
+    Quality.FROZEN: (EventKind.FROZEN, Severity.WARNING, "the picture is frozen"),
+    Quality.OVERRANGE: (EventKind.OVERRANGE, Severity.WARNING, "reading at the end of the meter's range"),
+    Quality.SATURATED: (EventKind.OVERRANGE, Severity.WARNING, "pixels at the end of the camera's range"),
+    Quality.NO_VALUE: (
+        EventKind.OVERRANGE,
+        Severity.WARNING,
+        "no value: open probe, overload or unknown scale",
+    ),
+}
+_TOLD_ALL = Quality(sum(_TOLD))
+
+
+@dataclass
+class FlagWatch:
+    """Tells when a flag of a stream begins, not every sample that carries it."""
+
+    _flags: dict[str, Quality] = field(default_factory=dict)
+
+    def look(self, sample: Sample) -> Iterator[Event]:
+        """Events for flags of this sample that the stream's previous sample did not have."""
+        before = self._flags.get(sample.stream, Quality.GOOD)
+        self._flags[sample.stream] = sample.quality
+        begun = sample.quality & ~before & _TOLD_ALL
+        if not begun:
+            return
+        for flag, (kind, severity, text) in _TOLD.items():
+            if flag in begun:
+                said = f"{sample.stream}: {text}"
+                yield Event(kind, sample.mono_ns, sample.time_ns, said, sample.stream, severity)
+
+
+@dataclass
+class GarbleWatch:
+    """Tells at most once a minute how many records of a stream made no sense."""
+
+    _seen: dict[str, int] = field(default_factory=dict)
+    _told_ns: dict[str, int] = field(default_factory=dict)
+
+    def look(self, stream: str, rejected: int, mono_ns: int, time_ns: int) -> Iterator[Event]:
+        """An event if `rejected` (since the start) grew and a minute has passed since the last one."""
+        new = rejected - self._seen.get(stream, 0)
+        if new <= 0 or mono_ns - self._told_ns.get(stream, mono_ns - 60 * SECOND_NS) < 60 * SECOND_NS:
+            return
+        self._seen[stream], self._told_ns[stream] = rejected, mono_ns
+        text = f"{stream}: {new} garbled records dropped"
+        yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
+
+
+@dataclass
+class ClockWatch:
+    """Tells when the system clock was stepped or the computer slept, from one check to the next."""
+
+    _last: ClockCheck | None = None
+
+    def look(self, check: ClockCheck, time_ns: int) -> Iterator[Event]:
+        """Events for what happened since the previous check; nothing recorded is changed."""
+        last, self._last = self._last, check
+        if last is None:
+            return
+        slept_ns = check.suspended_ns - last.suspended_ns
+        step_ns = check.utc_minus_mono_ns - last.utc_minus_mono_ns - slept_ns
+        if slept_ns >= SLEEP_NS:
+            text = f"the computer slept for {slept_ns / SECOND_NS:.0f} s"
+            yield Event(
+                EventKind.SLEPT, check.mono_ns, time_ns, text, "", Severity.WARNING, {"slept_ns": slept_ns}
+            )
+        if abs(step_ns) >= CLOCK_STEP_NS:
+            text = f"the system clock was stepped by {step_ns / SECOND_NS:+.3f} s; recorded times go on"
+            yield Event(
+                EventKind.CLOCK_STEP, check.mono_ns, time_ns, text, "", Severity.WARNING, {"step_ns": step_ns}
+            )
+
+
+@dataclass
+class DiskWatch:
+    """Decides what a shrinking disk still allows.
+
+    Warns when less than 15 minutes are left at the present rate, stops pictures at
+    `reserve_bytes` until twice as much is free again, and asks to seal at a quarter of it.
+    """
+
+    reserve_bytes: int = 64_000_000
+    pictures: bool = True
+    is_full: bool = False
+    _warned: bool = False
+
+    def look(self, free_bytes: int, bytes_per_s: float, mono_ns: int, time_ns: int) -> Iterator[Event]:
+        """Events for limits passed since the last look; sets `pictures` and `is_full`."""
+        left_s = (free_bytes - self.reserve_bytes) / bytes_per_s if bytes_per_s > 0 else float("inf")
+        free = f"{free_bytes / 1e6:.0f} MB free"
+        if left_s < 900 and not self._warned:
+            self._warned = True
+            left = f"{free}, about {max(0, left_s) / 60:.0f} min left"
+            yield _disk(mono_ns, time_ns, Severity.WARNING, left)
+        if free_bytes < self.reserve_bytes and self.pictures:
+            self.pictures = False
+            text = f"{free}: disk reserve reached, pictures off, meters continue"
+            yield _disk(mono_ns, time_ns, Severity.ERROR, text)
+        if free_bytes > 2 * self.reserve_bytes and not self.pictures:
+            self.pictures, self._warned = True, False
+            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: pictures on again")
+        if free_bytes < self.reserve_bytes // 4 and not self.is_full:
+            self.is_full = True
+            yield _disk(mono_ns, time_ns, Severity.ERROR, f"{free}: sealing the session")
+
+
+def _disk(mono_ns: int, time_ns: int, severity: Severity, text: str) -> Event:
+    return Event(EventKind.DISK, mono_ns, time_ns, text, "", severity)

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+from fieldkit.clock import ClockCheck
+from fieldkit.recorder.watch import ClockWatch, DiskWatch, FlagWatch, GarbleWatch
+from fieldkit.samples import EventKind, Quality, Reading
+
+S = 1_000_000_000
+MB = 1_000_000
+
+
+def reading(quality: Quality) -> Reading:
+    return Reading("lux", 0, 0, (1.0,), quality=quality)
+
+
+def test_a_flag_is_told_when_it_begins_not_while_it_lasts() -> None:
+    watch = FlagWatch()
+    flags = [Quality.GOOD, Quality.OVERRANGE, Quality.OVERRANGE, Quality.GOOD, Quality.OVERRANGE]
+    told = [[event.kind for event in watch.look(reading(flag))] for flag in flags]
+    assert told == [[], [EventKind.OVERRANGE], [], [], [EventKind.OVERRANGE]]
+
+
+def test_garbled_records_are_told_at_most_once_a_minute_with_their_number() -> None:
+    watch = GarbleWatch()
+    counts = [(0, 0), (3, 1), (5, 2), (9, 62)]
+    told = [[event.data["records"] for event in watch.look("lux", n, s * S, s * S)] for n, s in counts]
+    assert told == [[], [3], [], [6]]
+
+
+def test_a_clock_step_and_a_sleep_are_told_apart() -> None:
+    watch = ClockWatch()
+    hour = 3600 * S
+
+    def kinds(utc_minus_mono: int, suspended: int) -> list[EventKind]:
+        check = ClockCheck(0, utc_minus_mono, 100, suspended_ns=suspended)
+        return [event.kind for event in watch.look(check, 0)]
+
+    assert kinds(0, 0) == []
+    assert kinds(S // 10, 0) == []  # the drift of a minute is no step
+    assert kinds(hour, 0) == [EventKind.CLOCK_STEP]
+    assert kinds(hour + 660 * S, 660 * S) == [EventKind.SLEPT]
+    assert kinds(660 * S, 660 * S) == [EventKind.CLOCK_STEP]  # stepped back
+
+
+def test_a_shrinking_disk_warns_then_stops_pictures_then_asks_to_seal() -> None:
+    watch = DiskWatch(reserve_bytes=64 * MB)
+    assert not list(watch.look(10_000 * MB, 1 * MB, 0, 0))
+    assert [e.kind for e in watch.look(500 * MB, 1 * MB, 0, 0)] == [EventKind.DISK]
+    assert watch.pictures
+    assert list(watch.look(60 * MB, 1 * MB, 0, 0))
+    assert not watch.pictures
+    assert not watch.is_full
+    assert list(watch.look(10 * MB, 1 * MB, 0, 0))
+    assert watch.is_full
+    assert not list(watch.look(9 * MB, 1 * MB, 0, 0))  # told once
+
+
+def test_pictures_come_back_with_room_to_spare() -> None:
+    watch = DiskWatch(reserve_bytes=64 * MB)
+    list(watch.look(60 * MB, 1 * MB, 0, 0))
+    assert not list(watch.look(100 * MB, 1 * MB, 0, 0))  # no flapping at the limit
+    assert [e.text for e in watch.look(5_000 * MB, 1 * MB, 0, 0)] == ["5000 MB free: pictures on again"]
+    assert watch.pictures
