@@ -1,0 +1,98 @@
+"""``fieldkit.open_campaign``: the sessions of a campaign, and their slopes with other parameters.
+
+>>> campaign = fieldkit.open_campaign("sandslope")          # doctest: +SKIP
+>>> for session in campaign.sessions:                       # doctest: +SKIP
+...     session.estimate(albedo=0.25).to_frame()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from fieldkit.campaign.cache import Cache
+from fieldkit.campaign.estimates import Estimates
+from fieldkit.campaign.executors import local
+from fieldkit.campaign.runs import Failure, carried_out, run_of
+from fieldkit.campaign.sources import Source, source_of
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config.schema import known_keys
+from fieldkit.errors import ConfigError
+from fieldkit.sessions.reader import Session, open_session
+
+TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
+"""Tables of ``fieldkit.toml`` whose keys enter an estimate."""
+
+
+@dataclass(frozen=True)
+class CampaignSession:
+    """A recording of a campaign: `path` of its file; `open` reads it, `estimate` works out slopes."""
+
+    path: Path
+    cache: Cache = field(default_factory=Cache, repr=False)
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem
+
+    @cached_property
+    def source(self) -> Source:
+        """What is estimated; read at the first estimate."""
+        return source_of(self.path)
+
+    def open(self) -> Session:
+        """The session, for reading samples and events; a context manager."""
+        return open_session(self.path)
+
+    def estimate(self, settings: Mapping[str, Any] | None = None, /, **values: Any) -> Estimates:
+        """Slopes minute by minute, as the session was configured or with other parameters.
+
+        Keys of ``fieldkit.toml``: by their own name where only one table has it
+        (``albedo=0.25``), else in full (``{"estimator.diffuse_fraction": 0.2}``). What was
+        estimated before comes from the cache. Raises `ConfigError`, `SessionError`.
+        """
+        keys = {**(settings or {}), **{full_key(name): value for name, value in values.items()}}
+        run = run_of(self.source, [f"{key}={tomlkit.item(value).as_string()}" for key, value in keys.items()])
+        with local(1) as executor:
+            (outcome,) = carried_out([run], executor, self.cache)
+        if isinstance(outcome, Failure):
+            raise outcome.error
+        return outcome.estimates
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A campaign folder: its configuration as it is now, and its recordings by age."""
+
+    config: Config
+
+    @property
+    def directory(self) -> Path:
+        """Where ``fieldkit.toml`` is."""
+        return self.config.directory
+
+    @cached_property
+    def sessions(self) -> tuple[CampaignSession, ...]:
+        """The recordings, oldest first."""
+        return tuple(CampaignSession(path) for path in sorted(self.config.recordings.glob("*.h5")))
+
+
+def open_campaign(path: str | Path = ".") -> Campaign:
+    """Open the campaign in a folder or around it; raises `ConfigError` where there is none."""
+    return Campaign(load_config(find_campaign(Path(path))))
+
+
+def full_key(name: str) -> str:
+    """``surface.albedo`` of ``albedo``; raises `ConfigError` where no table or more than one has it."""
+    found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ConfigError(f"{name} is ambiguous", fix=f'say which: estimate({{"{found[0]}": ...}})')
+    raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")

@@ -1,0 +1,82 @@
+"""Where runs are carried out: here, in processes of this computer, or on a Dask cluster that runs."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+
+from fieldkit.campaign.cache import code_version
+from fieldkit.errors import ConfigError, RefusedError
+
+RETRIES = 3
+"""How often a run is given to another worker after the one that had it died."""
+ANSWER_S = 10
+"""How long a Dask scheduler may take to answer."""
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def local(processes: int) -> Iterator[Executor]:
+    """So many processes of this computer; one means this very process."""
+    if processes == 1:
+        pool: Executor = ThreadPoolExecutor(1)
+    else:
+        # spawned: a forked copy of a process with threads may hang
+        spawn = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(processes, spawn, initializer=_leave_ctrl_c)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def dask(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster whose scheduler is at an address such as ``tcp://10.0.0.5:8786``.
+
+    Raises `ConfigError` where nothing answers or Dask is not installed, `RefusedError` where
+    a worker has another fieldkit.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError("Dask is not installed", fix="pip install 'fieldkit[dask]'") from error
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"no Dask scheduler answers at {address}: {error}",
+            fix="start one: dask scheduler, and dask worker ADDRESS",
+        ) from error
+    with client:
+        _refuse_other_versions(client.run(code_version))
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)
+
+
+def _refuse_other_versions(found: dict[str, str]) -> None:
+    if not found:
+        raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
+    other = {worker: version for worker, version in found.items() if version != code_version()}
+    if other:
+        worker, version = next(iter(other.items()))
+        raise RefusedError(
+            f"the Dask worker {worker} has fieldkit {version}, here is {code_version()}",
+            fix="install the same fieldkit and libraries there; slopes would not be comparable",
+        )
+
+
+def _leave_ctrl_c() -> None:
+    """Ctrl-C reaches every process of the terminal; only the one that hands out the work answers it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,158 @@
+"""Carrying out many runs: what is cached comes first, the rest as workers finish it."""
+
+from __future__ import annotations
+
+import functools
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from fieldkit.campaign.cache import Cache, digest
+from fieldkit.campaign.estimates import Estimates
+from fieldkit.campaign.sources import Source
+from fieldkit.campaign.work import bin_settings, estimate, read_minutes
+from fieldkit.config import changed_config
+from fieldkit.errors import FieldkitError
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.site import Site
+
+
+@dataclass(frozen=True)
+class Run:
+    """One session with one set of parameters, the `number`-th of a sweep."""
+
+    source: Source
+    site: Site
+    settings: EstimatorSettings
+    number: int = 0
+
+    @cached_property
+    def bins_key(self) -> str:
+        """What its minutes are made of."""
+        return digest(self.source.checksum, self.site, self.source.regions, bin_settings(self.settings))
+
+    @cached_property
+    def key(self) -> str:
+        """What its slopes are made of."""
+        return digest(self.bins_key, self.settings)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave, and whether that was known before."""
+
+    run: Run
+    estimates: Estimates
+    cached: bool = False
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a run gave nothing."""
+
+    run: Run
+    error: FieldkitError
+
+
+Follow = Callable[[Any], list[Outcome | Failure]]
+"""What is done with a worker's result: the outcomes it is, or none and more work."""
+
+
+def run_of(source: Source, settings: Sequence[str] = (), number: int = 0) -> Run:
+    """A session with ``KEY=VALUE`` over its configuration; raises `ConfigMistakesError`."""
+    config = changed_config(source.config, settings)
+    return Run(source, config.site, config.estimator_settings(), number)
+
+
+def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterator[Outcome | Failure]:
+    """The outcome of every run, in whatever order they come; each is in the cache before it is told.
+
+    Sessions that cannot be read give failures, and the others go on.
+    """
+    missing: dict[str, list[Run]] = defaultdict(list)
+    for run in runs:
+        if (entry := cache.load(run.key)) is None:
+            missing[run.key].append(run)
+        else:
+            texts = tuple(str(text) for text in entry["texts"])
+            yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions), cached=True)
+    for outcome in _Work(executor, cache).outcomes([same[0] for same in missing.values()]):
+        yield from (replace(outcome, run=run) for run in missing[outcome.run.key])
+
+
+class _Work:
+    """Runs handed to an executor: first the minutes of each session, then slopes from the minutes."""
+
+    def __init__(self, executor: Executor, cache: Cache) -> None:
+        self._executor, self._cache = executor, cache
+        self._under_way: dict[Future[Any], tuple[Sequence[Run], Follow]] = {}
+        self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
+
+    def outcomes(self, runs: Sequence[Run]) -> Iterator[Outcome | Failure]:
+        """The outcomes of runs, as they come."""
+        for of_source in _grouped(runs, lambda run: str(run.source.path)):
+            self._begin(of_source)
+        while self._under_way:
+            future = self._finished.get()
+            concerned, follow = self._under_way.pop(future)
+            try:
+                outcomes = follow(future.result())
+            except BrokenProcessPool as error:
+                raise FieldkitError(
+                    "a worker process was killed, perhaps for want of memory",
+                    fix="what was finished is kept: run the same again, with fewer processes (-j)",
+                ) from error
+            except FieldkitError as error:
+                outcomes = [Failure(run, error) for run in concerned]
+            yield from outcomes
+
+    def _begin(self, runs: Sequence[Run]) -> None:
+        """Estimate what has its minutes in the cache; read the session once for all others."""
+        unread: list[list[Run]] = []
+        for group in _grouped(runs, lambda run: run.bins_key):
+            if (entry := self._cache.load(group[0].bins_key)) is None:
+                unread.append(group)
+            else:
+                self._estimate(History(**entry), group)
+        if unread:
+            source = runs[0].source
+            wanted = [(group[0].site, bin_settings(group[0].settings)) for group in unread]
+            concerned = [run for group in unread for run in group]
+            follow = functools.partial(self._minutes_read, unread)
+            self._submit(concerned, follow, read_minutes, source.path, source.regions, wanted)
+
+    def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome | Failure]:
+        for group, history in zip(groups, made, strict=True):
+            arrays = {column.name: getattr(history, column.name) for column in fields(history)}
+            self._cache.store(group[0].bins_key, arrays)
+            self._estimate(history, group)
+        return []
+
+    def _estimate(self, history: History, group: Sequence[Run]) -> None:
+        for run in group:
+            follow = functools.partial(self._estimated, run)
+            self._submit([run], follow, estimate, history, run.source.regions, run.settings)
+
+    def _estimated(self, run: Run, made: Estimates) -> list[Outcome | Failure]:
+        self._cache.store(run.key, {"rows": made.rows, "texts": np.array(made.texts, np.str_)})
+        return [Outcome(run, made)]
+
+    def _submit(self, runs: Sequence[Run], follow: Follow, work: Callable[..., Any], *given: Any) -> None:
+        future = self._executor.submit(work, *given)
+        self._under_way[future] = runs, follow
+        future.add_done_callback(self._finished.put)
+
+
+def _grouped(runs: Iterable[Run], key: Callable[[Run], str]) -> list[list[Run]]:
+    groups: dict[str, list[Run]] = defaultdict(list)
+    for run in runs:
+        groups[key(run)].append(run)
+    return list(groups.values())

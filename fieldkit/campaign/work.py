@@ -1,0 +1,77 @@
+"""What worker processes do: read a session into minutes, and work slopes out of minutes.
+
+A session is read once for all parameters: most of them are used after the minutes are made,
+so that estimating again costs no reading. What does enter the minutes is what `bin_settings`
+keeps. The results are those of the `Estimator`, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.campaign.estimates import Estimates
+from fieldkit.errors import SessionError
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slopes import slopes
+from fieldkit.physics.surface import SurfaceParameters
+from fieldkit.sessions.reader import open_session
+from fieldkit.site import Region, Site
+
+NEVER_ENOUGH = 2**31
+"""So many minutes no session has: the estimator then makes minutes and leaves their slopes alone."""
+
+
+def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
+    """The settings that enter the minutes themselves, everything else at its default.
+
+    From counts to surface temperature (emissivity, reflected temperature), from light reading
+    to direct sun (irradiance model, refraction), and what flags a minute (low sun, settling).
+    """
+    return EstimatorSettings(
+        surface=SurfaceParameters(emissivity=settings.surface.emissivity),
+        irradiance=settings.irradiance,
+        refraction=settings.refraction,
+        reflected_temperature_k=settings.reflected_temperature_k,
+        low_sun_deg=settings.low_sun_deg,
+        settle_s=settings.settle_s,
+        min_minutes=NEVER_ENOUGH,
+    )
+
+
+def read_minutes(
+    path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
+) -> list[History]:
+    """The minutes of a session for each site and `bin_settings` wanted, in one pass over its samples.
+
+    Raises `SessionError`.
+    """
+    try:
+        with open_session(path) as session:
+            streams = tuple(session.streams.values())
+            estimators = [Estimator(site, regions, streams, settings) for site, settings in wanted]
+            for sample in session.samples():
+                for estimator in estimators:
+                    estimator.add(sample)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
+    for estimator in estimators:
+        estimator.finish()
+    return [History.of(estimator.bins) for estimator in estimators]
+
+
+def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Estimates:
+    """Slopes of every target at every minute."""
+    names = [region.name for region in regions]
+    minutes = [slopes(history.until(last), regions, settings) for last in range(1, len(history) + 1)]
+    temperature_k = [
+        history.temperature_k[row, names.index(one.region)]
+        for row, minute in enumerate(minutes)
+        for one in minute
+    ]
+    light_w_m2 = np.repeat(history.direct_w_m2, [len(minute) for minute in minutes])
+    return Estimates.of([one for minute in minutes for one in minute], temperature_k, light_w_m2, regions)

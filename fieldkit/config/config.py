@@ -1,0 +1,178 @@
+"""A checked configuration, in the words of the other rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tomlkit
+
+from fieldkit.calibration.record import CalibrationRecord, from_document
+from fieldkit.config.references import calibration_folder
+from fieldkit.config.tables import (
+    AlarmsTable,
+    CampaignTable,
+    DeviceTable,
+    LuxTable,
+    MeterTable,
+    RecordTable,
+    RegionTable,
+    SimulationTable,
+    Tables,
+)
+from fieldkit.device import DeviceSettings
+from fieldkit.site import Region, RegionKind, Site
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.settings import EstimatorSettings
+    from fieldkit.physics.irradiance import IrradianceModel
+    from fieldkit.physics.surface import SurfaceParameters
+
+CELSIUS_0_K = 273.15
+NAN = float("nan")
+KINDS = {"reference": RegionKind.REFERENCE, "target": RegionKind.TARGET}
+
+
+@dataclass(frozen=True)
+class Config:
+    """The configuration of the campaign whose ``fieldkit.toml`` is at `path`."""
+
+    path: Path
+    tables: Tables
+
+    @property
+    def directory(self) -> Path:
+        """The campaign's folder."""
+        return self.path.parent
+
+    @property
+    def recordings(self) -> Path:
+        """Where the campaign's sessions are."""
+        return self.directory / "recordings"
+
+    @property
+    def results(self) -> Path:
+        """Where tables of estimates go."""
+        return self.directory / "results"
+
+    @property
+    def calibration(self) -> Path:
+        """Where the campaign's calibrations are."""
+        return calibration_folder(self.path)
+
+    def calibrations(self) -> dict[str, CalibrationRecord]:
+        """The records in force, by the key that names them."""
+        return {key: from_document(record, key) for key, record in self.tables.calibration.items()}
+
+    @property
+    def reports(self) -> Path:
+        """Where reports go."""
+        return self.directory / "reports"
+
+    @property
+    def campaign(self) -> CampaignTable:
+        """What is written into every session about the campaign."""
+        return self.tables.campaign
+
+    @property
+    def record(self) -> RecordTable:
+        """What is kept of the camera's pictures."""
+        return self.tables.record
+
+    @property
+    def alarms(self) -> AlarmsTable:
+        """When to raise the alarm."""
+        return self.tables.alarms
+
+    @property
+    def simulation(self) -> SimulationTable | None:
+        """The simulated field, or None."""
+        return self.tables.simulation
+
+    @property
+    def site(self) -> Site:
+        """Where the beds stand."""
+        return Site(**self.tables.site.model_dump())
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions, in the order of the file; a reference of unknown tilt is horizontal."""
+        return tuple(_region(table) for table in self.tables.region)
+
+    @property
+    def devices(self) -> tuple[DeviceSettings, ...]:
+        """The instruments: camera, lux, thermometer, then the others in the order of the file."""
+        return tuple(_device(name, table) for name, table in self._device_tables())
+
+    def irradiance_model(self) -> IrradianceModel:
+        """How direct sunlight is worked out from the light meter."""
+        from fieldkit.physics.irradiance import IrradianceModel
+
+        values = self.tables.irradiance.model_dump()
+        return IrradianceModel(kind=values.pop("model"), factor=values.pop("factor") or NAN, **values)
+
+    def surface_parameters(self) -> SurfaceParameters:
+        """The energy balance's parameters of the beds and the air over them."""
+        from fieldkit.physics.surface import SurfaceParameters
+
+        surface, air = self.tables.surface, self.tables.air
+        return SurfaceParameters(
+            albedo=surface.albedo,
+            emissivity=surface.emissivity,
+            emissivity_broadband=surface.emissivity_broadband or surface.emissivity,
+            heat_capacity_j_kg_k=air.heat_capacity_j_kg_k,
+            air_density_kg_m3=air.density_kg_m3,
+            exchange_m_s=air.exchange_m_s,
+        )
+
+    def estimator_settings(self) -> EstimatorSettings:
+        """How slopes are estimated."""
+        from fieldkit.estimation.settings import EstimatorSettings
+        from fieldkit.physics.slab import Slab
+
+        values, slab = self.tables.estimator.model_dump(), self.tables.slab.model_dump()
+        if values["window_s"] == "weather":
+            values["window_s"] = None
+        return EstimatorSettings(
+            surface=self.surface_parameters(),
+            irradiance=self.irradiance_model(),
+            reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_0_K,
+            offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
+            conductivity_sd=slab.pop("conductivity_sd"),
+            capacity_sd=slab.pop("capacity_sd"),
+            slab=Slab(**slab),
+            **values,
+        )
+
+    def to_toml(self) -> str:
+        """Every value in force as TOML, without comments: what a session keeps of its configuration."""
+        return tomlkit.dumps(self.tables.model_dump(by_alias=True, exclude_none=True))
+
+    def _device_tables(self) -> Iterator[tuple[str, DeviceTable]]:
+        named = {"camera": self.tables.camera, "lux": self.tables.lux, "thermometer": self.tables.thermometer}
+        yield from ((name, table) for name, table in named.items() if table is not None)
+        yield from self.tables.device.items()
+
+
+def _device(name: str, table: DeviceTable) -> DeviceSettings:
+    options = dict(table.options)
+    if isinstance(table, LuxTable) and table.range_max_lx is not None:
+        options["range_max_lx"] = table.range_max_lx
+    every_s = table.every_s if isinstance(table, MeterTable) else 1.0
+    return DeviceSettings(name, table.driver, table.port, table.identity, every_s, options)
+
+
+def _region(table: RegionTable) -> Region:
+    reference = table.kind == "reference"
+    tilt_deg = table.tilt_deg if table.tilt_deg is not None else 0.0 if reference else NAN
+    azimuth_deg = table.azimuth_deg if table.azimuth_deg is not None else 0.0 if tilt_deg == 0.0 else NAN
+    return Region(
+        name=table.name,
+        kind=KINDS[table.kind],
+        vertices=tuple((x, y) for x, y in table.points_px),
+        tilt_deg=tilt_deg,
+        azimuth_deg=azimuth_deg,
+        emissivity=NAN if table.emissivity is None else table.emissivity,
+    )

@@ -1,0 +1,59 @@
+"""Changes to a ``fieldkit.toml`` that keep its comments and its order."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+from tomlkit.items import AoT
+
+from fieldkit.config.load import mistakes_in
+from fieldkit.config.mistakes import ConfigMistakesError
+from fieldkit.config.template import assignment
+from fieldkit.errors import ConfigError, StorageError
+
+
+def add_region(file: Path, region: Mapping[str, Any]) -> None:
+    """Append a ``[[region]]``; raises `ConfigMistakesError` if the new one makes a mistake."""
+    lines = [assignment(key, value) for key, value in region.items()]
+    text = "\n".join([_read(file).rstrip("\n"), "", "[[region]]", *lines, ""])
+    index = len(tomllib.loads(text)["region"]) - 1
+    new = [said for _, said in mistakes_in(text, file) if said.path[:2] == ("region", index)]
+    if new:
+        where = f"the new region {region['name']!r}"
+        raise ConfigMistakesError([(where, said) for said in new], fix="nothing was changed")
+    _write(file, text)
+
+
+def remove_region(file: Path, name: str) -> None:
+    """Take out the region called `name`; raises `ConfigError` if there is none."""
+    document = tomlkit.parse(_read(file))
+    regions = document.get("region")
+    names = [region.get("name") for region in regions] if isinstance(regions, AoT) else []
+    if not isinstance(regions, AoT) or name not in names:
+        there = f"there are {', '.join(map(str, names))}" if names else "there is none"
+        raise ConfigError(f"no region is called {name!r}", fix=there)
+    del regions[names.index(name)]
+    if not regions:
+        del document["region"]
+    _write(file, tomlkit.dumps(document))
+
+
+def _read(file: Path) -> str:
+    text = file.read_text(encoding="utf-8")
+    mistakes_in(text, file)  # raises where the text is no TOML
+    return text
+
+
+def _write(file: Path, text: str) -> None:
+    """Replace the file as a whole, so that a power cut leaves the old or the new one."""
+    draft = file.with_name(f".{file.name}.new")
+    try:
+        draft.write_text(text, encoding="utf-8")
+        os.replace(draft, file)
+    except OSError as error:
+        raise StorageError(f"cannot write {file}: {error.strerror}") from error

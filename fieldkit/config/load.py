@@ -1,0 +1,222 @@
+"""From TOML, environment and command line to a checked `Config`.
+
+Who wins: ``--set`` > ``FIELDKIT_TABLE__KEY`` in the environment > the campaign's
+``fieldkit.toml`` > the user's own ``config.toml`` > the defaults.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import operator
+import os
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+from pydantic import ValidationError
+
+from fieldkit.config import lines
+from fieldkit.config.checks import cross_check
+from fieldkit.config.config import Config
+from fieldkit.config.mistakes import ConfigMistakesError, Mistake, explain
+from fieldkit.config.references import CAMPAIGN_FILE, resolve
+from fieldkit.config.tables import Tables
+from fieldkit.errors import ConfigError
+
+FILE_NAME = CAMPAIGN_FILE
+log = logging.getLogger(__name__)
+ENVIRONMENT = "FIELDKIT_"
+
+
+def user_file() -> Path:
+    """The user's own configuration, which stands behind every campaign's."""
+    return platformdirs.user_config_path("fieldkit") / "config.toml"
+
+
+def find_campaign(start: Path) -> Path:
+    """The ``fieldkit.toml`` of `start` or of the nearest folder above it.
+
+    Raises `ConfigError` if there is none.
+    """
+    for folder in (start.resolve(), *start.resolve().parents):
+        if (folder / FILE_NAME).is_file():
+            return folder / FILE_NAME
+    raise ConfigError(
+        f"no {FILE_NAME} in {start.resolve()} or above it",
+        fix="go into a campaign folder, name it with -C DIR, or make one: fieldkit init DIR",
+    )
+
+
+def load_config(
+    path: Path, *, settings: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+) -> Config:
+    """The checked configuration of a campaign.
+
+    `settings` are ``KEY=VALUE`` of the command line, values written as in TOML (text may go without
+    quotes). Raises `ConfigMistakesError` with every mistake, `ConfigError` if a file cannot be read.
+    """
+    return _sound(*read_config(path, settings=settings, environment=environment), fix=f"edit {path}")
+
+
+def read_config(
+    path: Path, *, settings: Sequence[str] = (), environment: Mapping[str, str] = os.environ
+) -> tuple[Config | None, list[tuple[str, Mistake]]]:
+    """The configuration and its mistakes, each with its place, for those who report rather than refuse.
+
+    None if a key by itself is wrong; mistakes between keys leave a configuration to look at.
+    """
+    document = _Document()
+    for file in (user_file(), path):
+        if file == path or file.is_file():
+            document.add(_read(file), file)
+    for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
+        document.put(origin, keys, value)
+    return document.check(path)
+
+
+def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:
+    """The configuration a session keeps of itself, with ``KEY=VALUE`` of the command line over it.
+
+    Neither environment nor user configuration count: a session means what it meant. Keys that this
+    version does not know are passed over with a warning, because an old session must stay readable.
+    Raises as `load_config`.
+    """
+    document = _Document()
+    document.add(text, path)
+    for key in document.drop_unknown():
+        log.warning("%s: the configuration's %s is not known to this version and is left out", path.name, key)
+    for origin, keys, value in _from_settings(settings):
+        document.put(origin, keys, value)
+    return _sound(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
+
+
+def changed_config(config: Config, settings: Sequence[str]) -> Config:
+    """A configuration with ``KEY=VALUE`` over it, for those who try many; raises as `load_config`."""
+    document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
+    for origin, keys, value in _from_settings(settings):
+        document.put(origin, keys, value)
+    return _sound(
+        *document.check(config.path), fix=f"correct the settings given with --set for {config.path.name}"
+    )
+
+
+def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
+    """What would be wrong with a ``fieldkit.toml`` of this text, each with its place.
+
+    Raises `ConfigError` if the text is not TOML.
+    """
+    document = _Document()
+    document.add(text, path)
+    return document.check(path)[1]
+
+
+def _sound(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
+    if config is None or mistakes:
+        raise ConfigMistakesError(mistakes, fix=fix)
+    return config
+
+
+@dataclass
+class _Document:
+    """The merged plain document, and where each of its keys came from."""
+
+    values: dict[str, Any] = field(default_factory=dict)
+    origins: dict[lines.Path, str] = field(default_factory=dict)
+
+    def add(self, text: str, file: Path) -> None:
+        try:
+            values = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"{file} is not valid TOML: {error}", fix=f"edit {file}") from error
+        _merge(self.values, values)
+        self.origins |= {path: f"{file.name}:{line}" for path, line in lines.key_lines(text).items()}
+
+    def put(self, origin: str, keys: Sequence[str], value: Any) -> None:
+        table = self.values
+        for key in keys[:-1]:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise ConfigError(f"{origin}: {key} is not a table", fix="write table.key=value")
+        table[keys[-1]] = value
+        self.origins[tuple(keys)] = origin
+
+    def drop_unknown(self) -> Iterator[str]:
+        """Remove keys that no table has; their names."""
+        try:
+            Tables.model_validate(self.values)
+        except ValidationError as error:
+            for one in error.errors(include_url=False):
+                if one["type"] == "extra_forbidden":
+                    *tables, key = one["loc"]
+                    del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
+                    yield ".".join(str(part) for part in one["loc"])
+
+    def check(self, path: Path) -> tuple[Config | None, list[tuple[str, Mistake]]]:
+        """The configuration, if there can be one, and every mistake with its place, in file order."""
+        values, mistakes = resolve(self.values, path)
+        tables, told = None, {mistake.path for mistake in mistakes}
+        try:
+            tables = Tables.model_validate(values)
+        except ValidationError as error:
+            mistakes += [mistake for mistake in explain(error, values) if mistake.path not in told]
+        told = {mistake.path for mistake in mistakes}
+        mistakes += [mistake for mistake in cross_check(values) if mistake.path not in told]
+        located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
+        return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
+
+    def _origin(self, path: lines.Path) -> str | None:
+        """Where the key, or the nearest table around it, was written."""
+        while path and path not in self.origins:
+            path = path[:-1]
+        return self.origins.get(path)
+
+
+def _by_line(located: tuple[str, Mistake]) -> tuple[str, int]:
+    origin, _, line = located[0].rpartition(":")
+    return (origin, int(line)) if line.isdigit() else (located[0], 0)
+
+
+def _read(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
+
+
+def _merge(below: dict[str, Any], above: Mapping[str, Any]) -> None:
+    """Lay `above` over `below`: tables key by key, anything else as a whole."""
+    for key, value in above.items():
+        if isinstance(value, dict) and isinstance(below.get(key), dict):
+            _merge(below[key], value)
+        else:
+            below[key] = value
+
+
+def _from_environment(environment: Mapping[str, str]) -> Iterator[tuple[str, list[str], Any]]:
+    """``FIELDKIT_SITE__ELEVATION_M=9`` is ``site.elevation_m = 9``; names without ``__`` are not settings."""
+    for name, text in sorted(environment.items()):
+        keys = name.removeprefix(ENVIRONMENT).lower().split("__")
+        if name.startswith(ENVIRONMENT) and len(keys) > 1:
+            yield name, keys, _value(text)
+
+
+def _from_settings(settings: Sequence[str]) -> Iterator[tuple[str, list[str], Any]]:
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not key.strip():
+            raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.25")
+        yield f"--set {setting}", key.strip().split("."), _value(text)
+
+
+def _value(text: str) -> Any:
+    """A value as TOML writes it, or the text itself."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()

@@ -1,0 +1,143 @@
+"""Values that a calibration gives: ``surface.emissivity = "@dry-silica-sand"``.
+
+A reference is looked up in the campaign's ``calibration/`` folder and replaced by the record's value; what
+is only known so well brings its uncertainty along. The record itself goes under ``[calibration]`` of the
+configuration, so a session keeps both value and origin, and means the same without the folder.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from pathlib import Path as FilePath
+from typing import Any, NamedTuple
+
+from fieldkit.calibration.record import FOLDER, CalibrationRecord, as_document, find
+from fieldkit.config.lines import Path
+from fieldkit.config.mistakes import Mistake
+from fieldkit.errors import ConfigError
+
+CAMPAIGN_FILE = "fieldkit.toml"
+
+
+class _Key(NamedTuple):
+    """A key that takes references: the kind of record, and the key that gets its uncertainty."""
+
+    kind: str
+    uncertainty: Path | None = None
+
+
+KEYS: Mapping[Path, _Key] = {
+    ("surface", "emissivity"): _Key("emissivity"),
+    ("irradiance", "factor"): _Key("irradiance"),
+    ("estimator", "scale"): _Key("surface", ("estimator", "scale_sd")),
+}
+REGION_KEYS: Mapping[str, _Key] = {
+    "emissivity": _Key("emissivity"),
+    "offset_k": _Key("uniformity", ("estimator", "offset_sd_k")),
+}
+
+
+TYPED = 'unknown key; fieldkit keeps records here, you name one: surface.emissivity = "@dry-silica-sand"'
+
+
+def resolve(document: Mapping[str, Any], path: FilePath) -> tuple[dict[str, Any], list[Mistake]]:
+    """The document with every reference replaced, and what is wrong with those that could not be.
+
+    `path` is the ``fieldkit.toml`` or the session that the document belongs to.
+    """
+    values = copy.deepcopy(dict(document))
+    carried = values.pop("calibration", {})
+    mistakes = [Mistake(("calibration", name), TYPED) for name in _typed(carried)]
+    used = _still_used(values, {} if mistakes else carried)
+    for place, key, region in _places(values):
+        given = _get(values, place)
+        if not (isinstance(given, str) and given.startswith("@")):
+            continue
+        try:
+            record, file = find(given[1:], calibration_folder(path))
+            value, uncertainty = _value(record, key, region)
+        except ConfigError as error:
+            mistakes.append(Mistake(place, f"{error.message}; {error.fix}" if error.fix else error.message))
+            continue
+        _put(values, place, value)
+        if key.uncertainty is not None:
+            _put(values, key.uncertainty, uncertainty)
+        used[_name(values, place)] = {"reference": given, "file": file.name, **as_document(record)}
+    if used:
+        values["calibration"] = used
+    return values, mistakes
+
+
+def calibration_folder(path: FilePath) -> FilePath:
+    """The ``calibration/`` folder of the campaign that a configuration or a session belongs to."""
+    above = path.resolve().parents
+    campaigns = (
+        folder for folder in above if (folder / CAMPAIGN_FILE).is_file() or (folder / FOLDER).is_dir()
+    )
+    return next(campaigns, above[0]) / FOLDER
+
+
+def _value(record: CalibrationRecord, key: _Key, region: str) -> tuple[float, float]:
+    if record.kind != key.kind:
+        raise ConfigError(f"@{record.name} is a calibration of kind {record.kind}, not {key.kind}")
+    if key.kind != "uniformity":
+        return float(record.value), record.standard_uncertainty
+    if region not in record.values:
+        raise ConfigError(f"@{record.name} knows no region {region!r}; it has {', '.join(record.values)}")
+    return float(record.values[region]), record.standard_uncertainty
+
+
+def _places(values: Mapping[str, Any]) -> Iterator[tuple[Path, _Key, str]]:
+    """Every key that takes a reference, with the name of its region."""
+    yield from ((place, key, "") for place, key in KEYS.items())
+    regions = values.get("region")
+    for index, region in enumerate(regions if isinstance(regions, list) else ()):
+        if isinstance(region, dict):
+            name = str(region.get("name", ""))
+            yield from ((("region", index, key), kind, name) for key, kind in REGION_KEYS.items())
+
+
+def _typed(carried: Any) -> list[str]:
+    """Entries of ``[calibration]`` that no fieldkit has put there."""
+    if not isinstance(carried, dict):
+        return [""]
+    return [name for name, record in carried.items() if not isinstance(record, dict) or "kind" not in record]
+
+
+def _still_used(values: Mapping[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
+    """Records that the document carries already, without those whose value was replaced since."""
+    by_name = {_name(values, place): (place, region) for place, _, region in _places(values)}
+    kept = {}
+    for name, record in carried.items():
+        place, region = by_name.get(name, ((), ""))
+        if place:
+            value = record.get("values", {}).get(region, record.get("value"))
+            if _get(values, place) == value:
+                kept[name] = record
+    return kept
+
+
+def _name(values: Mapping[str, Any], place: Path) -> str:
+    """A key as one would say it, regions by name: ``surface.emissivity``, ``b15.offset_k``."""
+    if place[0] == "region":
+        return f"{_get(values, (*place[:2], 'name'))}.{place[2]}"
+    return ".".join(map(str, place))
+
+
+def _get(values: Any, place: Path) -> Any:
+    for part in place:
+        if isinstance(part, int):
+            values = values[part]
+        elif isinstance(values, dict):
+            values = values.get(part)
+        else:
+            return None
+    return values
+
+
+def _put(values: dict[str, Any], place: Path, value: float) -> None:
+    table: Any = values
+    for part in place[:-1]:
+        table = table[part] if isinstance(part, int) else table.setdefault(part, {})
+    table[place[-1]] = value

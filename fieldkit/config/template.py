@@ -1,0 +1,132 @@
+"""The commented ``fieldkit.toml`` that ``fieldkit init`` writes: every key, its default, what it is.
+
+What is given stands in the file as it is; every other key stands commented with its default,
+or with an example where there is none. Removing the ``#`` of a line gives a valid file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from typing import Any
+
+import tomlkit
+
+from fieldkit.config.schema import Node, json_schema, node_at, resolve
+
+HEADING = """\
+# fieldkit campaign configuration. Every key stands here with its default, commented:
+# remove the # to change it. Keys carry their unit: _deg degrees, _s seconds, _c degrees Celsius.
+# Tilt is from horizontal; azimuth is of the surface normal, from north, clockwise.
+"""
+EXAMPLES: Mapping[tuple[str, str], str] = {
+    ("lux", "driver"): "lutron",
+    ("thermometer", "driver"): "center-309",
+    ("device", "driver"): "lutron",
+}
+COMMENT_COLUMN = 40
+
+PAPER_SITE = {
+    "latitude_deg": 35.558675,
+    "longitude_deg": 139.395232,
+    "elevation_m": 9.0,
+    "timezone": "Asia/Tokyo",
+}
+"""Where the paper's experiments took place."""
+
+SIMULATED: Mapping[str, Any] = {
+    "campaign": {"title": "sand slopes under the sky of Alamosa, simulated"},
+    "site": {
+        "latitude_deg": 37.70,
+        "longitude_deg": -105.92,
+        "elevation_m": 2317.0,
+        "timezone": "America/Denver",
+    },
+    "camera": {"driver": "purethermal", "port": "simulated", "width_px": 160, "height_px": 120},
+    "lux": {"driver": "lutron", "port": "simulated"},
+    "thermometer": {"driver": "center-309", "port": "simulated"},
+    "simulation": {
+        "weather": "alamosa-2016-01-01",
+        "start": datetime.fromisoformat("2016-01-01T12:00:00-07:00"),
+    },
+    "region": [
+        {"name": "flat", "kind": "reference", "points_px": [[18, 77], [64, 74], [65, 101], [15, 106]]},
+        {
+            "name": "b05",
+            "points_px": [[93, 74], [140, 77], [145, 106], [95, 101]],
+            "tilt_deg": 5.0,
+            "azimuth_deg": 180.0,
+        },
+        {
+            "name": "b15",
+            "points_px": [[29, 29], [66, 28], [66, 53], [24, 56]],
+            "tilt_deg": 15.0,
+            "azimuth_deg": 180.0,
+        },
+        {
+            "name": "b25",
+            "points_px": [[92, 28], [129, 29], [135, 56], [92, 53]],
+            "tilt_deg": 25.0,
+            "azimuth_deg": 180.0,
+        },
+    ],
+}
+"""A campaign on simulated devices: three beds of 5, 15 and 25 degrees to the south, and a flat one."""
+
+
+def campaign_toml(given: Mapping[str, Any]) -> str:
+    """The text of a ``fieldkit.toml`` with `given` in force and every other key commented."""
+    parts = [HEADING + "schema = 1"]
+    for name in json_schema()["properties"]:
+        if name != "schema":
+            parts.extend("\n".join(lines) for lines in _tables(name, given.get(name)))
+    return "\n\n".join(parts) + "\n"
+
+
+def _tables(name: str, given: Any) -> Iterator[list[str]]:
+    """The lines of each table called `name`: one, or one for each region."""
+    if name == "region":
+        first, *others = given or [None]
+        yield _table("[[region]]", (name, 0), first)
+        for region in others:
+            yield ["[[region]]", *(assignment(key, value) for key, value in region.items())]
+    elif name == "device":
+        yield _table("[device.second-light-meter]", (name, "second-light-meter"), None)
+    else:
+        needed = json_schema()["properties"][name].get("default") is not None
+        yield _table(f"[{name}]", (name,), {} if given is None and needed else given)
+
+
+def _table(header: str, path: tuple[str | int, ...], given: Mapping[str, Any] | None) -> list[str]:
+    """A table's lines; with nothing given the header is commented too."""
+    node = node_at(path) or {}
+    about = f"# {node['description']}"
+    lines = [about, header if given is not None else f"#{header}"]
+    for key, field in node["properties"].items():
+        field = resolve(field)
+        if given is not None and key in given:
+            lines.append(_line(key, given[key], field))
+        else:
+            lines.append("#" + _line(key, _shown(str(path[0]), key, field), field))
+    return lines
+
+
+def _shown(table: str, key: str, field: Node) -> Any:
+    default = field.get("default")
+    if default is not None:
+        return default
+    value = EXAMPLES.get((table, key), field["examples"][0])
+    return datetime.fromisoformat(value) if field.get("format") == "date-time" else value
+
+
+def _line(key: str, value: Any, field: Node) -> str:
+    choices = " | ".join(f'"{choice}"' for choice in field.get("enum", ()))
+    about = f"{choices}; {field['description']}" if choices else field["description"]
+    return f"{assignment(key, value)}  ".ljust(COMMENT_COLUMN) + f"# {about}"
+
+
+def assignment(key: str, value: Any) -> str:
+    """``key = value`` on one line, as TOML writes it."""
+    inline = tomlkit.inline_table()
+    inline.update({key: value})
+    return inline.as_string().removeprefix("{").removesuffix("}").strip()

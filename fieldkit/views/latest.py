@@ -1,0 +1,110 @@
+"""What is known now: the latest of everything a recording shows, for views that draw by their own clock.
+
+The recorder's thread calls `Latest.take`, another thread reads. Every attribute is replaced
+whole, never changed in place, so a reader needs no lock and sees something consistent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from fieldkit.device import StreamInfo
+from fieldkit.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
+from fieldkit.site import Region, Site
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Minute
+
+EVENTS_KEPT = 50
+RATE_OVER_S = 60
+
+
+class Latest:
+    """The latest frame, readings, minute, health and events of a recording.
+
+    `title` is what is being recorded, `planned_end_ns` (UTC) when it is to end, None for an
+    open end. `items` counts what was taken, so that a view can tell whether there is news;
+    `clock_event` is the last time the clock was stepped or the computer slept.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        regions: Sequence[Region],
+        streams: Sequence[StreamInfo],
+        title: str = "",
+        planned_end_ns: int | None = None,
+    ) -> None:
+        self.site, self.title, self.planned_end_ns = site, title, planned_end_ns
+        self.regions = tuple(regions)
+        self.streams: Mapping[str, StreamInfo] = {info.name: info for info in streams}
+        self.frame: Frame | None = None
+        self.readings: Mapping[str, Reading] = {}
+        self.minute: Minute | None = None
+        self.events: tuple[Event, ...] = ()
+        self.alarms = 0
+        self.gaps: Mapping[str, int] = {}
+        self.clock_event: Event | None = None
+        self.items = 0
+        self.start_ns = 0
+        self.time_ns = 0
+        self._healths: tuple[Health, ...] = ()
+
+    def take(self, item: Frame | Reading | Event | Minute | Health) -> None:
+        """Remember an item in place of the previous one of its kind."""
+        self.time_ns = max(self.time_ns, item.time_ns)
+        self.start_ns = self.start_ns or item.time_ns
+        self.items += 1
+        if isinstance(item, Frame):
+            self.frame = item
+        elif isinstance(item, Reading):
+            self.readings = {**self.readings, item.stream: item}
+        elif isinstance(item, Event):
+            self._take_event(item)
+        elif isinstance(item, Health):
+            self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
+        else:
+            self.minute = item
+
+    def _take_event(self, event: Event) -> None:
+        self.events = (*self.events, event)[-EVENTS_KEPT:]
+        self.alarms += event.severity is not Severity.INFO
+        if event.kind is EventKind.GAP:
+            self.gaps = {**self.gaps, event.stream: self.gaps.get(event.stream, 0) + 1}
+        if event.kind in (EventKind.CLOCK_STEP, EventKind.SLEPT):
+            self.clock_event = event
+
+    @property
+    def health(self) -> Health | None:
+        """How the recording was doing in the last second."""
+        return self._healths[-1] if self._healths else None
+
+    def stream_health(self, name: str) -> StreamHealth | None:
+        """How one stream was doing in the last second."""
+        streams = self.health.streams if self.health else ()
+        return next((stream for stream in streams if stream.stream == name), None)
+
+    def rate_hz(self, name: str) -> float:
+        """Samples a second of a stream over the last minute; NaN until two seconds are known."""
+        counts = [
+            (health.mono_ns, stream.received)
+            for health in self._healths
+            for stream in health.streams
+            if stream.stream == name
+        ]
+        seconds = (counts[-1][0] - counts[0][0]) / 1e9 if counts else 0.0
+        return (counts[-1][1] - counts[0][1]) / seconds if seconds > 0 else float("nan")
+
+    def age_s(self, name: str) -> float:
+        """How long ago the last sample of a stream came; 0 before the first."""
+        sample = self.frame if self.frame and self.frame.stream == name else self.readings.get(name)
+        return (self.time_ns - sample.time_ns) / 1e9 if sample else 0.0
+
+    def of_quantity(self, quantity: str) -> list[tuple[StreamInfo, Reading]]:
+        """The latest reading of each meter of a quantity (``illuminance``, ``temperature`` ...)."""
+        return [
+            (info, self.readings[name])
+            for name, info in self.streams.items()
+            if info.quantity == quantity and name in self.readings
+        ]

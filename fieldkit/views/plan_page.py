@@ -1,0 +1,191 @@
+"""The plan of a measuring day in words, as rows, and as a page to print.
+
+Everything comes from a `DayPlan`; times are shown in the site's zone. The page is one
+self-contained HTML file; its charts need matplotlib, without it the tables stand alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fieldkit.estimation.plan_day import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.site import Site
+from fieldkit.views import html, words
+from fieldkit.views.report import canvas
+
+COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "tilt ±°", "tilt ±°, azimuth known", "verdict")
+
+
+def heading(plan: DayPlan, site: Site, light: str) -> str:
+    """Place, zone, sunrise and sunset, noon and the light that was assumed, in one line."""
+    up = np.flatnonzero(plan.elevation_deg > RISING_DEG)
+    noon = int(np.argmax(plan.elevation_deg))
+    at = (words.clock_time(int(plan.time_ns[minute]), site) for minute in (up[0], up[-1], noon))
+    return "site {}  ({})   sun up {}–{}, noon {}, el {:.1f}°   {}".format(
+        words.place(site),
+        words.zone_name(int(plan.time_ns[noon]), site),
+        *at,
+        plan.elevation_deg[noon],
+        light,
+    )
+
+
+def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
+    """One row per planned time for `COLUMNS`; values of the facets side by side."""
+    table: list[Sequence[str]] = []
+    bearing = np.degrees(np.arctan2(plan.sun[:, 0], plan.sun[:, 1])) % 360.0
+    for index, minute in enumerate(plan.rows):
+        found = plan.bounds[index]
+        table.append(
+            (
+                words.clock_time(int(plan.time_ns[minute]), site),
+                f"{plan.elevation_deg[minute]:.0f}°",
+                f"{bearing[minute]:.0f}°",
+                _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
+                _beside(plan.sensitivity.temperature_k[:, minute], 2),
+                _beside(found.tilt_deg, 1),
+                _beside(found.known_azimuth_deg, 1),
+                plan.verdict(index),
+            )
+        )
+    return table
+
+
+def _beside(values: Sequence[float] | np.ndarray, digits: int) -> str:
+    return "  ".join(words.number(float(value), digits) for value in values)
+
+
+def warnings(plan: DayPlan, site: Site) -> list[str]:
+    """What to beware of that day, one sentence each."""
+    told = []
+    if not plan.usable.any():
+        told.append(f"the sun stays below {plan.settings.low_sun_deg:g}°: nothing can be measured")
+    for index, facet in enumerate(plan.facets):
+        spells = plan.spells(plan.weak[index])
+        if spells:
+            told.append(
+                f"the {label(facet)} bed is weak {_when(plan, spells, site)}: below "
+                f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
+            )
+        told.extend(_twin(plan, index, facet))
+    return told
+
+
+def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
+    if plan.best_row is None:
+        return []
+    found = plan.bounds[plan.best_row]
+    other = (float(found.mirror_tilt_deg[index]), float(found.mirror_azimuth_deg[index]))
+    if not other[0] <= plan.settings.tilt_limit_deg:
+        return []
+    return [
+        f"the {label(facet)} bed has a twin: {other[0]:.0f}°/{other[1]:.0f}° fits the best window as well; "
+        f"limit the tilt below {other[0]:.0f}°, give the azimuth, or record for hours"
+    ]
+
+
+def _when(plan: DayPlan, spells: Sequence[tuple[int, int]], site: Site) -> str:
+    """``before 09:30 and after 14:00``, to ten minutes; the ends of the usable day go without saying."""
+    usable = plan.time_ns[plan.usable]
+    parts = []
+    for start, end in spells:
+        begin, finish = _to_ten_minutes(start, site), _to_ten_minutes(end, site)
+        if start == usable[0] and end == usable[-1]:
+            parts.append("all day")
+        elif start == usable[0]:
+            parts.append(f"before {finish}")
+        elif end == usable[-1]:
+            parts.append(f"after {begin}")
+        else:
+            parts.append(f"after {begin} (until {finish})")
+    return " and ".join(parts)
+
+
+def _to_ten_minutes(time_ns: int, site: Site) -> str:
+    ten = 600_000_000_000
+    return words.clock_time((time_ns + ten // 2) // ten * ten, site)
+
+
+def summary(plan: DayPlan, site: Site) -> list[str]:
+    """Best window, bias budget and what the azimuth needs, one line each."""
+    if plan.best_row is None:
+        return []
+    found, settings = plan.bounds[plan.best_row], plan.settings
+    start = int(plan.time_ns[plan.rows[plan.best_row]])
+    window = (start, start + settings.window_min * 60_000_000_000)
+    between = "–".join(words.clock_time(end, site) for end in window)
+    budget = ", ".join(
+        f"{words.number(float(kelvin), 2)} K at {label(facet)}"
+        for facet, kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
+    )
+    needed = plan.minutes_for_azimuth()
+    return [
+        f"best {settings.window_min} min: {between}, tilt ±{_beside(found.tilt_deg, 1)}° with azimuth free, "
+        f"±{_beside(found.known_azimuth_deg, 1)}° known (1 sd, {settings.noise_k:g} K a minute and region)",
+        f"camera bias budget for {settings.bias_deg:g}° of tilt then: {budget}",
+        f"azimuth to ±10° needs {needed} min around the best window"
+        if needed
+        else "azimuth to ±10° is out of reach within 6 h",
+    ]
+
+
+def page(plan: DayPlan, site: Site, title: str, light: str) -> str:
+    """The whole page: where and when, in short, warnings, charts, table, checklist."""
+    beds = ", ".join(label(facet) for facet in plan.facets)
+    over_day = html.table(COLUMNS, rows(plan, site), caption=f"Beds side by side: {beds}.")
+    return html.page(
+        title,
+        html.element("h1", title),
+        html.paragraph(heading(plan, site, light), class_="facts"),
+        html.section("In short", html.bullets(summary(plan, site))),
+        html.section("Beware", html.bullets(warnings(plan, site) or ["nothing special"])),
+        html.section("Over the day", _charts(plan, site), over_day),
+        html.section("Checklist", html.bullets(CHECKLIST)),
+    )
+
+
+CHECKLIST = (
+    "Clock set and checked: one minute is a quarter of a degree of sun.",
+    "Reference level, every bed's tilt and azimuth written down, beds dry and of one sand.",
+    "Illuminometer on the level, nothing shading it, its range above 130 klx.",
+    "Camera out of the sun, within 40° of each bed's normal, warmed up for 20 minutes.",
+    "Uniform picture (cardboard over all beds) before the first and after the last minute.",
+    "Recording from one hour before the window: sand remembers.",
+)  # fmt: skip
+
+
+def _charts(plan: DayPlan, site: Site) -> html.Html:
+    if not canvas.available():
+        return html.paragraph("Charts need matplotlib: pip install 'fieldkit[lab]'.")
+    return html.figure(
+        _drawn(plan, site),
+        "Above, what one degree of tilt is worth; below, the best one can do with one window.",
+        "kelvin per degree and Cramér–Rao bound of the tilt over the day, one line per bed",
+    )
+
+
+def _drawn(plan: DayPlan, site: Site) -> str:
+    figure, (upper, lower) = canvas.panels(2, 5.6)
+    hours, usable = _hours(plan, site), plan.usable
+    for index, facet in enumerate(plan.facets):
+        line = {
+            "color": canvas.colour(index),
+            "linestyle": canvas.dashes(index),
+            "label": label(facet),
+        }
+        upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
+        lower.semilogy(hours[plan.rows], [found.tilt_deg[index] for found in plan.bounds], **line)
+    upper.axhline(WEAK_K_PER_DEG, color="0.6", linestyle=":")
+    upper.set_ylabel("K per ° of tilt")
+    lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")
+    lower.set_xlabel(f"local time, hours ({words.zone_name(int(plan.time_ns[0]), site)})")
+    canvas.legend(upper)
+    return canvas.svg(figure)
+
+
+def _hours(plan: DayPlan, site: Site) -> np.ndarray:
+    first = words.local_time(int(plan.time_ns[0]), site)
+    since = (plan.time_ns - plan.time_ns[0]) / 3.6e12
+    return np.asarray(first.hour + first.minute / 60.0 + since)

@@ -1,0 +1,190 @@
+"""Minutes side by side: the columns from which a report's figures and tables are drawn.
+
+Pure: minutes in, arrays over minutes out, NaN where nothing is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.physics.facet import cos_incidence, normal
+from fieldkit.physics.surface import (
+    SurfaceParameters,
+    direct_irradiance,
+    emitted_longwave,
+    surface_temperature,
+)
+from fieldkit.samples import Quality
+from fieldkit.site import Region, RegionKind, Site
+from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.views import words
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Minute
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ANSWERS = frozenset({SlopeState.OK, SlopeState.FLAT, SlopeState.NOT_RESOLVED})
+"""States whose slope was worked out at that minute; a held slope is an older one and counts for no error."""
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Estimates of one target, one per minute; angles in degrees, NaN where there is none."""
+
+    region: Region
+    estimates: tuple[SlopeEstimate | None, ...]
+    tilt_deg: FloatArray
+    tilt_low_deg: FloatArray
+    tilt_high_deg: FloatArray
+    azimuth_deg: FloatArray
+    azimuth_low_deg: FloatArray
+    azimuth_high_deg: FloatArray
+    kelvin_per_degree: FloatArray
+    is_answer: BoolArray
+
+    @property
+    def answered_tilt_deg(self) -> FloatArray:
+        """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
+        return np.where(self.is_answer, self.tilt_deg, np.nan)
+
+    @property
+    def last_answer(self) -> SlopeEstimate | None:
+        """The last slope that was worked out of a minute with pictures, or None."""
+        found = np.flatnonzero(self.is_answer & np.isfinite(self.tilt_deg + self.kelvin_per_degree))
+        return self.estimates[found[-1]] if found.size else None
+
+    @property
+    def last(self) -> SlopeEstimate | None:
+        """What was said last, answer or not."""
+        return next((estimate for estimate in reversed(self.estimates) if estimate is not None), None)
+
+
+@dataclass(frozen=True)
+class Series:
+    """Everything by minute, shape (n,) each; `sun` are East-North-Up unit vectors (n, 3)."""
+
+    time_ns: NDArray[np.int64]
+    illuminance_lx: FloatArray
+    irradiance_w_m2: FloatArray
+    irradiance_model: str
+    sun: FloatArray
+    flags: NDArray[np.int64]
+    temperature_k: Mapping[str, FloatArray]
+    contact_k: FloatArray  # (n, channels)
+    beds: tuple[Bed, ...]
+    regions: tuple[Region, ...]
+
+    @property
+    def cos_zenith(self) -> FloatArray:
+        """Cosine of the sun's zenith angle."""
+        return self.sun[:, 2]
+
+    def of_day_ns(self, site: Site) -> NDArray[np.int64]:
+        """Nanoseconds since midnight on the site's clocks."""
+        return np.array([words.of_day_ns(time_ns, site) for time_ns in self.time_ns.tolist()], np.int64)
+
+    @property
+    def cloudy(self) -> BoolArray:
+        """Minutes in which the light changed faster than the sun can."""
+        return np.asarray((self.flags & int(Quality.CLOUD)) != 0)
+
+    def direct_on(self, tilt_deg: float, azimuth_deg: float) -> FloatArray:
+        """Direct light on a facet by eq. (2), W/m2."""
+        cosine = cos_incidence(normal(tilt_deg, azimuth_deg), self.sun)
+        return direct_irradiance(self.irradiance_w_m2, cosine)
+
+    @property
+    def references(self) -> tuple[Region, ...]:
+        """The regions of known slope against which the targets are compared."""
+        return tuple(region for region in self.regions if region.kind is RegionKind.REFERENCE)
+
+    @property
+    def reference_k(self) -> FloatArray:
+        """Mean surface temperature of the references."""
+        if not self.references:
+            return np.full(self.time_ns.size, np.nan)
+        return np.asarray(np.mean([self.temperature_k[region.name] for region in self.references], axis=0))
+
+
+def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
+    """Minutes as columns, in order of time."""
+    ordered = sorted(minutes, key=lambda minute: minute.time_ns)
+    zenith, azimuth = (
+        np.array([getattr(m, name) for m in ordered], np.float64)
+        for name in ("sun_zenith_deg", "sun_azimuth_deg")
+    )
+    channels = max((len(minute.contact_k) for minute in ordered), default=0)
+    contact = np.full((len(ordered), channels), np.nan)
+    for row, minute in enumerate(ordered):
+        contact[row, : len(minute.contact_k)] = minute.contact_k
+    return Series(
+        time_ns=np.array([minute.time_ns for minute in ordered], np.int64),
+        illuminance_lx=np.array([minute.illuminance for minute in ordered], np.float64),
+        irradiance_w_m2=np.array([minute.irradiance_w_m2 for minute in ordered], np.float64),
+        irradiance_model=ordered[-1].irradiance_model if ordered else "",
+        sun=normal(zenith, azimuth).reshape(-1, 3),
+        flags=np.array([int(minute.flags) for minute in ordered], np.int64),
+        temperature_k={
+            region.name: np.array([m.temperature_k.get(region.name, np.nan) for m in ordered], np.float64)
+            for region in regions
+        },
+        contact_k=contact,
+        beds=tuple(_bed(region, ordered) for region in regions if region.kind is RegionKind.TARGET),
+        regions=tuple(regions),
+    )
+
+
+def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
+    found = tuple(
+        next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
+        for minute in minutes
+    )
+
+    def column(name: str) -> FloatArray:
+        return np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
+
+    return Bed(
+        region,
+        found,
+        tilt_deg=column("tilt_deg"),
+        tilt_low_deg=column("tilt_low_deg"),
+        tilt_high_deg=column("tilt_high_deg"),
+        azimuth_deg=column("azimuth_deg"),
+        azimuth_low_deg=column("azimuth_low_deg"),
+        azimuth_high_deg=column("azimuth_high_deg"),
+        kelvin_per_degree=column("kelvin_per_degree"),
+        is_answer=np.array([e is not None and e.state in ANSWERS for e in found], np.bool_),
+    )
+
+
+def modelled_temperature(columns: Series, bed: Bed, parameters: SurfaceParameters) -> FloatArray:
+    """What eq. (7) says the surface temperature of a bed of known slope should be, kelvin, shape (n,).
+
+    Air temperature and the sky's long wave are not measured; both enter eq. (7) in the same
+    way for all beds, so the reference, through eq. (7), stands in for them: at every minute the
+    air temperature is the one that balances the reference at its measured temperature.
+    NaN for a bed of unknown slope, and with a session without a reference.
+    """
+    if not np.isfinite([bed.region.tilt_deg, bed.region.azimuth_deg]).all():
+        return np.full(columns.time_ns.size, np.nan)
+    light = columns.direct_on(bed.region.tilt_deg, bed.region.azimuth_deg)
+    return surface_temperature(light, 0.0, _air_of_reference(columns, parameters), parameters)
+
+
+def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatArray:
+    """Air temperature that balances the references by eq. (7) without long wave, kelvin, their mean."""
+    found = []
+    for region in columns.references:
+        measured = columns.temperature_k[region.name]
+        azimuth = region.azimuth_deg if np.isfinite(region.azimuth_deg) else 0.0
+        light = columns.direct_on(region.tilt_deg, azimuth)
+        lost = emitted_longwave(measured, parameters.emissivity_broadband) - (1.0 - parameters.albedo) * light
+        found.append(measured + lost / parameters.exchange_w_m2_k)
+    return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)

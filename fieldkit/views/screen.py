@@ -1,0 +1,292 @@
+"""One screen of a recording, drawn from what is known now: fits 80x24 and grows with the terminal.
+
+Pure drawing: a `Latest` and a size in, something rich can print out. From top to bottom: title
+and time, picture beside the instruments, one line per region, the last events, progress.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+
+import numpy as np
+from rich.color import Color
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.layout import Layout
+from rich.progress_bar import ProgressBar
+from rich.segment import Segment
+from rich.style import Style
+from rich.table import Table
+from rich.text import Text
+from rich.theme import Theme
+
+from fieldkit.device import StreamInfo
+from fieldkit.samples import Event, Frame, Severity
+from fieldkit.site import Region, RegionKind
+from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.views import picture, words
+from fieldkit.views.latest import Latest
+
+THEMES: Mapping[str, Theme] = {
+    "dark": Theme(
+        {
+            "base": "none",
+            "quiet": "dim",
+            "good": "green",
+            "doubt": "yellow",
+            "alarm": "bold white on red",
+            "bar.complete": "green",
+        }
+    ),
+    # In sunlight only black on white can be read; nothing may depend on a shade of grey.
+    "paper": Theme(
+        {
+            "base": "#000000 on #ffffff",
+            "quiet": "#000000",
+            "good": "#000000",
+            "doubt": "bold #000000",
+            "alarm": "bold #ffffff on #900000",
+            "bar.back": "#a0a0a0",
+            "bar.complete": "#000000",
+            "bar.finished": "#000000",
+        }
+    ),
+}
+"""Styles by theme: ``dark`` leaves the terminal's own colours, ``paper`` is black on white."""
+
+INSTRUMENTS_WIDTH = 44
+_SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "doubt", Severity.ERROR: "alarm"}
+
+
+def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
+    """The whole screen of `cols` by `rows` characters."""
+    n_regions = min(len(latest.regions), max(1, rows - 18))
+    n_events = 3 if rows < 30 else 6
+    top_rows = rows - n_regions - n_events - 3
+    seen, seen_cols = _picture(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
+    top = Layout()
+    top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest)))
+    whole = Layout()
+    whole.split_column(
+        Layout(_title(latest), size=1),
+        Layout(top, size=top_rows),
+        Layout(_regions(latest, n_regions, wide=cols >= 100), size=n_regions + 1),
+        Layout(_events(latest, n_events), size=n_events),
+        Layout(_progress(latest), size=1),
+    )
+    return whole
+
+
+# ---------------------------------------------------------------------- picture
+
+
+class HalfBlocks:
+    """A picture in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
+
+    def __init__(self, rgb: picture.Colours, labels: Mapping[tuple[int, int], str]) -> None:
+        packed = rgb.astype(np.int64) @ np.array([65536, 256, 1])
+        self._above, self._below = packed[0::2].tolist(), packed[1::2].tolist()
+        self._labels = labels
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for row, (above, below) in enumerate(zip(self._above, self._below, strict=True)):
+            for col, (top, bottom) in enumerate(zip(above, below, strict=True)):
+                letter = self._labels.get((row, col))
+                yield Segment(letter, _LABEL) if letter else Segment("▀", _two_colours(top, bottom))
+            yield Segment.line()
+
+
+_LABEL = Style(color="#000000", bgcolor=Color.from_rgb(*picture.OUTLINE), bold=True)
+
+
+@lru_cache(maxsize=8192)
+def _two_colours(above: int, below: int) -> Style:
+    return Style(color=Color.from_rgb(*above.to_bytes(3)), bgcolor=Color.from_rgb(*below.to_bytes(3)))
+
+
+def _picture(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, int]:
+    """The picture at its true proportions in at most `max_cols` by `rows`, and how wide it became."""
+    frame = latest.frame
+    if frame is None:
+        return Text("no picture yet", "quiet"), min(max_cols, 20)
+    shape = frame.counts.shape
+    lines = min(rows - 1, int(max_cols * shape[0] / shape[1] / 2))
+    cols = min(max_cols, round(2 * lines * shape[1] / shape[0]))
+    return _drawn(frame, latest.streams[frame.stream], latest.regions, lines, cols), cols
+
+
+def _drawn(
+    frame: Frame, info: StreamInfo, regions: tuple[Region, ...], lines: int, cols: int
+) -> RenderableType:
+    """The picture in `lines` by `cols` with outlines and names, and the scale in one line more."""
+    shape = frame.counts.shape
+    shown = picture.values(frame, info)
+    scale = picture.scale_of(shown, picture.unit(info))
+    small = picture.resized(shown, 2 * lines, cols)
+    # 64 levels are more than the eye tells apart here, and keep the styles in their cache.
+    rgb = picture.palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
+    for region in regions:
+        rgb[picture.outlined(region, shape, 2 * lines, cols)] = picture.OUTLINE
+    return Group(HalfBlocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
+
+
+def _labels(
+    regions: tuple[Region, ...], shape: tuple[int, int], lines: int, cols: int
+) -> dict[tuple[int, int], str]:
+    """Letters of the regions' names, each name centred on the upper edge of its region."""
+    cells = {}
+    for region in regions:
+        points = picture.on_grid(region, shape, lines, cols)
+        row = int(np.clip(np.floor(points[:, 1].min() + 0.5), 0, lines - 1))
+        middle = (points[:, 0].min() + points[:, 0].max() + 1) / 2
+        start = int(np.clip(middle - len(region.name) / 2, 0, max(0, cols - len(region.name))))
+        cells.update({(row, start + i): letter for i, letter in enumerate(region.name) if start + i < cols})
+    return cells
+
+
+def _scale(scale: picture.Scale, cols: int) -> Text:
+    low, high = f"{scale.low:.0f} ", " " + scale.text(scale.high)
+    width = max(1, cols - len(low) - len(high))
+    bar = Text(low, "base")
+    for index in np.linspace(0, 255, width).astype(int):
+        red, green, blue = (int(part) for part in picture.palette()[index])
+        bar.append(" ", Style(bgcolor=Color.from_rgb(red, green, blue)))
+    return bar.append(high)
+
+
+# ---------------------------------------------------------------------- instruments
+
+
+def _title(latest: Latest) -> RenderableType:
+    line = Table.grid(expand=True)
+    line.add_column(no_wrap=True, ratio=1)
+    line.add_column(no_wrap=True, justify="right")
+    now = ""
+    if latest.time_ns:
+        date = words.local_time(latest.time_ns, latest.site).strftime("%Y-%m-%d %H:%M:%S")
+        now = f"{date} {words.zone_name(latest.time_ns, latest.site)}"
+    line.add_row(Text(f"fieldkit  {latest.title}", "bold"), Text(now, "bold"))
+    return line
+
+
+def _instruments(latest: Latest) -> RenderableType:
+    lines = Table.grid(padding=(0, 1, 0, 0))
+    lines.add_column(no_wrap=True)
+    lines.add_column(overflow="fold")
+    for name, text in _instrument_lines(latest):
+        lines.add_row(Text(name, "quiet"), text if isinstance(text, Text) else Text(text))
+    return lines
+
+
+def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
+    minute, health = latest.minute, latest.health
+    for info, reading in latest.of_quantity("illuminance"):
+        yield "light", f"{words.number(reading.values[0])} {info.unit}"
+    if minute is not None:
+        yield "irradiance", f"{words.number(minute.irradiance_w_m2)} W/m²  {minute.irradiance_model}"
+        zenith, azimuth = (words.number(deg, 1) for deg in (minute.sun_zenith_deg, minute.sun_azimuth_deg))
+        yield "sun", f"zenith {zenith}°  azimuth {azimuth}°"
+    for info, reading in latest.of_quantity("temperature"):
+        in_celsius = [words.celsius(v, 1) if info.unit == "K" else words.number(v, 1) for v in reading.values]
+        yield "contact", "  ".join(in_celsius) + " °C"
+    for name in latest.streams:
+        yield name, _stream_words(latest, name)
+    yield "clock", _clock(latest)
+    if health is not None:
+        written = f", {words.size(health.written_bytes)} written" if health.written_bytes else ""
+        yield "disk", f"{words.size(health.disk_free_bytes)} free{written}"
+
+
+def _clock(latest: Latest) -> Text:
+    """Whether UTC went on steadily; the recorder tells of every step and every sleep."""
+    event = latest.clock_event
+    if event is not None:
+        return Text(f"{words.clock_time(event.time_ns, latest.site)} {event.text}", "doubt")
+    since = words.clock_time(latest.start_ns, latest.site)
+    return Text(f"steady since {since}" if latest.start_ns else words.UNKNOWN)
+
+
+def _stream_words(latest: Latest, name: str) -> Text:
+    """Rate, number of samples, and what went wrong with a stream or how old its last sample is."""
+    stream = latest.stream_health(name)
+    if stream is None:
+        return Text("waiting", "quiet")
+    text = Text(f"{words.rate(latest.rate_hz(name)):>6} {words.number(stream.received):>7} ")
+    troubles = {"lost": stream.dropped, "garbled": stream.rejected, "gaps": latest.gaps.get(name, 0)}
+    if said := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
+        return text.append(said, "doubt")
+    age_s = latest.age_s(name)
+    return text.append(f"{age_s:.0f} s ago", "quiet") if age_s >= 3 else text.append("none lost", "good")
+
+
+# ---------------------------------------------------------------------- regions, events, progress
+
+
+def _regions(latest: Latest, count: int, *, wide: bool) -> RenderableType:
+    gap = 2 if wide else 1
+    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
+    table.add_column("region", no_wrap=True, max_width=12)
+    for name in ("°C", "spread", "tilt °", "azimuth °", "K per °"):
+        table.add_column(name, no_wrap=True, justify="right", min_width=len(name))
+    if wide:
+        table.add_column("given", no_wrap=True)
+    table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
+    for region in latest.regions[:count]:
+        cells = _region_cells(latest, region)
+        given = [words.given_slope(region)] if wide else []
+        table.add_row(region.name, *cells[:-1], *given, cells[-1])
+    return table
+
+
+def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
+    """Mean, spread, tilt, azimuth, kelvin per degree and state of one region."""
+    minute = latest.minute
+    nan = math.nan
+    mean = minute.temperature_k.get(region.name, nan) if minute else nan
+    spread = minute.spread_k.get(region.name, nan) if minute else nan
+    cells: list[str | Text] = [words.celsius(mean), words.number(spread, 2)]
+    if region.kind is RegionKind.REFERENCE:
+        azimuth = words.number(region.azimuth_deg) if region.tilt_deg else words.UNKNOWN
+        return [*cells, words.number(region.tilt_deg, 1), azimuth, "", Text("reference", "quiet")]
+    estimate = next((e for e in minute.estimates if e.region == region.name), None) if minute else None
+    if estimate is None:
+        return [*cells, words.UNKNOWN, words.UNKNOWN, words.UNKNOWN, Text("first minute", "quiet")]
+    return [
+        *cells,
+        words.tilt(estimate),
+        words.azimuth(estimate),
+        words.number(estimate.kelvin_per_degree, 2),
+        Text(words.state(estimate), _state_style(estimate)),
+    ]
+
+
+def _state_style(estimate: SlopeEstimate) -> str:
+    return "good" if estimate.state in (SlopeState.OK, SlopeState.FLAT) else "doubt"
+
+
+def _events(latest: Latest, count: int) -> RenderableType:
+    last = latest.events[-count:]
+    return Group(*(_event(event, latest) for event in last)) if last else Text("no events yet", "quiet")
+
+
+def _event(event: Event, latest: Latest) -> Text:
+    text = Text(no_wrap=True, overflow="ellipsis")
+    text.append(words.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
+    return text.append(words.told(event), _SEVERITY_STYLE[event.severity])
+
+
+def _progress(latest: Latest) -> RenderableType:
+    done_s = (latest.time_ns - latest.start_ns) / 1e9
+    if latest.planned_end_ns is None:
+        return Text(f"{words.duration(done_s)}, no planned end: Ctrl-C ends it", "quiet")
+    total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
+    ends = words.clock_time(latest.planned_end_ns, latest.site)
+    line = Table.grid(expand=True, padding=(0, 1, 0, 0))
+    line.add_column(ratio=1)
+    line.add_column(no_wrap=True)
+    line.add_row(
+        ProgressBar(total=total_s, completed=min(done_s, total_s)),
+        Text(f"{words.duration(done_s)} of {words.duration(total_s)}, ends {ends}"),
+    )
+    return line

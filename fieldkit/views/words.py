@@ -1,0 +1,171 @@
+"""Numbers and states in the words that people read; shared by the screen, the plain lines and the report.
+
+Kelvin come in and °C go out, UTC comes in and the site's local time goes out, always with
+the zone named. What is not known is shown as a dash, never as 0 or "nan".
+"""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime, tzinfo
+from functools import lru_cache
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from fieldkit.samples import Event, Severity
+from fieldkit.site import Region, RegionKind, Site
+from fieldkit.slope import SlopeEstimate, SlopeState
+
+UNKNOWN = "–"
+ZERO_CELSIUS_K = 273.15
+
+_LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
+_STATES = {
+    SlopeState.OK: "ok",
+    SlopeState.TOO_FEW: "too few minutes yet",
+    SlopeState.NOT_RESOLVED: "not resolved",
+    SlopeState.NO_INTERSECTION: "no intersection",
+    SlopeState.HELD_CLOUD: "held: cloud",
+    SlopeState.LOW_SUN: "low sun",
+    SlopeState.SHADED: "shaded",
+    SlopeState.NO_DATA: "no data",
+}
+
+
+def number(value: float, digits: int = 0, *, separator: str = " ") -> str:
+    """`value` with `digits` decimals and a space every three digits; a dash for NaN."""
+    return f"{value:,.{digits}f}".replace(",", separator) if math.isfinite(value) else UNKNOWN
+
+
+def celsius(temperature_k: float, digits: int = 2) -> str:
+    """A temperature in °C, without the unit."""
+    return number(temperature_k - ZERO_CELSIUS_K, digits)
+
+
+def plus_minus(value: float, low: float, high: float, digits: int = 1) -> str:
+    """A value with the larger of its two distances to `low` and `high`: ``15.1 ±0.9``."""
+    if not math.isfinite(value):
+        return UNKNOWN
+    half = max(high - value, value - low)
+    return number(value, digits) + (f" ±{half:.{digits}f}" if math.isfinite(half) else "")
+
+
+def tilt(estimate: SlopeEstimate) -> str:
+    """Tilt in degrees with its likelihood region."""
+    return plus_minus(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
+
+
+def azimuth(estimate: SlopeEstimate) -> str:
+    """Azimuth in degrees with its likelihood region, a dash for a slope that may be flat.
+
+    The bounds may lie on either side of north; where they meet the azimuth was given, not estimated.
+    """
+    value = estimate.azimuth_deg
+    if estimate.state is SlopeState.FLAT:
+        return UNKNOWN
+    if estimate.azimuth_low_deg == estimate.azimuth_high_deg:
+        return f"{number(value)} given"
+    low = value - (value - estimate.azimuth_low_deg) % 360.0
+    high = value + (estimate.azimuth_high_deg - value) % 360.0
+    return plus_minus(value, low, high, digits=0)
+
+
+def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
+    """What may be said about a slope: ``ok``, ``flat within 2.1°``, ``not resolved, or 43.3°/181°`` ...
+
+    Without `second` the other slope that fits is left to be told elsewhere.
+    """
+    if estimate.state is SlopeState.FLAT:
+        return f"flat within {number(estimate.tilt_high_deg, 1)}°"
+    words = _STATES[estimate.state]
+    other = second_branch(estimate) if second else ""
+    return f"{words}, or {other}" if other else words
+
+
+def second_branch(estimate: SlopeEstimate) -> str:
+    """The other slope that fits the same data, tilt/azimuth, or nothing."""
+    if not math.isfinite(estimate.second_tilt_deg):
+        return ""
+    return f"{estimate.second_tilt_deg:.1f}°/{number(estimate.second_azimuth_deg)}°"
+
+
+def told(event: Event) -> str:
+    """An event's text with how bad it is in front, for where there is no colour."""
+    return _LOUDNESS[event.severity] + event.text
+
+
+def given_slope(region: Region) -> str:
+    """What inclinometer and compass said about a region: ``15°/180°``, or a dash."""
+    if not math.isfinite(region.tilt_deg):
+        return UNKNOWN
+    if region.tilt_deg == 0 or not math.isfinite(region.azimuth_deg):
+        return f"{region.tilt_deg:g}°"
+    return f"{region.tilt_deg:g}°/{region.azimuth_deg:g}°"
+
+
+def kind(region: Region) -> str:
+    """``reference`` or ``target``."""
+    return "reference" if region.kind is RegionKind.REFERENCE else "target"
+
+
+@lru_cache
+def zone(site: Site) -> tzinfo:
+    """The site's time zone; UTC where its name is unknown on this computer."""
+    try:
+        return ZoneInfo(site.timezone)
+    except (ZoneInfoNotFoundError, ValueError):
+        return UTC
+
+
+def local_time(time_ns: int, site: Site) -> datetime:
+    """`time_ns` as an aware datetime in the site's zone, to the microsecond."""
+    return datetime.fromtimestamp(time_ns / 1e9, zone(site))
+
+
+def of_day_ns(time_ns: int, site: Site) -> int:
+    """Nanoseconds on the site's clocks since their last midnight."""
+    local = local_time(time_ns, site)
+    return ((local.hour * 60 + local.minute) * 60 + local.second) * 10**9 + time_ns % 10**9
+
+
+def clock_time(time_ns: int, site: Site, *, seconds: bool = False) -> str:
+    """``12:04`` or ``12:04:31`` at the site; name the zone beside it with `zone_name`."""
+    return local_time(time_ns, site).strftime("%H:%M:%S" if seconds else "%H:%M")
+
+
+def zone_name(time_ns: int, site: Site) -> str:
+    """The zone in force at `time_ns` with its offset: ``JST, UTC+09:00``."""
+    local = local_time(time_ns, site)
+    offset = local.strftime("%z")
+    name = local.tzname() or site.timezone
+    words = f"UTC{offset[:3]}:{offset[3:]}"
+    return "UTC" if name == "UTC" else words if name[0] in "+-" else f"{name}, {words}"
+
+
+def place(site: Site) -> str:
+    """``37.7000 N 105.9230 W, 2317 m``."""
+    north = "N" if site.latitude_deg >= 0 else "S"
+    east = "E" if site.longitude_deg >= 0 else "W"
+    return (
+        f"{abs(site.latitude_deg):.4f} {north} {abs(site.longitude_deg):.4f} {east}, {site.elevation_m:.0f} m"
+    )
+
+
+def duration(seconds: float) -> str:
+    """``14 s``, ``9 min`` or ``3 h 09 min``."""
+    if seconds < 90:
+        return f"{max(0.0, seconds):.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def rate(rate_hz: float) -> str:
+    """``9.0/s``, or ``3/min`` for what comes less than every other second."""
+    return f"{number(rate_hz * 60)}/min" if rate_hz < 0.5 else f"{number(rate_hz, 1)}/s"
+
+
+def size(n_bytes: float) -> str:
+    """``640 kB``, ``28 MB`` or ``11.2 GB``."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if n_bytes >= factor:
+            return f"{n_bytes / factor:.{1 if n_bytes < 99 * factor else 0}f} {unit}"
+    return f"{n_bytes:.0f} B"

@@ -1,0 +1,61 @@
+import logging
+import subprocess
+import sys
+
+import numpy as np
+
+from fieldkit.campaign.cache import Cache, code_version, digest
+from fieldkit.physics.surface import SurfaceParameters
+
+
+def test_what_was_stored_is_found_to_the_bit(tmp_path):
+    arrays = {"x": np.array([0.1, np.nan, -0.0]), "texts": np.array(["a", "°"], np.str_)}
+    Cache(tmp_path).store("abc", arrays)
+    found = Cache(tmp_path).load("abc")
+    assert found is not None
+    assert {name: value.tobytes() for name, value in found.items()} == {
+        name: value.tobytes() for name, value in arrays.items()
+    }
+
+
+def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
+    cache = Cache(tmp_path)
+    cache.store("abc", {"x": np.arange(100.0)})
+    (entry,) = tmp_path.rglob("*.npz")
+    whole = entry.read_bytes()
+    for damaged in (
+        b"",
+        whole[: len(whole) // 2],
+        b"PK" + bytes(50),
+        whole[:200] + b"\xff" * 40 + whole[240:],
+    ):
+        entry.write_bytes(damaged)
+        assert cache.load("abc") is None
+    assert cache.load("never stored") is None
+
+
+def test_an_entry_is_never_executed(tmp_path):
+    cache = Cache(tmp_path)
+    cache.store("abc", {"x": np.array([{"an": "object"}], dtype=object)})
+    assert cache.load("abc") is None
+
+
+def test_a_disk_that_refuses_costs_a_warning(tmp_path, caplog):
+    (tmp_path / "file").write_text("in the way")
+    with caplog.at_level(logging.WARNING):
+        Cache(tmp_path / "file").store("abc", {"x": np.zeros(1)})
+    assert "cannot keep results" in caplog.text
+
+
+def test_keys_follow_content_and_are_the_same_in_another_process():
+    assert digest("session", SurfaceParameters()) == digest("session", SurfaceParameters())
+    assert digest("session", SurfaceParameters()) != digest("session", SurfaceParameters(albedo=0.2000001))
+    code = "from fieldkit.campaign.cache import digest; print(digest('session', 0.1))"
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == digest("session", 0.1)
+
+
+def test_the_code_version_names_release_and_content():
+    release, _, content = code_version().partition("+")
+    assert release
+    assert len(content) == 12

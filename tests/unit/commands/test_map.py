@@ -1,0 +1,131 @@
+"""``fieldkit map`` on 25 minutes recorded from simulated instruments."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.commands import main
+from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.sessions.reader import open_session
+from fieldkit.slope import SlopeState
+
+
+def fieldkit(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    made = fieldkit("record", "-C", folder, "--for", "25m", "-q", "--set", "simulation.speed=max")
+    assert made.exit_code == 0, made.output
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.fixture(scope="module")
+def mapped(session, tmp_path_factory):
+    base = tmp_path_factory.mktemp("map") / "beds"
+    done = fieldkit("map", session, "-o", base, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def of_region(document, name):
+    return next(one for one in document["regions"] if one["region"] == name)
+
+
+def test_the_pixels_of_a_bed_agree_with_the_estimate_of_its_region(session, mapped):
+    slopes = json.loads(fieldkit("estimate", session, "--json").stdout)["slopes"]
+    assert [one["region"] for one in slopes] == ["b05", "b15", "b25"]
+    for estimate in slopes:
+        bed = of_region(mapped, estimate["region"])
+        assert bed["states"] == {"ok": 1.0}
+        assert bed["tilt_deg"] == pytest.approx(estimate["tilt_deg"], abs=1.0)
+        found = normal(bed["tilt_deg"], bed["azimuth_deg"])
+        assert angle_between_deg(found, normal(estimate["tilt_deg"], estimate["azimuth_deg"])) < 1.0
+    assert of_region(mapped, "flat")["tilt_deg"] < 1.0
+
+
+def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped):
+    arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
+    with h5py.File(arrays) as file, open_session(session) as source:
+        assert file["tilt_deg"].shape == file["state"].shape == (120, 160)
+        for name, standard in (("tilt_deg", "slope_angle"), ("azimuth_deg", "slope_direction")):
+            assert file[name].attrs["standard_name"].decode() == f"ground_{standard}"
+            assert file[name].attrs["units"] == b"degree"
+        meanings = file["state"].attrs["flag_meanings"].decode().split()
+        values = file["state"].attrs["flag_values"]
+        assert dict(zip(meanings, values, strict=True))["no_intersection"] == SlopeState.NO_INTERSECTION
+        assert [dim[0].name for dim in file["tilt_deg"].dims] == ["/y", "/x"]
+        assert file.attrs["session_id"].decode() == source.session_id
+        assert file.attrs["minutes"] == mapped["minutes"] == 21
+        b15 = next(region for region in source.regions if region.name == "b15")
+        inside = b15.mask((120, 160))
+        assert (file["region"][:][inside] == 3).all()
+        assert np.median(file["tilt_deg"][:][inside]) == pytest.approx(of_region(mapped, "b15")["tilt_deg"])
+
+
+def test_arrays_open_as_netcdf(mapped):
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
+    with xr.open_dataset(arrays, engine="h5netcdf") as data:
+        assert data["tilt_deg"].dims == ("y", "x")
+        assert float(data["latitude"]) == 37.7
+
+
+def test_picture_is_a_whole_multiple_of_the_cameras_with_room_for_the_legend(mapped):
+    picture = cv2.imread(next(file for file in mapped["files"] if file.endswith(".png")))
+    rows, cols, _ = picture.shape
+    assert rows > 720
+    assert cols > 960
+
+
+def test_beds_steeper_than_the_limit_have_no_slope(session, tmp_path):
+    done = fieldkit(
+        "map", session, "-o", tmp_path / "x.png", "--set", "estimator.tilt_limit_deg=20", "--json"
+    )
+    document = json.loads(done.stdout)
+    assert of_region(document, "b25")["states"] == {"no_intersection": 1.0}
+    assert of_region(document, "b25")["tilt_deg"] is None
+    assert of_region(document, "b05")["states"] == {"ok": 1.0}
+    assert (tmp_path / "x.png").exists()
+    assert (tmp_path / "x.nc").exists()
+
+
+def test_window_chooses_the_minutes(session, tmp_path):
+    whole = json.loads(fieldkit("map", session, "-o", tmp_path / "a", "--window", "all", "--json").stdout)
+    assert whole["minutes"] == 25
+    short = fieldkit("map", session, "-o", tmp_path / "b", "--window", "1m")
+    assert short.exit_code == 8
+    assert "2 minutes" in short.output
+    assert not (tmp_path / "b.png").exists()
+
+
+def test_files_go_to_the_campaigns_results(session):
+    done = fieldkit("map", session)
+    folder = session.parent.parent / "results" / session.stem
+    assert done.stdout.splitlines()[-2:] == [str(folder / "slope-map.png"), str(folder / "slope-map.nc")]
+    assert "b15" in done.stdout
+
+
+def test_what_only_regions_have_is_said(session, tmp_path):
+    wishes = ("--set", "estimator.model=full", "--set", "estimator.azimuth=known")
+    done = fieldkit("map", session, "-o", tmp_path / "x", *wishes)
+    assert "by the paper's model" in done.stderr
+    assert "leaves the azimuth free" in done.stderr
+
+
+def test_folder_that_cannot_be_made_is_named(session, tmp_path):
+    (tmp_path / "file").write_text("")
+    done = fieldkit("map", session, "-o", tmp_path / "file" / "map")
+    assert done.exit_code == 6
+    assert str(tmp_path / "file" / "map") in done.output

@@ -1,0 +1,101 @@
+import json
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.commands import main
+from fieldkit.commands.mark import parse_when
+from fieldkit.commands.running import session_in_progress
+from fieldkit.marks import read_marks
+from fieldkit.sessions.lock import SessionLock
+from fieldkit.simulated_clock import SimulatedClock
+
+TOKYO = ZoneInfo("Asia/Tokyo")
+NOON_NS = 1_451_674_800_000_000_000
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    assert CliRunner().invoke(main, ["init", str(tmp_path)]).exit_code == 0
+    return tmp_path
+
+
+@pytest.fixture
+def recording(campaign):
+    """The recordings folder with an interrupted session and one whose journal somebody holds."""
+    recordings = campaign / "recordings"
+    for name in ("a-interrupted", "running", "z-interrupted"):
+        (recordings / f"{name}.h5.journal").mkdir()
+    SessionLock(recordings / "z-interrupted.h5.journal").release()
+    lock = SessionLock(recordings / "running.h5.journal")
+    yield recordings
+    lock.release()
+
+
+def mark(campaign, *arguments: str):
+    return CliRunner().invoke(main, ["mark", "-C", str(campaign), *arguments])
+
+
+def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
+    result = mark(campaign, "cloud over the ridge", "-k", "cloud", "--at", "-30s", "--json")
+    assert result.exit_code == 0
+    (event,) = read_marks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))
+    assert (event.text, event.data) == ("cloud over the ridge", {"label": "cloud"})
+    assert event.time_ns == NOON_NS - 30 * 10**9
+    assert json.loads(result.stdout)["session"].endswith("running.h5")
+
+
+def test_a_span_has_two_ends(campaign, recording):
+    assert mark(campaign, "shade", "--from", "-4m", "--to", "-1m").exit_code == 0
+    (event,) = read_marks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))
+    assert event.time_ns == NOON_NS - 240 * 10**9
+    assert event.data == {"end_ns": NOON_NS - 60 * 10**9}
+
+
+def test_without_a_recording_it_says_so_and_exits_9(campaign):
+    result = mark(campaign, "hello")
+    assert result.exit_code == 9
+    assert "no recording is running" in result.stderr
+
+
+def test_only_the_session_that_is_being_written_is_in_progress(recording):
+    assert session_in_progress(recording) == recording / "running.h5"
+
+
+def test_interrupted_sessions_are_not_in_progress(campaign):
+    (campaign / "recordings" / "old.h5.journal").mkdir()
+    assert session_in_progress(campaign / "recordings") is None
+    assert session_in_progress(campaign / "nowhere") is None
+
+
+@pytest.mark.parametrize(
+    "arguments", [("--from", "-4m"), ("--to", "-4m"), ("--at", "-1m", "--from", "-4m", "--to", "-1m")]
+)
+def test_half_a_span_is_wrong_usage(campaign, arguments):
+    assert mark(campaign, "x", *arguments).exit_code == 2
+
+
+@pytest.mark.parametrize(("text", "seconds"), [("-30s", -30.0), ("-5m", -300.0), ("-1.5h", -5400.0)])
+def test_times_before_now(text, seconds):
+    assert parse_when(text, TOKYO) == seconds
+
+
+def test_a_clock_time_is_today_in_the_sites_zone():
+    today = datetime.now(TOKYO).date()
+    assert parse_when("12:31", TOKYO) == f"{today}T12:31:00+09:00"
+    assert parse_when("12:31:05", TOKYO) == f"{today}T12:31:05+09:00"
+
+
+def test_an_iso_time_keeps_its_zone_and_without_one_is_the_sites():
+    assert parse_when("2026-12-11T12:31-07:00", TOKYO) == "2026-12-11T12:31:00-07:00"
+    assert parse_when("2026-12-11T12:31", TOKYO) == "2026-12-11T12:31:00+09:00"
+
+
+@pytest.mark.parametrize("text", ["30s", "-30", "noon", "25:00", "-1d"])
+def test_what_is_no_time_is_refused(text):
+    with pytest.raises(click.UsageError, match="is no time"):
+        parse_when(text, TOKYO)

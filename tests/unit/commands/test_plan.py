@@ -1,0 +1,120 @@
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.commands.plan import command
+
+PAPER = ["--site", "35.558675,139.395232,9"]
+WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
+AUGUST = ["--on", "2017-08-30", "--facet", "10,180", "--facet", "20,180"]
+
+
+def run(*words: str):
+    return CliRunner().invoke(command, [*PAPER, *words], catch_exceptions=False)
+
+
+def document(*words: str) -> dict:
+    return json.loads(run(*words, "--json").stdout)
+
+
+def at(plan: dict, hour: str) -> dict:
+    return next(row for row in plan["rows"] if f"T{hour}" in row["time"])
+
+
+def test_winter_day_of_sand_slopes():
+    # S 800 W/m2: W/m2 per degree of 5, 15 and 25 degrees towards the south, K per degree by eq. (6) at 295 K
+    plan = document(*WINTER)
+    for hour, light, kelvin in [
+        ("10:00", (10.7, 9.2, 7.5), (0.36, 0.32, 0.26)),
+        ("12:00", (11.2, 9.6, 7.7), (0.38, 0.33, 0.26)),
+        ("15:00", (8.8, 7.9, 6.8), (0.30, 0.27, 0.23)),
+    ]:
+        beds = at(plan, hour)["facets"]
+        assert [bed["w_m2_per_degree"] for bed in beds] == pytest.approx(light, abs=0.06)
+        # the plan expects warmer sand than 295 K, which makes a kelvin worth 2 % more light
+        assert [bed["kelvin_per_degree"] for bed in beds] == pytest.approx(kelvin, rel=0.04)
+    assert at(plan, "15:00")["verdict"].startswith("fair")
+    assert at(plan, "16:00")["verdict"].startswith("poor")
+
+
+def test_sun_of_the_winter_day_in_one_line():
+    # sunrise and sunset with refraction and half the sun's width, as almanacs count them
+    line = run(*WINTER).stdout.splitlines()[0]
+    assert "sun up 06:42–16:29, noon 11:35, el 31.5°" in line
+    assert "UTC+09:00" in line
+
+
+def test_august_says_the_steep_bed_is_weak_after_two():
+    plan = document(*AUGUST)
+    assert any("20°/180° bed is weak" in line and "after 14:00" in line for line in plan["warnings"])
+    assert "weak for 20°/180°" in at(plan, "14:30")["verdict"]
+    assert at(plan, "13:00")["verdict"] == "good"
+
+
+def test_august_names_the_twins():
+    # mirror image of 20 degrees south in the plane of the sun's motion about noon: 33 degrees, 180
+    plan = document(*AUGUST)
+    bed = at(plan, "12:00")["facets"][1]
+    assert bed["bound_mirror_tilt_deg"] == pytest.approx(33.0, abs=0.6)
+    assert any("33°/180°" in line for line in plan["warnings"])
+
+
+def test_steep_beds_are_allowed_less_bias():
+    budget = [bed["kelvin"] for bed in document(*WINTER)["bias_budget"]]
+    assert budget == sorted(budget, reverse=True)
+    # 2 degrees at 15 degrees: 0.6 K between beds
+    assert budget[1] == pytest.approx(0.6, abs=0.06)
+
+
+def test_clear_sky_model_replaces_the_constant():
+    constant, modelled = document(*AUGUST), document(*AUGUST, "--clear-sky", "3")
+    assert at(constant, "12:00")["direct_normal_w_m2"] == 800.0
+    assert at(modelled, "17:00")["direct_normal_w_m2"] < 0.8 * at(modelled, "12:00")["direct_normal_w_m2"]
+
+
+def test_page_is_one_file_that_asks_for_nothing(tmp_path):
+    out = tmp_path / "plans" / "plan.html"
+    run(*AUGUST, "--out", str(out))
+    page = out.read_text(encoding="utf-8")
+    assert "data:image/svg+xml;base64," in page
+    assert not re.findall(r'(?:src|href)\s*=\s*"(?!data:)', page)
+    assert "after 14:00" in page
+
+
+WITHOUT_MATPLOTLIB = """
+import sys
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
+from fieldkit.commands.plan import command
+command(sys.argv[1:])
+"""
+
+
+def test_page_without_matplotlib_says_what_to_install(tmp_path):
+    out = tmp_path / "plan.html"
+    words = [*PAPER, *AUGUST, "--out", str(out)]
+    subprocess.run([sys.executable, "-c", WITHOUT_MATPLOTLIB, *words], check=True, timeout=100)
+    page = out.read_text(encoding="utf-8")
+    assert "fieldkit[lab]" in page
+    assert "<table>" in page
+
+
+def test_polar_night_has_no_plan():
+    from fieldkit.errors import NoAnswerError
+
+    with pytest.raises(NoAnswerError, match="does not rise"):
+        run("--site", "78.2,15.6", "--on", "2026-12-21", "--facet", "10,180")
+
+
+@pytest.mark.parametrize(
+    "words", [["--window", "0"], ["--step", "0"], ["--zone", "Mars/Jezero"], ["--dni", "-1"]]
+)
+def test_impossible_numbers_are_refused(words):
+    done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
+    assert done.exit_code == 2
+    assert words[0] in done.stderr

@@ -1,0 +1,118 @@
+"""The verbs about sessions, as they are typed: what they print and how they end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.commands import check, import_session, ls, recover, show
+from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, fill, header
+
+
+def run(module: Any, *words: object) -> Result:
+    return CliRunner().invoke(module.command, [str(word) for word in words], catch_exceptions=True)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """A folder with a sealed and an interrupted session."""
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
+        clock = CountedClock()
+        writer = SessionWriter(folder / name, header((24, 32)), clock)
+        fill(writer, 20, clock)
+        writer.close() if "a.h5" in name else writer.abandon()
+    return tmp_path
+
+
+def test_ls_tells_state_length_and_samples(campaign: Path) -> None:
+    lines = run(ls, campaign).stdout.splitlines()
+    assert lines[0].split()[:2] == ["session", "state"]
+    assert "20261211T025512Z-a.h5  sealed" in lines[1]
+    assert "camera 20  lux 5  thermometer 5" in lines[1]
+    assert "20261212T025512Z-b.h5  interrupted" in lines[2]
+    sessions = json.loads(run(ls, campaign, "--json").stdout)["sessions"]
+    assert [one["state"] for one in sessions] == ["sealed", "interrupted"]
+    assert sessions[0]["samples"] == {"camera": 20, "lux": 5, "thermometer": 5}
+
+
+def test_ls_lists_what_it_cannot_read(campaign: Path) -> None:
+    (campaign / "recordings" / "photo.h5").write_bytes(b"no session")
+    assert "unreadable" in run(ls, campaign).stdout
+
+
+def test_show_without_a_name_shows_the_newest(campaign: Path) -> None:
+    done = run(show, "-C", campaign / "recordings")
+    assert done.exit_code == 0
+    document = json.loads(run(show, campaign / "recordings" / "20261211T025512Z-a.h5", "--json").stdout)
+    assert document["schema"] == 1
+    assert document["title"] == "three beds – テスト"
+    assert [one["samples"] for one in document["streams"]] == [20, 5, 5]
+    assert document["regions"][1]["tilt_deg"] == 5.0
+    assert document["events"][0]["text"] == "wolke über b05"
+
+
+def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign: Path) -> None:
+    done = run(check, campaign, "--no-estimates")
+    assert isinstance(done.exception, IntegrityError)
+    assert "FAIL  state" in done.stdout
+    good = run(check, campaign / "recordings" / "20261211T025512Z-a.h5", "--no-estimates", "--json")
+    assert good.exit_code == 0
+    (session,) = json.loads(good.stdout)["sessions"]
+    assert session["level"] in ("ok", "warn")
+    assert any("every checksum matches" in one["text"] for one in session["findings"])
+
+
+def test_check_applies_nothing_where_nothing_is_to_be_corrected(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    assert isinstance(run(check, path, "--apply", "--no-estimates").exception, RefusedError)
+
+
+def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    done = run(recover, "-C", campaign)
+    assert done.exit_code == 0
+    assert "20261212T025512Z-b.h5" in done.stdout
+    assert "camera: 20 samples" in done.stdout
+    again = json.loads(run(recover, campaign / "recordings" / "20261212T025512Z-b.h5", "--json").stdout)
+    assert again["sessions"][0]["was_complete"]
+    run(recover, campaign / "recordings" / "20261212T025512Z-b.h5", "--tidy")
+    names = sorted(path.name for path in (campaign / "recordings").iterdir())
+    assert names == ["20261211T025512Z-a.h5", "20261212T025512Z-b.h5"]
+
+
+def test_session_that_does_not_exist_is_named() -> None:
+    for module in (check, show, recover):
+        done = run(module, "nowhere.h5")
+        assert isinstance(done.exception, SessionError)
+        assert "nowhere.h5" in str(done.exception)
+
+
+def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for second in range(3):
+        cv2.imwrite(str(folder / f"20260512T01000{second}.tif"), np.full((5, 7), 29_500, np.uint16))
+    out = tmp_path / "a.h5"
+    place = ("--site=35.5,139.4,9", "-C", tmp_path)
+    without_site = run(import_session, folder, "-C", tmp_path)
+    assert isinstance(without_site.exception, ConfigError)
+    assert "--site" in (without_site.exception.fix or "")
+    without_scale = run(import_session, folder, *place)
+    assert isinstance(without_scale.exception, ConfigError)
+    assert "--kelvin-per-count" in (without_scale.exception.fix or "")
+    moments = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC")
+    done = run(import_session, folder, *place, *moments, "--kelvin-per-count", "0.01", "-o", out, "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["samples"] == {"camera": 3}
+    assert "29500 K" not in run(show, out).stdout
+    assert run(check, out, "--no-estimates").exit_code == 0

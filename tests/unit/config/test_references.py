@@ -1,0 +1,107 @@
+from datetime import UTC, datetime
+
+import pytest
+
+from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.config import ConfigMistakesError, changed_config, config_from_text, load_config
+
+SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
+REGIONS = (
+    '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[0, 0], [9, 0], [9, 9]]\n'
+    '[[region]]\nname = "b15"\npoints_px = [[0, 0], [9, 0], [9, 9]]\noffset_k = "@cardboard"\n'
+)
+
+
+def record(kind, name, value, sd=0.01, day=10, **more):
+    date = datetime(2026, 12, day, 1, 30, tzinfo=UTC)
+    return CalibrationRecord(kind, name, date, value, sd, "1", "test", **more)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    calibration = tmp_path / "calibration"
+    save(record("emissivity", "sand", 0.91), calibration)
+    save(record("emissivity", "sand", 0.93, day=11), calibration)
+    save(record("surface", "beds", 1.12, 0.02), calibration)
+    save(record("irradiance", "roof", 0.0091), calibration)
+    offsets = {"b15": 0.31}
+    save(record("uniformity", "cardboard", 0.31, 0.04, values=offsets), calibration)
+    return tmp_path
+
+
+def load(folder, text, **given):
+    file = folder / "fieldkit.toml"
+    file.write_text(SITE + text, encoding="utf-8")
+    return load_config(file, environment={}, **given)
+
+
+def test_a_reference_is_the_newest_records_value_and_brings_its_uncertainty(folder):
+    config = load(
+        folder,
+        '[surface]\nemissivity = "@sand"\n[estimator]\nscale = "@beds"\n'
+        '[irradiance]\nmodel = "calibrated"\nfactor = "@roof"\n' + REGIONS,
+    )
+    settings = config.estimator_settings()
+    assert settings.surface.emissivity == 0.93
+    assert (settings.scale, settings.scale_sd) == (1.12, 0.02)
+    assert settings.irradiance.factor == 0.0091
+    assert (settings.offsets_k, settings.offset_sd_k) == ({"b15": 0.31}, 0.04)
+    used = config.calibrations()
+    assert set(used) == {"surface.emissivity", "estimator.scale", "irradiance.factor", "b15.offset_k"}
+    assert used["surface.emissivity"].date.day == 11
+
+
+def test_an_older_record_is_named_by_its_file(folder):
+    config = load(folder, "", settings=["surface.emissivity=@20261210T013000Z-sand"])
+    assert config.surface_parameters().emissivity == 0.91
+
+
+def test_broadband_emissivity_is_the_bands_unless_it_is_given(folder):
+    assert load(folder, '[surface]\nemissivity = "@sand"\n').surface_parameters().emissivity_broadband == 0.93
+    both = load(folder, '[surface]\nemissivity = "@sand"\nemissivity_broadband = 0.9\n').surface_parameters()
+    assert (both.emissivity, both.emissivity_broadband) == (0.93, 0.9)
+
+
+def test_a_session_keeps_value_and_record_and_needs_no_folder(folder, tmp_path):
+    stored = load(folder, '[surface]\nemissivity = "@sand"\n').to_toml()
+    elsewhere = config_from_text(stored, tmp_path / "other" / "there" / "x.h5")
+    assert elsewhere.surface_parameters().emissivity == 0.93
+    kept = elsewhere.tables.calibration["surface.emissivity"]
+    assert (kept["reference"], kept["file"]) == ("@sand", "20261211T013000Z-sand.toml")
+    assert elsewhere.calibrations()["surface.emissivity"] == record("emissivity", "sand", 0.93, day=11)
+
+
+def test_a_session_is_read_again_under_another_record_or_number(folder):
+    stored = load(folder, '[surface]\nemissivity = "@sand"\n').to_toml()
+    session = folder / "recordings" / "x.h5"
+    session.parent.mkdir()
+    other = config_from_text(stored, session, settings=["surface.emissivity=@20261210T013000Z-sand"])
+    assert other.surface_parameters().emissivity == 0.91
+    assert other.calibrations()["surface.emissivity"].date.day == 10
+    number = config_from_text(stored, session, settings=["surface.emissivity=0.95"])
+    assert number.calibrations() == {}
+    assert changed_config(other, ["surface.albedo=0.3"]).calibrations() == other.calibrations()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('[surface]\nemissivity = "@mud"\n', "toml:5: surface.emissivity: there is no calibration 'mud'"),
+        ('[surface]\nemissivity = "@beds"\n', "of kind surface, not emissivity"),
+        ('[surface]\nemissivity = "sand"\n', "expected a number"),
+        (REGIONS.replace("b15", "b16"), "knows no region 'b16'; it has b15"),
+        ("[calibration]\nsand = 0.9\n", "fieldkit keeps records here"),
+    ],
+)  # fmt: skip
+def test_a_reference_that_leads_nowhere_is_told_with_its_line(folder, text, said):
+    with pytest.raises(ConfigMistakesError) as caught:
+        load(folder, text)
+    (told,) = caught.value.mistakes
+    assert said in told
+
+
+def test_every_bad_reference_is_told_beside_other_mistakes(folder):
+    with pytest.raises(ConfigMistakesError) as caught:
+        load(folder, '[surface]\nemissivity = "@mud"\nalbedo = 2\n')
+    assert len(caught.value.mistakes) == 2

@@ -1,0 +1,200 @@
+"""The whole report of a session in the paper's own world, where eqs. (6), (7) and (10) are exact."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.samples import Event, EventKind
+from fieldkit.slope import SlopeState
+from fieldkit.views.report import canvas, write_report
+from fieldkit.views.report.answers import rmse_of
+from fieldkit.views.report.series import modelled_temperature, series
+from fieldkit.views.report.verdict import verdict
+
+
+class Page(HTMLParser):
+    """Words, headings, addresses and unclosed elements of a page."""
+
+    VOID = frozenset({"meta", "img", "rect", "image", "polygon"})
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.words: list[str] = []
+        self.addresses: list[str] = []
+        self.alternatives: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.text = " ".join(" ".join(self.words).split())
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.addresses += [given[name] for name in ("src", "href", "xlink:href") if name in given]
+        if tag == "img":
+            self.alternatives.append(given["alt"])
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+
+@pytest.fixture
+def written(tmp_path, session, minutes, settings):
+    """What `write_report` makes of the session, with these changes."""
+
+    def write(**changes: object) -> str:
+        path = tmp_path / "report.html"
+        given = {"settings": settings, "frame": session.stream("camera").frame(100), **changes}
+        write_report(path, session, given.pop("minutes", minutes), **given)
+        return path.read_text(encoding="utf-8")
+
+    return write
+
+
+def test_report_is_one_whole_file_that_asks_for_nothing_outside(written):
+    text = written()
+    page = Page(text)
+    assert page.open == []
+    assert page.addresses
+    assert all(address.startswith("data:") for address in page.addresses)
+    for inner in (base64.b64decode(a.split(",", 1)[1]).decode("latin1") for a in page.addresses):
+        fetched = re.findall(r'(?:href|src)="(?!#)([^"]*)"|url\((?!#)', inner)
+        assert fetched == []
+    assert "<script" not in text
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_report_tells_what_where_when_and_how_good(written):
+    page = Page(written())
+    for needed in (
+        "sand <slopes>",
+        "35.5587 N 139.3952 E, 9 m · 2017-12-11 12:00 to 12:44 (JST, UTC+09:00), 45 min",
+        "Slopes were found on all 2 beds. Mean tilt error 0.",
+        "1 device lost while recording",
+        "1 gap while recording",
+        "15°/180°", "25°/180°", "eq10 /0.44, no diffuse, horizontal",
+        "covers noise of 0.05 K, an offset between regions of 0.25 K, an irradiance scale good to 8%, "
+        "an exchange with the air good to 15%, and 20% of scale for what the paper's model leaves out",
+        "SD by eq. (9) as printed", "camera back after 14 s", "3 checks against system", "+4.0 ms",
+        "A. Nonymous", "fieldkit record --for 45m", "unit-norm, model paper", "numpy", 'azimuth = "known"',
+    ):  # fmt: skip
+        assert needed in page.text, needed
+
+
+def test_results_in_the_papers_world_are_right(written, minutes, regions, settings):
+    columns = series(minutes, regions)
+    for bed in columns.beds:
+        assert bed.last_answer.tilt_deg == pytest.approx(bed.region.tilt_deg, abs=0.15)  # counts of 0.01 K
+    modelled = {bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.beds}
+    assert rmse_of(columns, modelled) < 0.02
+    assert "RMSE 0.0" in Page(written()).text
+
+
+def test_checksum_is_the_files(written, recorded):
+    assert hashlib.sha256(recorded.read_bytes()).hexdigest() in written()
+
+
+def test_every_figure_has_words_for_those_who_cannot_see_it(written):
+    page = Page(written())
+    assert len(page.alternatives) == 5  # the azimuth was given: no figure of it
+    assert all(len(words) > 20 for words in page.alternatives)
+    assert 'role="img" aria-label="Thermal picture' in re.sub(r"xmlns=\S+ ", "", written())
+
+
+def test_a_free_azimuth_has_its_own_figure(written, settings):
+    page = Page(written(settings=replace(settings, azimuth="free")))
+    assert len(page.alternatives) == 6
+
+
+def test_picture_shows_the_regions(written):
+    text = written()
+    assert text.count("<polygon") == 2 * 3
+    for name in ("flat", "b15", "b25"):
+        assert f">{name}</text>" in text
+
+
+@pytest.mark.parametrize(("sd", "said"), [("paper", "2.0 ± 0.25"), ("usual", "2.0 ± 1.00")])
+def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
+    minutes = [make_minute(index, tilt_deg=15.0 + error) for index, error in enumerate([1.0, -3.0] * 8)]
+    text = Page(written(minutes=minutes, sd=sd)).text
+    assert said in text  # sixteen errors of 1 and 3 degrees about their mean of 2
+    assert ("as printed" in text) == (sd == "paper")
+    assert ("the ordinary standard deviation" in text) == (sd == "usual")
+
+
+def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, monkeypatch):
+    monkeypatch.setattr(canvas, "available", lambda: False)
+    page = Page(written())
+    assert "pip install 'fieldkit[lab]'" in page.text
+    assert page.alternatives == []
+    assert "15°/180°" in page.text
+    assert "left out: light of the sky" in page.text
+    assert "RMSE 0.0" in page.text
+
+
+def test_a_session_without_minutes_still_has_its_report(written):
+    page = Page(written(minutes=[], frame=None))
+    assert "No slope was found on any of 2 beds" in page.text
+    assert "No picture without doubts was recorded" in page.text
+
+
+def test_the_same_session_gives_the_same_bytes(written):
+    assert written() == written()
+
+
+def test_what_leaving_terms_out_costs_is_told_against_the_full_model(written, minutes):
+    better = [
+        replace(m, estimates=tuple(replace(e, tilt_deg=e.tilt_deg + 0.5) for e in m.estimates))
+        for m in minutes
+    ]
+    assert (
+        "Estimated again with them (model “full”), the mean tilt error is 0."
+        in Page(written(full_minutes=better)).text
+    )
+
+
+def test_full_model_says_that_it_has_the_terms(written, settings):
+    page = Page(written(settings=replace(settings, model="full", conductivity_sd=0.2)))
+    assert "estimated with the full model, which has them" in page.text
+    assert "a conductivity of the sand good to 20%" in page.text
+    assert "paper's model leaves out" not in page.text
+
+
+def test_verdict_names_the_worst_bed(make_minute, regions):
+    found = verdict(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
+    assert found.headline == "Slopes were found on all 2 beds. Mean tilt error 2.5°; worst bed b15 with 4.0°."
+    assert found.doubts == ("b25 ended as: not resolved, or 43.3°/181°.",)
+
+
+def test_verdict_without_truth_says_so(make_minute, regions):
+    unknown = tuple(replace(region, tilt_deg=float("nan")) for region in regions)
+    assert "No true tilts" in verdict(series([make_minute(0)], unknown), [], "sealed").headline
+
+
+def test_verdict_without_slopes_is_plain(make_minute, regions):
+    held = make_minute(0, estimates=())
+    assert verdict(series([held], regions), [], "sealed").headline == "No slope was found on any of 2 beds."
+
+
+def test_verdict_counts_troubles_and_names_an_unsealed_session(make_minute, regions):
+    lost = [Event(EventKind.LOST, 0, 0, "lost"), Event(EventKind.LOST, 1, 1, "lost")]
+    doubts = verdict(series([make_minute(0, state=SlopeState.OK)], regions), lost, "interrupted").doubts
+    assert "2 devices lost while recording; see Events." in doubts
+    assert any("interrupted" in doubt for doubt in doubts)
+
+
+def test_default_settings_are_accepted(written):
+    assert "Error budget" in written(settings=EstimatorSettings())

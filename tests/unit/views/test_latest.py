@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from fieldkit.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
+from fieldkit.views.latest import Latest
+
+SECOND_NS = 10**9
+
+
+@pytest.fixture
+def latest(site, regions, streams) -> Latest:
+    return Latest(site, regions, streams, "three-beds")
+
+
+def health(second: int, received: int) -> Health:
+    return Health(second * SECOND_NS, second * SECOND_NS, (StreamHealth("camera", received, 0, 0),), 10**9)
+
+
+def event(kind: EventKind, severity: Severity = Severity.INFO, text: str = "something") -> Event:
+    return Event(kind, 5, 5, text, "camera", severity)
+
+
+def test_rate_is_over_the_last_minute(latest):
+    for second in range(120):
+        latest.take(health(second, 9 * min(second, 89)))  # silent for the last half minute
+    assert latest.rate_hz("camera") == pytest.approx(9 * 30 / 60)
+
+
+def test_age_is_that_of_the_last_sample(latest, frame):
+    assert latest.age_s("lux") == 0.0
+    latest.take(Reading("lux", 0, frame.time_ns - 14 * SECOND_NS, (1.0,)))
+    latest.take(frame)
+    assert latest.age_s("lux") == pytest.approx(14.0)
+    assert latest.age_s("camera") == 0.0
+
+
+def test_rate_is_unknown_at_first(latest):
+    assert math.isnan(latest.rate_hz("camera"))
+    latest.take(health(1, 9))
+    assert math.isnan(latest.rate_hz("camera"))
+
+
+def test_only_the_latest_of_a_kind_is_kept(latest, frame):
+    latest.take(frame)
+    for value in (1.0, 2.0):
+        latest.take(Reading("lux", 1, 1, (value,)))
+    assert latest.frame is frame
+    assert [reading.values for _, reading in latest.of_quantity("illuminance")] == [(2.0,)]
+
+
+def test_alarms_count_what_is_worse_than_information(latest):
+    for severity in Severity:
+        latest.take(event(EventKind.LOST, severity))
+    assert latest.alarms == 2
+
+
+def test_gaps_are_counted_by_stream(latest):
+    latest.take(event(EventKind.GAP))
+    latest.take(event(EventKind.GAP))
+    assert latest.gaps == {"camera": 2}
+
+
+@pytest.mark.parametrize("kind", [EventKind.CLOCK_STEP, EventKind.SLEPT])
+def test_a_step_of_the_clock_is_remembered(latest, kind):
+    assert latest.clock_event is None
+    latest.take(event(kind, text="stepped by 1 h"))
+    latest.take(event(EventKind.SHUTTER))
+    assert latest.clock_event.text == "stepped by 1 h"
+
+
+def test_a_long_recording_does_not_pile_up_events(latest):
+    for _ in range(500):
+        latest.take(event(EventKind.SHUTTER))
+    assert len(latest.events) == 50
+
+
+def test_time_never_runs_backwards(latest):
+    latest.take(Reading("lux", 9, 9, (1.0,)))
+    latest.take(Reading("lux", 7, 7, (1.0,)))
+    assert latest.time_ns == 9
+    assert latest.start_ns == 9

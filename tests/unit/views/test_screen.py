@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.cells import cell_len
+from rich.console import Console
+from rich.screen import Screen
+
+from fieldkit.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
+from fieldkit.views.latest import Latest
+from fieldkit.views.picture import OUTLINE
+from fieldkit.views.screen import THEMES, screen
+
+SECOND_NS = 10**9
+START_NS = 1_512_961_680 * SECOND_NS  # as in conftest
+SIZES = [(80, 24), (100, 30), (120, 40), (200, 60)]
+
+
+@pytest.fixture
+def latest(site, regions, streams, frame, make_minute) -> Latest:
+    """One hour into a recording of three."""
+    latest = Latest(site, regions, streams, "three-beds", START_NS + 3 * 3600 * SECOND_NS)
+    latest.take(Event(EventKind.START, 0, START_NS, "recording 20171211T030800Z-three-beds"))
+    for second in (3599, 3600):
+        now = START_NS + second * SECOND_NS
+        counts = (StreamHealth("camera", 9 * second, 0, 0), StreamHealth("lux", second, 2, 0, rejected=3))
+        latest.take(Health(now, now, counts, 11_200_000_000, 9_100_000))
+    latest.take(replace(frame, time_ns=now))
+    latest.take(Reading("lux", now, now, (55_210.0,)))
+    latest.take(Reading("thermometer", now, now, (300.05, float("nan"))))
+    latest.take(make_minute(60))
+    return latest
+
+
+def drawn(latest: Latest, cols: int, rows: int, theme: str = "dark", **console: object) -> str:
+    given = {"force_terminal": True, "color_system": "truecolor", "legacy_windows": False, **console}
+    paper = Console(file=io.StringIO(), width=cols, height=rows, **given)
+    with paper.use_theme(THEMES[theme]):
+        paper.print(Screen(screen(latest, cols, rows), style="base"), end="")
+    return paper.file.getvalue()
+
+
+def letters(latest: Latest, cols: int, rows: int) -> list[str]:
+    return drawn(latest, cols, rows, color_system=None).splitlines()
+
+
+@pytest.mark.parametrize(("cols", "rows"), SIZES)
+def test_fits_the_terminal(latest, cols, rows):
+    lines = letters(latest, cols, rows)
+    assert len(lines) == rows
+    assert {cell_len(line) for line in lines} == {cols}
+
+
+@pytest.mark.parametrize(("cols", "rows"), SIZES)
+def test_tells_what_the_field_needs(latest, cols, rows):
+    text = "\n".join(letters(latest, cols, rows))
+    for needed in (
+        "three-beds", "2017-12-11 13:08:00 JST, UTC+09:00", "55 210 lx", "835 W/m²", "eq10 /0.44",
+        "zenith 58.8°", "azimuth 186.6°", "26.9  –", "9.0/s", "lost 2 garbled 3", "11.2 GB free",
+        "26.85", "15.5 ±2.0", "178 ±12", "0.33", "ok", "not resolved, or 43.3°/181°", "reference",
+        "recording 20171211T030800Z-three-beds", "1 h 00 min of 3 h 00 min, ends 15:08", "°C",
+    ):  # fmt: skip
+        assert needed in text, needed
+
+
+def test_picture_grows_with_the_terminal(latest):
+    small, large = ("\n".join(letters(latest, *size)).count("▀") for size in ((80, 24), (160, 50)))
+    assert small > 300
+    assert large > 4 * small
+
+
+def test_picture_keeps_its_proportions(latest):
+    picture_lines = [line for line in letters(latest, 120, 40) if line.startswith("▀▀▀")]
+    width = max(line.rstrip().count("▀") for line in picture_lines)
+    assert width / (2 * len(picture_lines)) == pytest.approx(40 / 30, rel=0.05)
+
+
+def test_regions_are_outlined_and_named(latest):
+    coloured = drawn(latest, 80, 24)
+    assert "38;2;{};{};{}".format(*OUTLINE) in coloured
+    lines = [line for line in letters(latest, 80, 24) if line.startswith("▀▀▀")]
+    for name in ("flat", "b15", "b25"):
+        assert any(name in line for line in lines)
+    assert "b25" in lines[1] + lines[2]  # the upper right bed of the picture
+
+
+def test_paper_is_black_on_white_everywhere(latest):
+    coloured = drawn(latest, 80, 24, theme="paper")
+    assert "\x1b[2m" not in coloured  # nothing dim
+    assert coloured.count("48;2;255;255;255") > 24
+
+
+def test_bad_news_is_told_in_words_and_in_red(latest):
+    latest.take(Event(EventKind.DISK, 1, 1, "disk reserve reached", severity=Severity.ERROR))
+    assert "ERROR: disk reserve reached" in "\n".join(letters(latest, 80, 24))
+    assert "41m" in drawn(latest, 80, 24)
+
+
+def test_a_stream_that_is_silent_says_since_when(latest):
+    now = START_NS + 3700 * SECOND_NS
+    latest.take(Health(now, now, (StreamHealth("camera", 9 * 3600, 0, 0),), 10**9))
+    (line,) = [line for line in letters(latest, 80, 24) if " camera " in line]
+    assert "100 s ago" in line
+
+
+def test_clock_is_steady_until_it_is_not(latest):
+    assert "steady since 12:08" in "\n".join(letters(latest, 80, 24))
+    latest.take(Event(EventKind.CLOCK_STEP, 1, START_NS, "clock stepped by +3600 s"))
+    assert "12:08 clock stepped by +3600 s" in "\n".join(letters(latest, 80, 24))
+
+
+def test_newest_events_are_last_and_old_ones_go(latest):
+    for number in range(20):
+        latest.take(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
+    text = "\n".join(letters(latest, 80, 24))
+    assert text.index("mark number 18") < text.index("mark number 19")
+    assert "mark number 10" not in text
+
+
+def test_says_so_while_there_is_nothing(site, regions, streams):
+    text = "\n".join(letters(Latest(site, regions, streams), 80, 24))
+    assert "no picture yet" in text
+    assert "no events yet" in text
+    assert "no planned end" in text
+
+
+def test_many_regions_still_leave_room_for_the_rest(latest, site, streams, regions, frame):
+    many = tuple(replace(regions[1], name=f"bed{number}") for number in range(30))
+    crowded = Latest(site, many, streams)
+    crowded.take(frame)
+    lines = letters(crowded, 80, 24)
+    assert len(lines) == 24
+    assert "no planned end" in lines[-1]
+
+
+def test_a_camera_without_a_temperature_scale_shows_counts(site, regions, streams, frame):
+    latest = Latest(site, regions, (replace(streams[0], scale=float("nan")), *streams[1:]))
+    latest.take(frame)
+    assert "counts" in "\n".join(letters(latest, 80, 24))
