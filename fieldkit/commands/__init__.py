@@ -1,0 +1,130 @@
+"""The command line: ``fieldkit VERB``, one module per verb, imported only when it runs.
+
+A verb's module exports `command`, made with ``cls=Verb`` (or ``cls=VerbGroup``) of
+`fieldkit.commands.common`. Its row here carries the help line, so ``fieldkit --help``
+imports no verb and none of the heavy libraries.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, NamedTuple
+
+import click
+
+from fieldkit.commands.failure import explained
+
+
+class Row(NamedTuple):
+    """One verb: its name, the module that exports `command`, and its line in ``--help``."""
+
+    name: str
+    module: str
+    summary: str
+
+
+VERBS: dict[str, tuple[Row, ...]] = {
+    "Start": (
+        Row("demo", "fieldkit.commands.demo", "The whole experiment on simulated devices, then its report."),
+        Row("init", "fieldkit.commands.init", "Make a new campaign: a commented fieldkit.toml, folders."),
+        Row("doctor", "fieldkit.commands.doctor", "Is this computer ready? Each doubt with its remedy."),
+        Row("devices", "fieldkit.commands.devices", "What is plugged in, and the identity to configure."),
+    ),
+    "Plan": (
+        Row("plan", "fieldkit.commands.plan", "Best hours, kelvin per degree, possible accuracy of a day."),
+        Row("sun", "fieldkit.commands.sun", "Sun and incidence angles for places, times and facets."),
+    ),
+    "Set up": (
+        Row("live", "fieldkit.commands.live", "Picture and values as they are now, without recording."),
+        Row("roi", "fieldkit.commands.roi", "Regions of the picture: add, list, check, remove."),
+        Row("calibrate", "fieldkit.commands.calibrate", "Emissivity, offsets, light, scale, clock."),
+    ),
+    "Record": (
+        Row("record", "fieldkit.commands.record", "Record a session; Ctrl-C stops and seals it."),
+        Row("status", "fieldkit.commands.status", "How the recording that runs is doing."),
+        Row("stop", "fieldkit.commands.stop", "Ask the recording that runs to stop and seal."),
+        Row("mark", "fieldkit.commands.mark", "Note something on the recording that runs."),
+    ),
+    "Afterwards": (
+        Row("ls", "fieldkit.commands.ls", "The sessions of a campaign."),
+        Row("show", "fieldkit.commands.show", "One session on a page; --follow while it is recorded."),
+        Row("check", "fieldkit.commands.check", "Is everything there, and does it make sense?"),
+        Row("recover", "fieldkit.commands.recover", "Finish a session whose recording was cut off."),
+        Row("replay", "fieldkit.commands.replay", "Play a session as if live."),
+        Row("import", "fieldkit.commands.import_session", "Make a session of a recording from elsewhere."),
+    ),
+    "Work": (
+        Row("estimate", "fieldkit.commands.estimate", "Slopes of recorded sessions."),
+        Row("sweep", "fieldkit.commands.sweep", "Sessions estimated with many sets of parameters."),
+        Row("map", "fieldkit.commands.map", "Tilt and azimuth of every pixel: picture and arrays."),
+        Row("report", "fieldkit.commands.report", "A session as one page with figures, to open or print."),
+        Row("export", "fieldkit.commands.export", "A session as CSV, Parquet, netCDF, pictures or film."),
+        Row("study", "fieldkit.commands.study", "The paper's simulation study, its tables and figures."),
+    ),
+    "Tool": (
+        Row("decode", "fieldkit.commands.decode", "What bytes of an instrument mean."),
+        Row("selftest", "fieldkit.commands.selftest", "Does a driver do what every driver must?"),
+    ),
+}
+"""The verb table, by heading of ``fieldkit --help``."""
+
+
+class VerbTable(click.Group):
+    """A click group whose commands come from a table and are imported when they run."""
+
+    def __init__(self, table: dict[str, tuple[Row, ...]], **settings: Any) -> None:
+        super().__init__(**settings)
+        self.table = table
+        self.rows = {row.name: row for rows in table.values() for row in rows}
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Every verb, in the order of the table."""
+        return list(self.rows)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The verb's command, or None if there is no such verb."""
+        if cmd_name not in self.rows:
+            return None
+        command = importlib.import_module(self.rows[cmd_name].module).command
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The verb that was typed; for a misspelled one, name the nearest."""
+        if args[0] not in self.rows and not args[0].startswith("-"):
+            raise click.UsageError(f"there is no verb {args[0]!r}{self._nearest(args[0])}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def _nearest(self, typed: str) -> str:
+        from difflib import get_close_matches
+
+        near = get_close_matches(typed, self.rows, n=1)
+        return f"; did you mean {near[0]!r}?" if near else ""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the verbs under their headings, without importing any."""
+        width = max(len(name) for name in self.rows)
+        for heading, rows in self.table.items():
+            with formatter.section(heading):
+                formatter.write_dl([(row.name.ljust(width), row.summary) for row in rows])
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb; what fails is explained on stderr and gives its exit code."""
+        with explained(ctx):
+            return super().invoke(ctx)
+
+
+@click.group(
+    cls=VerbTable,
+    table=VERBS,
+    subcommand_metavar="VERB [ARGS]...",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.version_option(package_name="fieldkit", message="%(prog)s %(version)s")
+def main() -> None:
+    """Terrain slope from surface temperature: record, estimate, report.
+
+    First time here: fieldkit demo
+    """

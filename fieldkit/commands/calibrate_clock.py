@@ -1,0 +1,121 @@
+"""``fieldkit calibrate clock``: how far the clock is off, against a phone, GPS or the sun."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from fieldkit.commands import common
+from fieldkit.commands.types import MOMENT, utc_ns
+from fieldkit.errors import CalibrationError, ConfigError
+
+if TYPE_CHECKING:
+    from fieldkit.calibration.clock import ClockOffset
+    from fieldkit.sessions.reader import Session
+
+BY_HAND_S, RECEIVER_S = 0.5, 0.4
+"""Half a second by hand; a receiver's sentences come up to 0.7 s late."""
+
+
+@click.command(cls=common.Verb)
+@click.argument("session", required=False, type=click.Path(exists=True, path_type=Path))
+@click.option(
+    "--told", type=MOMENT, help="What a phone or another computer shows this very moment, with its zone."
+)
+@click.option("--gps", metavar="STREAM", help="A GPS stream of the SESSION.")
+@click.option("--sun", is_flag=True, help="The light of the SESSION against the sun's height.")
+@click.option(
+    "--apply", "is_applied", is_flag=True, help="Correct the SESSION's times from now on when reading."
+)
+@click.option("--name", default="clock", show_default=True, help="Names the record.")
+@click.pass_context
+def command(
+    ctx: click.Context, /, session: Path | None, told: datetime | None, gps: str | None, sun: bool,
+    is_applied: bool, name: str,
+) -> None:  # fmt: skip
+    r"""Seconds to add to this computer's times, or to those of a SESSION.
+
+    Recorded times are never rewritten: --apply keeps the offset beside them.
+
+    \b
+    fieldkit calibrate clock --told 2026-12-11T11:52:30+09:00
+    fieldkit calibrate clock recordings/X.h5 --sun
+    """
+    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.commands.calibrating import finish, moment, source_of
+    from fieldkit.commands.estimating import config_for
+    from fieldkit.sessions.reader import open_session
+
+    now_ns = _now_ns()
+    if (told is not None) + (gps is not None) + sun != 1:
+        raise click.UsageError("give one of --told, --gps, --sun")
+    if session is None:
+        if told is None or is_applied:
+            raise click.UsageError("--gps, --sun and --apply need a SESSION")
+        config, date = common.campaign(ctx), datetime.fromtimestamp(now_ns // 10**9, UTC)
+        found, how = _by_hand(now_ns, told)
+    else:
+        if told is not None:
+            raise click.UsageError("--told is about this computer's clock now; leave the SESSION out")
+        with open_session(session) as opened:
+            config, date = config_for(opened), moment(opened)
+            found, how = _by_gps(opened, gps) if gps is not None else _by_sun(opened)
+    record = CalibrationRecord(
+        "clock", name, date, found.offset_s, found.standard_uncertainty_s, "s", how,
+        max(0, found.readings - 1), found.budget,
+        sources=() if session is None else (source_of(session),),
+    )  # fmt: skip
+    headline = f"add {found.offset_s:+.1f} ± {found.expanded_s:.1f} s (k=2)   {how}"
+    finish(record, config, headline, "fieldkit calibrate clock SESSION --apply, or set the clock")
+    if session is not None and is_applied:
+        _apply(session, found, how)
+
+
+def _now_ns() -> int:
+    from fieldkit.clock import HostClock
+
+    clock = HostClock()
+    return clock.to_utc_ns(clock.mono_ns())
+
+
+def _by_hand(own_ns: int, told: datetime) -> tuple[ClockOffset, str]:
+    from fieldkit.calibration.clock import offset_from_times
+
+    own, true = np.array([own_ns], np.int64), np.array([utc_ns(told)], np.int64)
+    return offset_from_times(own, true, BY_HAND_S, "other clock by hand"), "another clock, read by hand"
+
+
+def _by_gps(session: Session, stream: str) -> tuple[ClockOffset, str]:
+    from fieldkit.calibration.clock import offset_from_times
+    from fieldkit.samples import NO_COUNTER
+
+    reader = session.stream(stream)
+    if session.streams[stream].device_time_unit != "ns since 1970 UTC":
+        raise ConfigError(f"{session.path}: {stream} tells no time", fix="use the drivers gpsd or nmea")
+    device = np.asarray(reader.column("device_time"), np.int64)
+    known = device != NO_COUNTER
+    if not known.any():
+        raise CalibrationError(f"{stream} never had a fix", fix="give the receiver a view of the sky")
+    found = offset_from_times(reader.time_ns()[known], device[known], RECEIVER_S, "receiver")
+    return found, f"GPS receiver {stream}"
+
+
+def _by_sun(session: Session) -> tuple[ClockOffset, str]:
+    from fieldkit.calibration.clock import offset_from_sun
+    from fieldkit.commands.calibrate_irradiance import minute_means
+    from fieldkit.commands.calibrating import one_stream
+
+    minutes, light = minute_means(session, one_stream(session, "illuminance").name, recorded=True)
+    return offset_from_sun(minutes, light, session.site), "the light against the sun's height"
+
+
+def _apply(session: Path, found: ClockOffset, how: str) -> None:
+    from fieldkit.sessions.check_clock import apply_time_map
+    from fieldkit.sessions.time_map import TimeStep
+
+    apply_time_map(session, [TimeStep(0, round(found.offset_s * 1e9), how)])
+    common.say(f"{session.name}: {found.offset_s:+.1f} s from now on when reading")

@@ -1,0 +1,141 @@
+"""``fieldkit calibrate irradiance``: the light meter's factor against a better instrument."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.commands import common
+from fieldkit.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fieldkit.config import Config
+    from fieldkit.physics.facet import FloatArray
+    from fieldkit.sessions.reader import Session
+
+Times = NDArray[np.int64]
+DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
+"""Relative uncertainty of the sky's share where it is not measured."""
+
+
+@click.command(cls=common.Verb)
+@click.argument("session", type=click.Path(exists=True, path_type=Path))
+@click.option("--name", default="light", show_default=True, help="Names the record.")
+@click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
+@click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")
+@click.option("--station", metavar="FILE", help="A SURFRAD file of the site's station, or the packaged day.")
+@click.option(
+    "--reference-sd", type=click.FloatRange(0), default=0.02, show_default=True, help="Relative, k=1."
+)
+@common.set_option
+@click.pass_context
+def command(
+    ctx: click.Context, /, session: Path, name: str, pyranometer: str | None, pyrheliometer: str | None,
+    station: str | None, reference_sd: float, settings: tuple[str, ...],
+) -> None:  # fmt: skip
+    r"""W/m2 per unit of the light meter, through the origin.
+
+    Mounting and diffuse model are those of [irradiance]; a station's own diffuse light is used as measured.
+
+    \b
+    fieldkit calibrate irradiance SESSION --pyranometer cmp11
+    fieldkit calibrate irradiance SESSION --station slv16001.dat
+    """
+    from fieldkit.calibration.doubts import instrument_of
+    from fieldkit.calibration.irradiance import light_factor
+    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.commands.calibrating import finish, moment, one_stream, source_of
+    from fieldkit.commands.estimating import config_for
+    from fieldkit.sessions.reader import open_session
+
+    if sum(one is not None for one in (pyranometer, pyrheliometer, station)) != 1:
+        raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")
+    with open_session(session) as opened:
+        config = config_for(opened, settings)
+        meter = one_stream(opened, "illuminance")
+        minutes, reading = minute_means(opened, meter.name)
+        plane, how, diffuse_sd = _reference(opened, config, minutes, pyranometer, pyrheliometer, station)
+        date = moment(opened)
+    found = light_factor(reading, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
+    model = config.irradiance_model()
+    record = CalibrationRecord(
+        "irradiance", name, date, found.value, found.standard_uncertainty, "W/m2/lx", how,
+        found.minutes - 1, found.budget, instrument=instrument_of(meter), sources=(source_of(session),),
+        details={"minutes": found.minutes, "scatter": found.scatter, "mounting": model.mounting,
+                 "diffuse": model.diffuse},
+        settings={"name": name, "pyranometer": pyranometer or "", "pyrheliometer": pyrheliometer or "",
+                  "station": station or ""},
+        remarks=found.remarks,
+    )  # fmt: skip
+    headline = (
+        f"{found.value:.6f} ± {found.expanded:.6f} W/m² per lx (k=2)   {1.0 / found.value:.0f} lm/W   "
+        f"scatter {found.scatter:.1%}   {found.minutes} minutes"
+    )
+    finish(record, config, headline, f'irradiance.model = "calibrated", irradiance.factor = "@{name}"')
+
+
+def _reference(
+    session: Session, config: Config, minute_ns: Times,
+    pyranometer: str | None, pyrheliometer: str | None, station: str | None,
+) -> tuple[FloatArray, str, float]:  # fmt: skip
+    """Irradiance on the meter's plane at the minutes, the method, the doubt about the sky's share."""
+    from fieldkit.calibration.irradiance import on_plane
+    from fieldkit.commands.calibrating import one_stream
+    from fieldkit.commands.simulation import measured_weather
+    from fieldkit.physics.sun import sun_vectors
+
+    model = config.irradiance_model()
+    sun = sun_vectors(minute_ns, config.site, refraction=True)
+    if pyranometer is not None:
+        times, value = minute_means(session, one_stream(session, "irradiance", pyranometer).name)
+        return _at(minute_ns, times, value), f"against the pyranometer {pyranometer} on the same plane", 0.0
+    if pyrheliometer is not None:
+        times, value = minute_means(session, one_stream(session, "irradiance", pyrheliometer).name)
+        plane = on_plane(model, _at(minute_ns, times, value), None, sun, minute_ns)
+        return (
+            plane,
+            f"against the pyrheliometer {pyrheliometer}, diffuse {model.diffuse}",
+            DIFFUSE_SD[model.diffuse],
+        )
+    weather = measured_weather(config, station or "")
+    if minute_ns[0] > weather.time_ns[-1] or minute_ns[-1] < weather.time_ns[0]:
+        raise ConfigError(f"{station} is of another day than {session.path.name}", fix="give that day's file")
+    direct, diffuse = (_at(minute_ns, weather.time_ns, column) for column in (weather.dni, weather.dhi))
+    return on_plane(model, direct, diffuse, sun, minute_ns), f"against the station file {weather.source}", 0.0
+
+
+def _at(
+    minute_ns: Times,
+    time_ns: Times,
+    value: FloatArray,
+) -> FloatArray:
+    """Values at the minutes, straight in between; NaN farther than a minute and a half from any."""
+    known = np.isfinite(value)
+    if not known.any():
+        return np.full(minute_ns.size, np.nan)
+    since, times = (minute_ns - time_ns[0]) / 1e9, (time_ns[known] - time_ns[0]) / 1e9
+    near = np.abs(times[np.clip(np.searchsorted(times, since), 0, times.size - 1)] - since) < 90.0
+    near |= np.abs(times[np.clip(np.searchsorted(times, since) - 1, 0, times.size - 1)] - since) < 90.0
+    return np.where(near, np.interp(since, times, value[known]), np.nan)
+
+
+def minute_means(session: Session, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
+    """Middle and mean of every minute of a meter's first channel, readings in doubt left out.
+
+    `recorded` takes the times as they were recorded, without a time map that is in force.
+    """
+    from fieldkit.commands.calibrate_gather import HELD_OUT
+
+    reader = session.stream(stream)
+    values = np.asarray(reader.column("value"), np.float64).reshape(len(reader), -1)[:, 0]
+    good = ((reader.column("flags") & int(HELD_OUT)) == 0) & np.isfinite(values)
+    times = reader.time_ns() if recorded else session.times_ns(stream)
+    minutes, place = np.unique(times[good] // 60_000_000_000, return_inverse=True)
+    if not minutes.size:
+        raise ConfigError(f"{session.path}: {stream} has no good readings", fix="fieldkit check says why")
+    means = np.bincount(place, values[good]) / np.bincount(place)
+    return minutes * 60_000_000_000 + 30_000_000_000, means

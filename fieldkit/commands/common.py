@@ -1,0 +1,182 @@
+"""What every verb shares: the common options, where words and data go, the campaign.
+
+stdout carries data, stderr carries messages. Human output may change from version to
+version; what ``--json`` prints carries ``"schema": 1``.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fieldkit.config import Config
+
+JSON_SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the common options of a verb say; ``@click.pass_obj`` hands it to the verb."""
+
+    directory: Path | None = None
+    json: bool = False
+    quiet: bool = False
+    verbose: int = 0
+    no_color: bool = False
+    no_input: bool = False
+
+
+def _common_options() -> list[click.Parameter]:
+    folder = click.Path(exists=True, file_okay=False, path_type=Path)
+    return [
+        click.Option(
+            ["-C", "directory"], type=folder, metavar="DIR", help="Campaign folder [default: search upwards]."
+        ),
+        click.Option(["--json", "json"], is_flag=True, help="Print one JSON document instead of text."),
+        click.Option(["-q", "--quiet"], is_flag=True, help="Print no messages, only data and errors."),
+        click.Option(["-v", "--verbose"], count=True, help="Tell more; twice for everything."),
+        click.Option(
+            ["--no-color"], is_flag=True, help="No colours; NO_COLOR in the environment does the same."
+        ),
+        click.Option(["--no-input"], is_flag=True, help="Never ask; fail instead."),
+    ]
+
+
+class Verb(click.Command):
+    """A command that takes the common options and keeps them as `Options` in ``ctx.obj``."""
+
+    def __init__(self, name: str | None = None, **settings: Any) -> None:
+        params = [*(settings.pop("params", None) or []), *_common_options()]
+        super().__init__(name, params=params, **settings)
+        # the linter wants raw docstrings, in which click's mark for "keep these lines" stays two letters
+        self.help = self.help and self.help.replace("\\b\n", "\b\n")
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the verb with its own parameters; the common ones become ``ctx.obj``."""
+        names = [option.name for option in _common_options() if option.name]
+        ctx.obj = Options(**{name: ctx.params.pop(name) for name in names})
+        _configure_logging(ctx.obj)
+        return super().invoke(ctx)
+
+
+class VerbGroup(click.Group):
+    """A verb with verbs of its own, such as ``roi add``; each of them takes the common options."""
+
+    command_class = Verb
+
+
+set_option = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Use another value for a key of fieldkit.toml, e.g. --set surface.albedo=0.25.",
+)
+"""``--set KEY=VALUE`` for verbs that read the configuration; hand `settings` to `campaign`."""
+
+
+def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
+    """The configuration of the campaign that ``-C`` names, or the one around the current folder.
+
+    `settings` are the ``KEY=VALUE`` of ``--set``. Raises `ConfigError` where there is no campaign, or with
+    all mistakes of its configuration.
+    """
+    from fieldkit.config import find_campaign, load_config
+
+    return load_config(find_campaign(options(ctx).directory or Path.cwd()), settings=settings)
+
+
+def options(ctx: click.Context | None = None) -> Options:
+    """The common options of the verb that runs; the defaults outside a command line."""
+    ctx = ctx or click.get_current_context(silent=True)
+    found = ctx.find_object(Options) if ctx else None
+    return found or Options()
+
+
+def say(text: str) -> None:
+    """Print a message on stderr, unless ``--quiet``."""
+    if not options().quiet:
+        click.echo(text, err=True)
+
+
+def print_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
+    click.echo(to_json(document, indent=2))
+
+
+def print_json_line(document: Mapping[str, Any]) -> None:
+    """Print one JSON object on one line, for verbs that go on printing; NaN becomes null."""
+    click.echo(to_json(document, indent=None))
+
+
+def console(*, err: bool = False) -> Console:
+    """A rich console on stdout (or stderr), plain where it is no terminal or colours are off."""
+    from rich.console import Console
+
+    found = Console(
+        stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False
+    )
+    if not found.is_terminal:
+        found.width = 160  # rows of a table must not be cut in a pipe or a file
+    return found
+
+
+def print_table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print rows under column headings on stdout; numbers should come formatted."""
+    from rich.table import Table
+
+    table = Table(*columns, box=None, header_style="bold", pad_edge=False)
+    for row in rows:
+        table.add_row(*(str(cell) for cell in row))
+    console().print(table)
+
+
+def progress() -> Progress:
+    """A progress bar on stderr, silent with ``--quiet``, ``--json`` or without a terminal."""
+    from rich.progress import Progress
+
+    screen = console(err=True)
+    given = options()
+    return Progress(
+        console=screen, disable=given.quiet or given.json or not screen.is_terminal, transient=True
+    )
+
+
+def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
+    """A JSON document with ``"schema": 1`` in front; NaN becomes null."""
+    plain = _plain({"schema": JSON_SCHEMA, **document})
+    return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    """Lists, dicts, numbers and text only; NaN and infinity, which JSON has not, become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # a numpy array or scalar
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
+
+
+def _configure_logging(given: Options) -> None:
+    level = (
+        logging.ERROR
+        if given.quiet
+        else {0: logging.WARNING, 1: logging.INFO}.get(given.verbose, logging.DEBUG)
+    )
+    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s", force=True)

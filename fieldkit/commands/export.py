@@ -1,0 +1,74 @@
+"""``fieldkit export``: a session for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fieldkit.commands.common import Verb, options, print_json
+from fieldkit.commands.session_paths import newest
+from fieldkit.errors import StorageError
+
+if TYPE_CHECKING:
+    from fieldkit.sessions.reader import Session
+
+KINDS = ("csv", "parquet", "netcdf", "png", "mp4", "tiff")
+
+
+@click.command(cls=Verb)
+@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.option("--to", "kind", type=click.Choice(KINDS), required=True, help="What to write.")
+@click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")
+@click.option("--stream", metavar="NAME", help="Which camera, if there are several.")
+@click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th picture.")
+@click.pass_context
+def command(
+    ctx: click.Context, session: Path | None, kind: str, out: Path | None, stream: str | None, every: int
+) -> None:
+    """Write SESSION (default: the newest) for other programs.
+
+    Tables as CSV or Parquet, one row a sample, units in the header; netCDF, one file a stream;
+    pictures as PNG, film, or 16-bit TIFF of 0.01 K per count.
+    """
+    from fieldkit.sessions.reader import open_session
+
+    path = newest(ctx, session)
+    folder = out or _default_folder(path)
+    with open_session(path) as opened:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            written = _write(opened, folder, kind, stream, every)
+        except OSError as error:
+            raise StorageError(f"cannot write into {folder}: {error.strerror or error}") from error
+    if options(ctx).json:
+        print_json({"session": str(path), "files": [str(file) for file in written]})
+        return
+    for file in written[:10]:
+        click.echo(file)
+    if len(written) > 10:
+        click.echo(f"and {len(written) - 10} more in {folder}")
+
+
+def _default_folder(path: Path) -> Path:
+    """``results/NAME`` of the campaign the session lies in, or a folder beside the session."""
+    parent = path.resolve().parent
+    return (
+        parent.parent / "results" / path.stem
+        if parent.name == "recordings"
+        else parent / f"{path.stem}-export"
+    )
+
+
+def _write(session: Session, folder: Path, kind: str, stream: str | None, every: int) -> list[Path]:
+    from fieldkit.sessions.exchange import netcdf_out, pictures_out, tables_out
+
+    if kind in ("csv", "parquet"):
+        return tables_out.export_tables(session, folder, kind)
+    if kind == "netcdf":
+        return netcdf_out.export_netcdf(session, folder)
+    pictures = {
+        "png": pictures_out.export_pngs, "mp4": pictures_out.export_mp4, "tiff": pictures_out.export_tiffs,
+    }  # fmt: skip
+    return pictures[kind](session, folder, stream=stream, every=every)

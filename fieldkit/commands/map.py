@@ -1,0 +1,175 @@
+"""``fieldkit map``: tilt and azimuth of every pixel of a recorded session, as a picture and as arrays."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fieldkit.commands import common
+from fieldkit.commands.session_paths import newest
+from fieldkit.errors import StorageError
+
+if TYPE_CHECKING:
+    from fieldkit.commands.mapping import MappedSession
+    from fieldkit.config import Config
+    from fieldkit.sessions.reader import Session
+
+ENDINGS = (".png", ".nc")
+
+
+@click.command(cls=common.Verb)
+@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--out", type=click.Path(path_type=Path), metavar="NAME", help="[default: the results folder]"
+)
+@click.option(
+    "--window",
+    metavar="TIME",
+    help="How far back from the last good minute: 20m, 1h, all, or weather: since its last change "
+    "[default: as configured].",
+)
+@click.option(
+    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
+)
+@common.set_option
+@click.pass_context
+def command(
+    ctx: click.Context,
+    session: Path | None,
+    out: Path | None,
+    window: str | None,
+    present: bool,
+    settings: tuple[str, ...],
+) -> None:
+    """Map the slopes of SESSION (default: the newest), pixel by pixel.
+
+    NAME.png shows azimuth as hue and tilt as strength of colour, shaded like a relief; NAME.nc
+    (netCDF) has the arrays with the state of every pixel.
+    """
+    from fieldkit.commands.estimating import config_for
+    from fieldkit.commands.mapping import map_of
+    from fieldkit.sessions.reader import open_session
+
+    path = newest(ctx, session)
+    with open_session(path) as opened:
+        config = config_for(opened, settings, present=present)
+        found = map_of(opened, config, _window_s(window, config), present=present)
+        _say_what_differs(found)
+        files = _write(_base(out, path), found, opened, settings)
+    _tell(path, found, files)
+
+
+def _say_what_differs(found: MappedSession) -> None:
+    """What was asked for of regions and cannot be had pixel by pixel, and what spoils a map."""
+    from fieldkit.samples import Quality
+
+    if found.settings.model == "full":
+        common.say("the map is by the paper's model: the full one is for regions")
+    if found.settings.azimuth == "known":
+        common.say("the map leaves the azimuth free: only regions have a known one")
+    if found.flags & Quality.MOVED:
+        common.say("the picture moved within the window: edges are smeared; choose another --window")
+
+
+def _window_s(window: str | None, config: Config) -> float | None:
+    from fieldkit.commands.record import parse_duration
+
+    if window is None:
+        return config.estimator_settings().window_s
+    words: dict[str, float | None] = {"all": math.inf, "weather": None}
+    return words[window] if window in words else parse_duration(window)
+
+
+def _base(out: Path | None, session: Path) -> Path:
+    """What both files are called, with or without an ending typed."""
+    if out is not None:
+        return out.with_suffix("") if out.suffix in ENDINGS else out
+    parent = session.resolve().parent
+    if parent.name == "recordings":
+        return parent.parent / "results" / session.stem / "slope-map"
+    return parent / f"{session.stem}-slope-map"
+
+
+def _write(base: Path, found: MappedSession, session: Session, settings: tuple[str, ...]) -> list[Path]:
+    from fieldkit.commands.map_file import write_map
+    from fieldkit.views import slope_map_picture, words
+
+    begin, end = (words.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
+    day = words.local_time(found.start_ns, found.site).date()
+    under = f"{day} {begin}-{end} {words.zone_name(found.start_ns, found.site)}, {found.minutes} min"
+    picture, arrays = (base.with_name(base.name + ending) for ending in ENDINGS)
+    try:
+        base.parent.mkdir(parents=True, exist_ok=True)
+        picture.write_bytes(slope_map_picture.png(found.slopes, found.regions, session.path.stem, under))
+        write_map(arrays, found, session, settings)
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
+        ) from error
+    return [picture, arrays]
+
+
+def _tell(path: Path, found: MappedSession, files: list[Path]) -> None:
+    beds = [_bed(found, index) for index in range(len(found.regions))]
+    if common.options().json:
+        states = _shares(found.slopes.state)
+        common.print_json(
+            {
+                "session": str(path), "files": [str(file) for file in files], "minutes": found.minutes,
+                "start_ns": found.start_ns, "end_ns": found.end_ns, "states": states,
+                "flags": [str(flag.name).lower() for flag in found.flags], "regions": beds,
+            }
+        )  # fmt: skip
+        return
+    rows = [
+        (
+            bed["region"], _number(bed["tilt_deg"], 1), _number(bed["azimuth_deg"], 0),
+            _range(bed["tilt_low_deg"], bed["tilt_high_deg"]), bed["pixels"],
+            ", ".join(f"{state} {share:.0%}" for state, share in bed["states"].items()),
+        )
+        for bed in beds
+    ]  # fmt: skip
+    common.print_table(("region", "tilt °", "azimuth °", "half of pixels °", "pixels", "states"), rows)
+    for file in files:
+        click.echo(file)
+
+
+def _bed(found: MappedSession, index: int) -> dict[str, Any]:
+    """A region of the map: median tilt, quartiles, azimuth of the mean normal, shares of the states."""
+    import numpy as np
+
+    from fieldkit.physics.facet import normal, tilt_azimuth
+
+    region, slopes = found.regions[index], found.slopes
+    inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
+    known = inside & np.isfinite(slopes.tilt_deg)
+    low, middle, high, azimuth = (math.nan,) * 4
+    if known.any():
+        low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
+        normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
+        azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
+    return {
+        "region": region.name, "tilt_deg": middle, "azimuth_deg": azimuth, "tilt_low_deg": low,
+        "tilt_high_deg": high, "pixels": int(inside.sum()), "states": _shares(slopes.state[inside]),
+    }  # fmt: skip
+
+
+def _shares(states: Any) -> dict[str, float]:
+    """Which share of the pixels is in which state; states that do not occur are left out."""
+    from fieldkit.slope import SlopeState
+
+    shares = {state.name.lower(): float((states == state).mean()) for state in SlopeState if states.size}
+    return {name: share for name, share in shares.items() if share}
+
+
+def _range(low: float, high: float) -> str:
+    return _number(low, 1) if math.isnan(low) else f"{_number(low, 1)} to {_number(high, 1)}"
+
+
+def _number(value: float, digits: int) -> str:
+    from fieldkit.views.words import number
+
+    return number(value, digits)

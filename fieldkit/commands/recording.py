@@ -1,0 +1,289 @@
+"""From a configuration to a recording: what `record` and `demo` share.
+
+Puts rooms together that do not know each other: devices, session, estimator, recorder.
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+
+from fieldkit.calibration.doubts import doubts
+from fieldkit.clock import Clock, HostClock
+from fieldkit.commands import common
+from fieldkit.commands.running import session_in_progress
+from fieldkit.config import Config
+from fieldkit.device import Device, DeviceSettings, StreamInfo
+from fieldkit.drivers import registry
+from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError, RefusedError
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.marks import marks_folder, read_marks
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.recorder import Recorder, Sampling, Summary, View
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.writer import SessionWriter
+
+SECOND_NS = 1_000_000_000
+SIMULATED = "simulated"
+OPEN_END_S = 8 * 3600.0
+"""How long a simulated field lasts when nobody says."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """Opened devices, the clock they are stamped by, how to find one again, and the disk as seen here."""
+
+    devices: tuple[Device, ...]
+    clock: Clock
+    reopen: Callable[[str], Device]
+    free_bytes: Callable[[], int]
+
+    @property
+    def streams(self) -> tuple[StreamInfo, ...]:
+        """What the devices declared."""
+        return tuple(device.info for device in self.devices)
+
+
+@contextmanager
+def instruments(
+    config: Config, *, duration_s: float | None = None, allow_missing: bool = False
+) -> Iterator[Instruments]:
+    """The campaign's instruments, real or simulated, opened together and closed at the end.
+
+    Raises `DeviceError` with everything that would not open, `ConfigError` for none at all.
+    """
+    if not config.devices:
+        raise ConfigError(
+            "no instruments are configured",
+            fix="fieldkit devices shows what is plugged in and what to write into fieldkit.toml",
+        )
+    real_free = partial(free_bytes, config.recordings)
+    if not any(settings.port == SIMULATED for settings in config.devices):
+        with _opened(config.devices, HostClock(), real_free, allow_missing) as opened:
+            yield opened
+        return
+    from fieldkit.commands.simulation import simulated_field
+
+    with simulated_field(config, duration_s or OPEN_END_S) as (clock, field):
+        plugged = [field.plug(settings) for settings in config.devices]
+        with _opened(plugged, clock, lambda: field.disk_free_bytes(real_free()), allow_missing) as opened:
+            yield opened
+
+
+@contextmanager
+def _opened(
+    settings: Sequence[DeviceSettings], clock: Clock, free: Callable[[], int], allow_missing: bool
+) -> Iterator[Instruments]:
+    by_name = {one.name: one for one in settings}
+    devices = open_all(settings, clock, allow_missing=allow_missing)
+    try:
+        yield Instruments(devices, clock, lambda name: registry.open_device(by_name[name], clock), free)
+    finally:
+        for device in devices:
+            device.close()
+
+
+def free_bytes(folder: Path) -> int:
+    """Free space on the disk that a folder is, or will be, on."""
+    while not folder.exists():
+        folder = folder.parent
+    return shutil.disk_usage(folder).free
+
+
+def session_path(config: Config, name: str, time_ns: int) -> Path:
+    """Where a session that begins at `time_ns` (UTC) belongs: ``recordings/20261211T025512Z-name.h5``."""
+    stamp = datetime.fromtimestamp(time_ns / SECOND_NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+    return config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5")
+
+
+def refuse_second(config: Config) -> None:
+    """Raise `RefusedError` if a session of this campaign is being recorded."""
+    if (running := session_in_progress(config.recordings)) is not None:
+        raise RefusedError(
+            f"this campaign is being recorded already: {running.name}",
+            fix="fieldkit status shows it, fieldkit stop ends it",
+        )
+
+
+def open_all(
+    settings: Sequence[DeviceSettings], clock: Clock, *, allow_missing: bool = False
+) -> tuple[Device, ...]:
+    """Open every instrument before complaining, so that one look tells which cables are out.
+
+    With `allow_missing` what is not plugged in is left out. Raises `DeviceError`.
+    """
+    opened: list[Device] = []
+    failed: list[DeviceError] = []
+    with clock.taking_part():
+        for one in settings:
+            try:
+                opened.append(registry.open_device(one, clock))
+            except DeviceError as error:
+                if not (allow_missing and isinstance(error, DeviceNotFoundError)):
+                    failed.append(error)
+    if failed:
+        for device in opened:
+            device.close()
+        raise _together(failed)
+    return tuple(opened)
+
+
+def _together(failed: Sequence[DeviceError]) -> DeviceError:
+    if len(failed) == 1:
+        return failed[0]
+    lines = "".join(f"\n  {error}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed)
+    return DeviceError(
+        f"{len(failed)} instruments cannot be used:{lines}", fix="fieldkit doctor looks for causes"
+    )
+
+
+def preflight(config: Config, tools: Instruments, duration_s: float | None) -> None:
+    """Raise `ConfigError` or `RefusedError` for what would spoil the session, before it is begun.
+
+    Calibrations that are old or of another instrument are warned of.
+    """
+    check_regions(config, tools.streams)
+    needed = bytes_per_second(tools.streams, sampling_of(config))
+    check_space(needed, duration_s, tools.free_bytes(), disk_reserve_bytes(config))
+    now_ns = tools.clock.to_utc_ns(tools.clock.mono_ns())
+    sun_vectors(now_ns, config.site)  # the first sun of a process reads tables: not while recording
+    now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
+    for key, record in config.calibrations().items():
+        for doubt in doubts(record, tools.streams, now):
+            common.say(f"warning: {key}: {doubt}")
+
+
+def record_session(
+    config: Config,
+    tools: Instruments,
+    path: Path,
+    *,
+    title: str = "",
+    duration_s: float | None = None,
+    views: Sequence[View] = (),
+) -> Summary:
+    """Record into `path` until the planned end or a signal; call `preflight` before.
+
+    Raises `StorageError` when nothing can be stored.
+    """
+    start_ns = tools.clock.mono_ns()
+    recorder = Recorder(
+        devices=tools.devices,
+        reopen=tools.reopen,
+        writer=SessionWriter(path, header_of(config, title, tools.streams), tools.clock),
+        estimator=Estimator(config.site, config.regions, tools.streams, config.estimator_settings()),
+        clock=tools.clock,
+        free_bytes=tools.free_bytes,
+        sampling=sampling_of(config),
+        views=views,
+        end_ns=None if duration_s is None else start_ns + round(duration_s * SECOND_NS),
+        marks=lambda: read_marks(marks_folder(path), tools.clock),
+        disk_reserve_bytes=disk_reserve_bytes(config),
+    )
+    with _stop_on_signals(recorder):
+        try:
+            return recorder.run()
+        except KeyboardInterrupt:
+            common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {path}")
+            raise
+
+
+def check_regions(config: Config, streams: Sequence[StreamInfo]) -> None:
+    """Raise `ConfigError` if there are no regions or one is not inside the picture."""
+    camera = next((info for info in streams if info.is_camera), None)
+    if camera is None:
+        return
+    if not config.regions:
+        raise ConfigError(
+            "no regions: nothing could be estimated",
+            fix="fieldkit roi add flat --reference --rect X,Y,WIDTH,HEIGHT, then one for each bed",
+        )
+    rows, cols = camera.shape
+    for region in config.regions:
+        if any(not (0 <= x <= cols - 1 and 0 <= y <= rows - 1) for x, y in region.vertices):
+            raise ConfigError(
+                f"region {region.name!r} reaches outside the picture of {cols} x {rows} pixels",
+                fix="fieldkit roi check, then correct its points_px in fieldkit.toml",
+            )
+
+
+def bytes_per_second(streams: Sequence[StreamInfo], sampling: Sampling) -> float:
+    """How fast a session grows, journal and pictures together, uncompressed."""
+    total = 0.0
+    for info in streams:
+        rate_hz = info.rate_hz or 1.0
+        if info.is_camera:
+            per_frame = 2 * (info.shape[0] * info.shape[1] + info.metadata_shape[0] * info.metadata_shape[1])
+            kept_hz = sampling.burst_frames / sampling.every_s if sampling.every_s else rate_hz
+            total += 2 * per_frame * kept_hz
+        else:
+            total += 400 * rate_hz
+    return total
+
+
+def check_space(needed_per_s: float, planned_s: float | None, free: int, reserve: int) -> None:
+    """Raise `RefusedError` if the planned time does not fit the disk."""
+    if planned_s is None or needed_per_s * planned_s + reserve <= free:
+        return
+    lasts_min = max(0.0, free - reserve) / needed_per_s / 60
+    raise RefusedError(
+        f"{free / 1e9:.1f} GB are free and this session needs {needed_per_s * planned_s / 1e9:.1f} GB: "
+        f"the disk would be full after {lasts_min:.0f} min",
+        fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
+    )
+
+
+def disk_reserve_bytes(config: Config) -> int:
+    """Free space below which pictures stop."""
+    return round(config.alarms.disk_reserve_mb * 1e6)
+
+
+def sampling_of(config: Config) -> Sampling:
+    """Which pictures the configuration keeps."""
+    record = config.record
+    every_s = record.every_s if record.sampling == "bursts" else None
+    return Sampling(every_s, record.burst_frames, record.shutter_before_burst)
+
+
+def header_of(config: Config, title: str, streams: Sequence[StreamInfo]) -> SessionHeader:
+    """What is known about the session before its first sample."""
+    campaign = config.campaign
+    return SessionHeader(
+        title=title or campaign.title,
+        site=config.site,
+        streams=tuple(streams),
+        regions=config.regions,
+        config_toml=config.to_toml(),
+        command_line=shlex.join(["fieldkit", *sys.argv[1:]]),
+        operator=campaign.operator,
+        description=campaign.description,
+        license=campaign.license,
+        references=campaign.references,
+    )
+
+
+@contextmanager
+def _stop_on_signals(recorder: Recorder) -> Iterator[None]:
+    """Ctrl-C, SIGTERM and SIGHUP seal the session; a second Ctrl-C stops at once."""
+
+    def stop(number: int, frame: object) -> None:
+        if number == signal.SIGINT:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        recorder.stop()
+
+    before = {
+        number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,150 @@
+"""Whether regions can be used: large enough, inside the picture, apart, and even within."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.device import StreamInfo
+from fieldkit.errors import SessionError
+from fieldkit.physics.camera_laws import LAWS, temperature_k
+from fieldkit.samples import Frame, Quality, Sample
+from fieldkit.site import Region
+
+MIN_PIXELS = 100
+EDGE_PX = 2
+UNEVEN_EDGE_K = 1.0
+PICTURES = 25
+DOUBTFUL = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.BAD_CRC | Quality.NO_VALUE
+
+Picture = NDArray[np.float64]
+Level = Literal["ok", "warn", "FAIL"]
+
+
+@dataclass
+class Look:
+    """What was found about one region; `spread_k` and `edge_k` are NaN without a picture.
+
+    `edge_k` is how much the outer two pixels differ from the inside, in kelvin.
+    """
+
+    region: Region
+    pixels: int
+    spread_k: float = math.nan
+    edge_k: float = math.nan
+    failures: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def level(self) -> Level:
+        """The worst of the findings."""
+        return "FAIL" if self.failures else "warn" if self.warnings else "ok"
+
+    def row(self) -> tuple[str, ...]:
+        """One line of the table."""
+        spread = "-" if math.isnan(self.spread_k) else f"{self.spread_k:.2f} K"
+        said = "; ".join(self.failures + self.warnings)
+        verdict = f"{self.level}: {said}" if said else "ok"
+        return self.region.name, slope_text(self.region), f"{self.pixels} px", spread, verdict
+
+    def document(self) -> dict[str, Any]:
+        """The same for machines."""
+        return {
+            "name": self.region.name,
+            "pixels": self.pixels,
+            "spread_k": self.spread_k,
+            "edge_k": self.edge_k,
+            "level": self.level,
+            "remarks": self.failures + self.warnings,
+        }
+
+
+def slope_text(region: Region) -> str:
+    """``15/180``, or a dash where the slope is not known."""
+    return "-" if math.isnan(region.tilt_deg) else f"{region.tilt_deg:g}/{region.azimuth_deg:g}"
+
+
+def check_regions(
+    regions: Sequence[Region], shape: tuple[int, ...] | None, picture: Picture | None = None
+) -> list[Look]:
+    """Look at each region in a picture of `shape` (rows, cols); `picture` holds kelvin of that shape.
+
+    Without a shape the regions are only checked against each other.
+    """
+    rows, cols = shape or _around(regions)
+    masks = [region.mask((rows, cols)) for region in regions]
+    looks = [Look(region, int(mask.sum())) for region, mask in zip(regions, masks, strict=True)]
+    for number, (look, mask) in enumerate(zip(looks, masks, strict=True)):
+        _check_size(look, rows, cols)
+        for other, its_mask in zip(looks[:number], masks[:number], strict=True):
+            if shared := int((mask & its_mask).sum()):
+                look.failures.append(f"shares {shared} px with {other.region.name}")
+        if picture is not None and look.pixels:
+            _check_evenness(look, mask, picture)
+    return looks
+
+
+def mean_picture(path: Path) -> Picture:
+    """Mean of the first good pictures of a session's first camera, kelvin, shape (rows, cols).
+
+    Raises `SessionError` if the session has no pictures with a temperature.
+    """
+    from fieldkit.sessions.reader import open_session
+
+    with open_session(path) as session:
+        camera = next((info for info in session.streams.values() if info.is_camera), None)
+        pictures = _pictures(session.samples(camera.name), camera) if camera else iter(())
+        kept = list(itertools.islice(pictures, PICTURES))
+    if not kept:
+        raise SessionError(f"{path} has no good picture with temperatures", fix="leave --on away")
+    return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
+
+
+def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[NDArray[np.float32]]:
+    """The pictures nobody need doubt, as brightness temperatures."""
+    if camera.law not in LAWS and not (camera.law == "linear" and math.isfinite(camera.scale)):
+        return
+    for sample in samples:
+        if isinstance(sample, Frame) and not sample.quality & DOUBTFUL:
+            yield temperature_k(
+                camera.law, sample.counts, sample.metadata_rows, camera.settings, camera.scale, camera.offset
+            )
+
+
+def _around(regions: Sequence[Region]) -> tuple[int, int]:
+    """A picture large enough for every region."""
+    corners = [corner for region in regions for corner in region.vertices] or [(0.0, 0.0)]
+    return math.ceil(max(y for _, y in corners)) + 1, math.ceil(max(x for x, _ in corners)) + 1
+
+
+def _check_size(look: Look, rows: int, cols: int) -> None:
+    if any(not (0 <= x <= cols - 1 and 0 <= y <= rows - 1) for x, y in look.region.vertices):
+        look.failures.append(f"outside the picture of {cols} x {rows} pixels")
+    elif look.pixels < MIN_PIXELS:
+        look.failures.append(f"too small, needs {MIN_PIXELS} px")
+
+
+def _check_evenness(look: Look, mask: NDArray[np.bool_], picture: Picture) -> None:
+    """Spread of the region, and whether its rim sees something else than its inside."""
+    look.spread_k = float(picture[mask].std())
+    inside = _shrunk(mask, EDGE_PX)
+    if not inside.any():
+        return
+    look.edge_k = float(picture[mask & ~inside].mean() - picture[inside].mean())
+    if abs(look.edge_k) > UNEVEN_EDGE_K:
+        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K; make the region smaller")
+
+
+def _shrunk(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """The mask without its outer `pixels`."""
+    for _ in range(pixels):
+        wide = np.pad(mask, 1)
+        mask = mask & wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
+    return mask

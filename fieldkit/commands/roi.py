@@ -1,0 +1,175 @@
+"""``fieldkit roi``: the regions of the picture, kept in ``fieldkit.toml``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fieldkit.commands.common import VerbGroup, options, print_json, print_table, say
+from fieldkit.commands.types import RECT, XY
+from fieldkit.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fieldkit.config import Config, Mistake
+    from fieldkit.site import Region
+
+Point = tuple[float, float]
+
+
+@click.group(cls=VerbGroup)
+def command() -> None:
+    """Regions of the picture: the beds, and the flat reference among them.
+
+    Pixels count from 0 at the top left, x to the right, y down.
+    """
+
+
+@command.command("add")
+@click.argument("name")
+@click.argument("more", nargs=-1, type=XY, metavar="[X,Y]...")
+@click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
+@click.option("--rect", type=RECT, help="A rectangle: left, top, width, height.")
+@click.option("--reference/--target", help="The flat bed, or one whose slope is wanted [default: target].")
+@click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
+@click.option("--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise.")
+@click.option("--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band.")
+@click.pass_context
+def add(
+    ctx: click.Context,
+    name: str,
+    more: tuple[Point, ...],
+    first: Point | None,
+    rect: tuple[float, float, float, float] | None,
+    reference: bool,
+    tilt: float | None,
+    azimuth: float | None,
+    emissivity: float | None,
+) -> None:
+    r"""Add the region NAME to fieldkit.toml.
+
+    \b
+    fieldkit roi add flat --reference --rect 6,30,32,61
+    fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
+    """
+    from fieldkit.config.edit import add_region
+
+    if (first is None) == (rect is None) or (rect and more):
+        raise click.UsageError("give the corners by --points, or a rectangle by --rect")
+    points = [first, *more] if first else _corners(*rect) if rect else []
+    known = {"tilt_deg": tilt, "azimuth_deg": azimuth, "emissivity": emissivity}
+    region = {
+        "name": name,
+        "kind": "reference" if reference else "target",
+        "points_px": [[_short(x), _short(y)] for x, y in points],
+        **{key: value for key, value in known.items() if value is not None},
+    }
+    file = _file(ctx)
+    add_region(file, region)
+    if options(ctx).json:
+        print_json({"config": str(file), "region": region})
+    say(f"region {name} added to {file}")
+
+
+@command.command("remove")
+@click.argument("name")
+@click.pass_context
+def remove(ctx: click.Context, name: str) -> None:
+    """Take the region NAME out of fieldkit.toml."""
+    from fieldkit.config.edit import remove_region
+
+    file = _file(ctx)
+    remove_region(file, name)
+    if options(ctx).json:
+        print_json({"config": str(file), "removed": name})
+    say(f"region {name} removed from {file}")
+
+
+@command.command("list")
+@click.pass_context
+def list_(ctx: click.Context) -> None:
+    """List the regions."""
+    regions = _read(ctx)[0].regions
+    if options(ctx).json:
+        print_json({"regions": [_document(region) for region in regions]})
+    elif regions:
+        print_table(("name", "kind", "tilt/azimuth", "corners"), [_row(region) for region in regions])
+    else:
+        say("no regions yet: fieldkit roi add")
+
+
+@command.command("check")
+@click.option(
+    "--on",
+    "session",
+    type=click.Path(exists=True, path_type=Path),
+    metavar="SESSION",
+    help="Look at the pictures of this session.",
+)
+@click.pass_context
+def check(ctx: click.Context, session: Path | None) -> None:
+    """Check size, overlap and place of every region; with --on also its spread and edge.
+
+    Exit code 3 if a region cannot be used.
+    """
+    from fieldkit.commands.region_check import check_regions, mean_picture
+
+    config, mistakes = _read(ctx)
+    camera = config.tables.camera
+    shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
+    picture = mean_picture(session) if session else None
+    looks = check_regions(config.regions, shape if picture is None else picture.shape, picture)
+    remarks = [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
+    failed = bool(remarks) or any(look.level == "FAIL" for look in looks)
+    if options(ctx).json:
+        print_json({"regions": [look.document() for look in looks], "mistakes": remarks, "ok": not failed})
+    else:
+        print_table(("name", "tilt/azimuth", "pixels", "spread", ""), [look.row() for look in looks])
+        for remark in remarks:
+            click.echo(f"FAIL: {remark}")
+    ctx.exit(ConfigError.exit_code if failed else 0)
+
+
+def _file(ctx: click.Context) -> Path:
+    from fieldkit.config import find_campaign
+
+    return find_campaign(options(ctx).directory or Path.cwd())
+
+
+def _read(ctx: click.Context) -> tuple[Config, list[tuple[str, Mistake]]]:
+    from fieldkit.config import ConfigMistakesError, read_config
+
+    file = _file(ctx)
+    config, mistakes = read_config(file)
+    if config is None:
+        raise ConfigMistakesError(mistakes, fix=f"edit {file}")
+    return config, mistakes
+
+
+def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
+    """The corner pixels of a rectangle `width` x `height` pixels large."""
+    right, bottom = x + width - 1, y + height - 1
+    return [(x, y), (right, y), (right, bottom), (x, bottom)]
+
+
+def _short(value: float) -> int | float:
+    return int(value) if value.is_integer() else value
+
+
+def _row(region: Region) -> tuple[str, ...]:
+    from fieldkit.commands.region_check import slope_text
+
+    corners = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
+    return region.name, region.kind.name.lower(), slope_text(region), corners
+
+
+def _document(region: Region) -> dict[str, Any]:
+    return {
+        "name": region.name,
+        "kind": region.kind.name.lower(),
+        "points_px": region.vertices,
+        "tilt_deg": region.tilt_deg,
+        "azimuth_deg": region.azimuth_deg,
+        "emissivity": region.emissivity,
+    }

@@ -1,0 +1,120 @@
+"""From a configuration to a simulated field: the scene that its regions and its sky describe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.config import Config
+from fieldkit.drivers.simulated import SimulatedField
+from fieldkit.errors import ConfigError
+from fieldkit.scene import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
+from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.site import Region, RegionKind, Site
+from fieldkit.weather import STATIONS, Weather, packaged, read_surfrad
+
+SECOND_NS = 1_000_000_000
+PACKAGED_DAY = "alamosa-2016-01-01"
+FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
+"""Crumpled aluminium: it mirrors, and shows a camera the sky."""
+BED_OVER_REGION = 1.18
+"""Beds are larger than the regions somebody careful draws on them."""
+
+
+@contextmanager
+def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[SimulatedClock, SimulatedField]]:
+    """The clock and the instruments of the configured scene, pulled and closed at the end."""
+    scene = scene_of(config, duration_s)
+    simulation = config.tables.simulation
+    speed = 1.0 if simulation is None else simulation.speed
+    clock = SimulatedClock(scene.start_ns, math.inf if speed == "max" else speed)
+    with clock, SimulatedField(scene, clock) as field:
+        yield clock, field
+
+
+def scene_of(config: Config, duration_s: float) -> Scene:
+    """The configured scene; every region with a known tilt is a bed of sand that slopes so.
+
+    Raises `ConfigError` where the configuration does not describe one.
+    """
+    simulation = config.simulation
+    if simulation is None:
+        raise ConfigError(
+            "the devices are simulated, but there is no [simulation] table",
+            fix="add [simulation] to fieldkit.toml; fieldkit init --simulated shows one",
+        )
+    start_ns = ALAMOSA_NOON_NS
+    if simulation.start is not None:
+        start_ns = round(simulation.start.timestamp()) * SECOND_NS
+    facets = tuple(_bed(config, region) for region in config.regions)
+    faults = tuple(_fault(name) for name in simulation.faults)
+    return Scene(
+        config.site, _sky(config, simulation.weather), facets, start_ns, duration_s, simulation.seed, faults
+    )
+
+
+def _bed(config: Config, region: Region) -> Facet:
+    simulation = config.simulation
+    assert simulation is not None
+    corners = np.asarray(region.vertices)
+    outline = corners.mean(axis=0) + BED_OVER_REGION * (corners - corners.mean(axis=0))
+    bed = Facet(
+        name=region.name,
+        vertices=tuple((float(x), float(y)) for x, y in outline),
+        tilt_deg=0.0 if math.isnan(region.tilt_deg) else region.tilt_deg,
+        azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
+        albedo=simulation.albedo,
+        emissivity=simulation.emissivity,
+        emissivity_broadband=simulation.emissivity,
+        depth_m=simulation.sand_depth_m,
+        is_reference=region.kind is RegionKind.REFERENCE,
+    )
+    if region.name != simulation.foil:
+        return bed
+    return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
+
+
+def _fault(name: str) -> Fault:
+    try:
+        return Fault(FaultKind(name))
+    except ValueError as error:
+        known = ", ".join(FaultKind)
+        raise ConfigError(f"there is no fault {name!r}", fix=f"simulated faults are {known}") from error
+
+
+def _sky(config: Config, weather: str) -> Sky:
+    return ClearSky() if weather == "clear" else MeasuredSky(measured_weather(config, weather))
+
+
+def measured_weather(config: Config, weather: str) -> Weather:
+    """The packaged day by its name, or a SURFRAD file of the station at the configured site.
+
+    Raises `ConfigError`.
+    """
+    if weather == PACKAGED_DAY:
+        return packaged()
+    path = config.directory / Path(weather)
+    if not path.is_file():
+        raise ConfigError(
+            f"weather: there is no file {path}",
+            fix=f'name a SURFRAD daily file, "clear", or the packaged day "{PACKAGED_DAY}"',
+        )
+    return read_surfrad(path, _station(config.site))
+
+
+def _station(site: Site) -> str:
+    """The network's station at the configured site: its name is not in the file."""
+    for name, place in STATIONS.items():
+        near = abs(place.latitude_deg - site.latitude_deg) + abs(place.longitude_deg - site.longitude_deg)
+        if near < 0.2:
+            return name
+    raise ConfigError(
+        "weather: no SURFRAD station stands at the configured site",
+        fix="give [site] the station's own latitude_deg and longitude_deg: the sky is that of the station",
+    )

@@ -1,0 +1,33 @@
+"""Slopes in the terminal: one line per bed, against truth where it is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from fieldkit.commands import common
+from fieldkit.site import Region
+from fieldkit.slope import SlopeEstimate
+from fieldkit.views import words
+
+COLUMNS = ("bed", "truth", "tilt", "error", "azimuth", "K per °", "chi²", "state")
+
+
+def print_slopes(answers: Mapping[str, SlopeEstimate], regions: Sequence[Region]) -> None:
+    """Print the answer for each target."""
+    by_name = {region.name: region for region in regions}
+    common.print_table(COLUMNS, [_row(answer, by_name[name]) for name, answer in answers.items()])
+
+
+def _row(answer: SlopeEstimate, region: Region) -> tuple[str, ...]:
+    error = answer.tilt_deg - region.tilt_deg
+    return (
+        answer.region,
+        words.given_slope(region),
+        f"{words.tilt(answer)}°",
+        f"{error:+.1f}°" if math.isfinite(error) else words.UNKNOWN,
+        words.azimuth(answer),
+        words.number(answer.kelvin_per_degree, 2),
+        words.number(answer.chi_square, 1),
+        words.state(answer),
+    )

@@ -1,0 +1,140 @@
+"""What people type for a place, a facet, a moment, a day and a clock time, as click types.
+
+Angles in degrees; azimuth from north, clockwise. A moment must carry its zone: a forgotten
+one is the commonest mistake of all, an hour of sun wide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, date, datetime, time
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fieldkit.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class _Typed(click.ParamType):  # type: ignore[type-arg]
+    """A click type made of a function from text; its ValueError becomes a usage error."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name = name
+        self._parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The parsed value; a value that is no text is a default and passes."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self._parse(value)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
+
+
+def parse_site(text: str) -> Site:
+    """``LAT,LON[,ALT]`` in degrees north, degrees east, metres; the zone is UTC."""
+    numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
+    latitude, longitude = numbers[:2]
+    if abs(latitude) > 90.0 or abs(longitude) > 360.0:
+        raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
+    return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
+
+
+def parse_facet(text: str) -> tuple[float, float]:
+    """``TILT,AZIMUTH`` in degrees."""
+    tilt, azimuth = _numbers(text, (2,), "TILT,AZIMUTH like 10,180")
+    if not 0.0 <= tilt <= 90.0 or not -360.0 <= azimuth <= 360.0:
+        raise ValueError("tilt must lie within 0..90 and azimuth within 0..360 degrees, tilt first")
+    return tilt, azimuth % 360.0
+
+
+def parse_moment(text: str) -> datetime:
+    """An ISO 8601 time with its zone."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
+    if moment.tzinfo is None:
+        raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
+    return moment
+
+
+def parse_day(text: str) -> date:
+    """A day of the calendar, ISO 8601."""
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise ValueError("expected a day like 2017-08-30") from None
+
+
+def parse_hour(text: str) -> time:
+    """A clock time ``HH:MM`` in the site's zone."""
+    try:
+        found = time.fromisoformat(text if ":" in text else f"{text}:00".rjust(5, "0"))
+    except ValueError:
+        raise ValueError("expected a time of the day like 12:00") from None
+    if found.tzinfo is not None:
+        raise ValueError("is taken in the site's zone; leave the offset away")
+    return found
+
+
+def parse_xy(text: str) -> tuple[float, float]:
+    """``X,Y`` of a pixel."""
+    x, y = _numbers(text, (2,), "X,Y like 82,30")
+    return x, y
+
+
+def parse_rect(text: str) -> tuple[float, float, float, float]:
+    """``X,Y,WIDTH,HEIGHT`` in pixels."""
+    x, y, width, height = _numbers(text, (4,), "X,Y,WIDTH,HEIGHT like 82,30,32,61")
+    if width < 2 or height < 2:
+        raise ValueError("width and height must be at least 2 pixels")
+    return x, y, width, height
+
+
+def parse_zone(text: str) -> str:
+    """An IANA time zone that this computer knows."""
+    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+    try:
+        ZoneInfo(text)
+    except (ZoneInfoNotFoundError, ValueError):
+        raise ValueError("is no time zone known here; write one like Asia/Tokyo or UTC") from None
+    return text
+
+
+def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts:
+        raise ValueError(f"expected {expected}")
+    return numbers
+
+
+SITE = _Typed("LAT,LON[,ALT]", parse_site)
+FACET = _Typed("TILT,AZIMUTH", parse_facet)
+MOMENT = _Typed("TIME", parse_moment)
+DAY = _Typed("YYYY-MM-DD", parse_day)
+HOUR = _Typed("HH:MM", parse_hour)
+ZONE = _Typed("ZONE", parse_zone)
+XY = _Typed("X,Y", parse_xy)
+RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
+
+
+def utc_ns(moment: datetime) -> int:
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+def with_zone(site: Site, zone: str | None) -> Site:
+    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
+    hours = round(((site.longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
+    # the sign of these names is turned: Etc/GMT-9 is nine hours ahead of Greenwich
+    return replace(site, timezone=zone or (f"Etc/GMT{-hours:+d}" if hours else "UTC"))
