@@ -1,0 +1,47 @@
+"""A driver for a light meter that says ``LUX 98760`` on a serial line: all that a plug-in package needs."""
+
+import re
+
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.records import Layout, Record, Rejected, Value, decode_records
+
+LINE = Line(9600)
+RECORD = re.compile(rb"LUX (\d{1,6})\r?")
+
+
+def take(buffer):
+    """The line at the start of `buffer`."""
+    end = buffer.find(b"\n")
+    if end < 0:
+        return None
+    found = RECORD.fullmatch(buffer[:end])
+    if not found:
+        return Rejected(end + 1, "not LUX and a number")
+    return Record(end + 1, (Value(float(found[1]), "lx", "lux"),))
+
+
+LAYOUT = Layout(take, longest=12)
+
+
+class SampleLux:
+    """Driver of the sample light meter."""
+
+    name = "sample-lux"
+    title = "Sample light meter"
+    quantity = "illuminance"
+
+    def find(self):
+        """Any serial adapter may be one."""
+        return find_ports(self.name, self.title, (), "any adapter")
+
+    def decode(self, data, options):
+        """Explain bytes."""
+        return decode_records(data, LAYOUT)
+
+    def open(self, settings, clock):
+        """Open the port and wait for the first line."""
+        port = open_port(settings, LINE, clock)
+        meter.first_record(port, LAYOUT, settings.name, "switch the meter on")
+        info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", ("lux",))
+        return meter.Meter(info, port, LAYOUT, clock, ("lux",))

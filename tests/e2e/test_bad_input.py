@@ -1,0 +1,234 @@
+"""What a person gets for wrong input, through the real command line: the message and the exit code."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.commands import main
+
+SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
+CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
+FLAT = '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[6, 30], [37, 30], [37, 90], [6, 90]]\n'
+
+# root may open anything: these two capabilities are what lets it past a file's permissions
+WITHOUT_PRIVILEGE = (
+    "import ctypes, os, sys\n"
+    "libc = ctypes.CDLL(None)\n"
+    "PR_CAPBSET_DROP, CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH = 24, 1, 2\n"
+    "dropped = [libc.prctl(PR_CAPBSET_DROP, cap, 0, 0, 0) == 0\n"
+    "           for cap in (CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH)]\n"
+    "if os.geteuid() == 0 and not all(dropped): sys.exit(77)\n"
+    "os.execv(sys.executable, [sys.executable, '-m', 'fieldkit', *sys.argv[1:]])\n"
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def home(tmp_path_factory):
+    """No user configuration of whoever runs the tests, and logs in a folder of their own."""
+    folder = tmp_path_factory.mktemp("home")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder))
+        yield folder
+
+
+def fieldkit(*arguments: object) -> tuple[int, str]:
+    """Exit code and stderr of one command; nothing may be printed on stdout when it fails."""
+    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert done.exit_code == 0 or done.stdout == ""
+    return done.exit_code, done.stderr
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory) -> Path:
+    """A campaign on simulated devices."""
+    folder = tmp_path_factory.mktemp("simulated")
+    assert fieldkit("init", folder, "--simulated")[0] == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(simulated) -> Path:
+    """Two recorded minutes."""
+    code, said = fieldkit("record", "-C", simulated, "--for", "2m", "--set", "simulation.speed=max")
+    assert code == 0, said
+    (file,) = (simulated / "recordings").glob("*.h5")
+    return file
+
+
+def record(folder: Path, text: str) -> tuple[int, str]:
+    (folder / "fieldkit.toml").write_text(text, encoding="utf-8")
+    return fieldkit("record", "-C", folder, "--for", "1s")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            SITE + "[surface]\nalbeda = 0.2\n",
+            "fieldkit.toml:5: surface.albeda: unknown key; did you mean albedo?",
+        ),
+        (
+            SITE + FLAT + "tilt_rad = 0.1\n",
+            "fieldkit.toml:8: region[0].tilt_rad: unknown key; did you mean tilt_deg, in degrees?",
+        ),
+        (
+            SITE.replace("35.5", "139.4"),
+            "fieldkit.toml:2: site.latitude_deg: got 139.4, expected a number from -90 to 90",
+        ),
+        (
+            SITE + CAMERA + FLAT.replace("37", "370"),
+            "fieldkit.toml:11: region[0].points_px: corner (370, 30) is outside the picture of 160 x 120",
+        ),
+        (SITE + FLAT.replace("reference", "target"), "region: no reference among the regions"),
+        (SITE + "[surface\n", "not valid TOML"),
+    ],
+    ids=["unknown key", "wrong unit", "out of range", "outside the picture", "no reference", "no TOML"],
+)
+def test_a_wrong_configuration_is_explained_and_exits_3(tmp_path, text, said):
+    code, message = record(tmp_path, text)
+    assert code == 3
+    assert said in message
+    assert f"fix: edit {tmp_path / 'fieldkit.toml'}" in message
+    assert not (tmp_path / "recordings").exists()
+
+
+def test_five_mistakes_give_five_messages_with_their_lines(tmp_path):
+    code, message = record(
+        tmp_path,
+        "[site]\nlatitude_deg = 139.4\nlongitude_deg = 35.5\n"
+        '[lux]\ndriver = "lutron"\nevery_min = 1\n'
+        '[surface]\nalbedo = "0.2"\n'
+        '[[region]]\nname = "flat"\npoints_px = [[0, 0], [9, 9]]\n',
+    )
+    assert code == 3
+    first, *lines, fix = message.splitlines()
+    assert first == "error: 5 mistakes in the configuration"
+    assert [line.split(": ")[:2] for line in lines] == [
+        ["  fieldkit.toml:2", "site.latitude_deg"],
+        ["  fieldkit.toml:6", "lux.every_min"],
+        ["  fieldkit.toml:8", "surface.albedo"],
+        ["  fieldkit.toml:9", "region"],
+        ["  fieldkit.toml:11", "region[0].points_px"],
+    ]
+    assert fix.startswith("  fix: edit ")
+
+
+def test_a_region_that_leaves_the_cameras_picture_is_refused_when_the_camera_is_there(simulated):
+    """The configuration does not say how large the picture is; the camera does."""
+    text = (
+        (simulated / "fieldkit.toml")
+        .read_text()
+        .replace("width_px", "#width_px")
+        .replace("height_px", "#height_px")
+    )
+    folder = simulated / "elsewhere"
+    folder.mkdir()
+    code, message = record(folder, text.replace("[64, 74]", "[640, 74]"))
+    assert code == 3
+    assert "'flat' reaches outside the picture of 160 x 120 pixels" in message
+
+
+@pytest.mark.parametrize(
+    ("verb", "kind"),
+    [
+        *(("estimate", kind) for kind in ("text", "empty", "other HDF5", "absent", "a folder", "truncated")),
+        *((verb, "text") for verb in ("replay", "report", "show", "recover")),
+    ],
+)
+def test_a_file_that_is_no_sound_session_exits_3(tmp_path, session, verb, kind):
+    file = bad_file(tmp_path / "bad.h5", session, kind)
+    code, message = fieldkit(verb, file)
+    assert code == 3
+    assert message.startswith("error: ")
+    assert str(file) in message
+    assert "Traceback" not in message
+
+
+def bad_file(file: Path, session: Path, kind: str) -> Path:
+    if kind == "text":
+        file.write_text("time,lux\n12:00,52300\n")
+    elif kind == "empty":
+        file.touch()
+    elif kind == "other HDF5":
+        import h5py
+
+        with h5py.File(file, "w") as other:
+            other["x"] = [1, 2, 3]
+    elif kind == "a folder":
+        file.mkdir()
+    elif kind == "truncated":
+        content = session.read_bytes()
+        file.write_bytes(content[: len(content) // 2])
+    return file
+
+
+def test_a_serial_port_that_does_not_exist_exits_4(simulated):
+    code, message = fieldkit("record", "-C", simulated, "--for", "1s", "--set", "lux.port=/dev/ttyNOWHERE")
+    assert code == 4
+    assert "no serial port /dev/ttyNOWHERE" in message
+    assert "fieldkit devices" in message
+
+
+def test_a_camera_that_does_not_exist_exits_4(simulated):
+    code, message = fieldkit("record", "-C", simulated, "--for", "1s", "--set", "camera.port=/dev/video99")
+    assert code == 4
+    assert "/dev/video99" in message
+
+
+def test_a_serial_port_without_permission_exits_4_and_says_how_to_get_it(simulated):
+    far_end, near_end = os.openpty()
+    port = os.ttyname(near_end)
+    try:
+        os.chmod(port, 0)
+        arguments = ["record", "-C", str(simulated), "--for", "1s", "--set", f"lux.port={port}"]
+        done = subprocess.run(
+            [sys.executable, "-c", WITHOUT_PRIVILEGE, *arguments], capture_output=True, text=True
+        )
+    finally:
+        os.close(near_end)
+        os.close(far_end)
+    if done.returncode == 77:
+        pytest.skip("runs as root and may not give up root's way past permissions")
+    assert done.returncode == 4
+    assert f"no permission for {port}" in done.stderr
+    assert "udev" in done.stderr
+
+
+def test_an_unknown_driver_exits_3_and_names_the_nearest(simulated):
+    code, message = fieldkit(
+        "record",
+        "-C",
+        simulated,
+        "--for",
+        "1s",
+        "--set",
+        "lux.driver=lutrom",
+        "--set",
+        "lux.port=/dev/ttyUSB0",
+    )
+    assert code == 3
+    assert "did you mean lutron?" in message
+
+
+def test_two_instruments_that_are_missing_are_told_together(simulated):
+    code, message = fieldkit(
+        "record", "-C", simulated, "--for", "1s",
+        "--set", "lux.port=/dev/ttyNOWHERE", "--set", "thermometer.port=/dev/ttyNEVER",
+    )  # fmt: skip
+    assert code == 4
+    assert "/dev/ttyNOWHERE" in message
+    assert "/dev/ttyNEVER" in message
+
+
+@pytest.mark.parametrize("kind", ["text", "truncated"])
+def test_check_marks_what_is_damaged_and_exits_7(tmp_path, session, kind):
+    file = bad_file(tmp_path / "bad.h5", session, kind)
+    result = CliRunner().invoke(main, ["check", str(file)])
+    assert result.exit_code == 7
+    assert "FAIL" in result.stdout
+    assert "fix: " in result.stdout

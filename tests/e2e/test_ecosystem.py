@@ -1,0 +1,125 @@
+"""A session opens in the tools people have: h5dump, ncdump, xarray with both engines.
+
+Each engine bundles its own HDF5 library, so each runs in a process of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import pytest
+
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.slope import SlopeEstimate, SlopeState
+from tests.harness.recording import CountedClock, fill, header, picture
+
+FRAMES = 30
+OPEN = """
+import json, sys, warnings
+warnings.simplefilter("error")
+import numpy as np
+import xarray as xr
+path, engine = sys.argv[1:]
+options = {"engine": engine}
+with xr.open_dataset(path, group="camera", **options) as camera:
+    kelvin = camera["counts"]
+    result = {"kelvin": kelvin.values[7, 3, 20:23].tolist(), "dims": dict(kelvin.sizes),
+              "units": kelvin.units, "time": str(camera["time"].values[0]), "coords": sorted(camera.coords)}
+with xr.open_dataset(path, group="thermometer", **options) as thermometer:
+    result["channels"] = [str(np.asarray(x).astype(str)) for x in thermometer["label"].values]
+    result["T2"] = float(thermometer["value"].values[3, 1])
+with xr.open_dataset(path, group="estimates", **options) as estimates:
+    result["tilt"] = estimates["tilt_deg"].values.tolist()
+    result["phony"] = [name for name in estimates.dims if "phony" in name]
+with xr.open_datatree(path, **options) as tree:
+    result["groups"] = sorted(tree.children)
+    result["phony"] += [d for node in tree.subtree for d in node.dims if "phony" in d]
+print(json.dumps(result))
+"""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("ecosystem") / "field.h5"
+    clock = CountedClock()
+    writer = SessionWriter(path, header(), clock)
+    fill(writer, FRAMES, clock)
+    writer.minute(
+        60_000_000_000, [SlopeEstimate(60_000_000_000, "b05", SlopeState.OK, 5.25, 180.5)], 800.0, "eq10"
+    )
+    writer.close()
+    return path
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_reads_kelvin_and_times(session: Path, engine: str) -> None:
+    pytest.importorskip("xarray")
+    done = subprocess.run(
+        [sys.executable, "-c", OPEN, str(session), engine], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["kelvin"] == pytest.approx((picture(7, (120, 160))[3, 20:23] * 0.01).tolist(), abs=1e-9)
+    assert found["dims"] == {"time": FRAMES, "y": 120, "x": 160}
+    assert found["units"] == "K"
+    assert found["time"].startswith("2016-11-24T15:06:45.00")  # 1480000000 s and the counted clock's 5 s
+    assert {"time", "x", "y"} <= set(found["coords"])
+    assert found["channels"] == ["T1", "T2", "T3", "T4"]
+    assert found["T2"] == 1.0 + 3 / 3
+    assert found["tilt"][0][1] == 5.25
+    assert found["phony"] == []
+    assert {"camera", "lux", "thermometer", "events", "estimates", "entry"} <= set(found["groups"])
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        (["ncdump", "-h"], ["ushort counts(time, y, x)", "scale_factor = 0.01", "group: events"]),
+        (["h5dump", "-H"], ['DATASET "counts"', "H5T_STD_U16LE", '"NX_class"']),
+        (["h5dump", "-p", "-H", "-d", "/camera/counts"], ["PREPROCESSING SHUFFLE", "DEFLATE { LEVEL 1 }"]),
+    ],
+)
+def test_command_line_tools_read_it(session: Path, command: list[str], expected: list[str]) -> None:
+    if shutil.which(command[0]) is None:
+        pytest.skip(f"{command[0]} is not installed (packages hdf5-tools, netcdf-bin)")
+    done = subprocess.run([*command, str(session)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for words in expected:
+        assert words in done.stdout
+
+
+def test_file_is_of_the_old_kind_that_everything_reads(session: Path) -> None:
+    assert session.read_bytes()[8] == 3  # superblock version of HDF5 1.10
+    allowed = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE}
+
+    def look(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset):
+            assert node.dtype.kind in "uifS", f"{name} has {node.dtype}"
+            properties = node.id.get_create_plist()
+            used = {properties.get_filter(n)[0] for n in range(properties.get_nfilters())}
+            assert used <= allowed, f"{name} needs filters {used}"
+        else:
+            assert "NX_class" in node.attrs, f"{name} has no NeXus class"
+
+    with h5py.File(session) as file:
+        file.visititems(look)
+        assert file.attrs["Conventions"] == b"CF-1.11"
+
+
+def test_every_number_has_a_unit_and_every_flag_a_meaning(session: Path) -> None:
+    def look(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "uif":
+            return
+        said = {"units", "flag_values", "flag_masks", "long_name"} & set(node.attrs)
+        assert said, f"{name} says neither unit nor meaning"
+        for kind in ("flag_values", "flag_masks"):
+            if kind in node.attrs:
+                assert len(node.attrs[kind]) == len(node.attrs["flag_meanings"].split())
+
+    with h5py.File(session) as file:
+        file.visititems(look)

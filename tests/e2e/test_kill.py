@@ -1,0 +1,100 @@
+"""A recording process killed at any moment loses nothing that it had stored."""
+
+from __future__ import annotations
+
+import random
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+
+from fieldkit.samples import Quality
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
+from tests.harness.recording import (
+    STREAMS,
+    Counters,
+    header,
+    kill,
+    record_until_killed,
+    recover_until_killed,
+    same,
+    sample,
+    started,
+)
+
+RATE_HZ = 200.0
+FEW, MANY = range(20), range(20, 200)
+
+
+def trials(few: range, many: range) -> list[object]:
+    return [*few, *(pytest.param(n, marks=pytest.mark.slow) for n in many)]
+
+
+def stored_counts(counters: Path) -> dict[str, int]:
+    counted = Counters(counters)
+    return {name: counted[number] for number, name in enumerate(STREAMS)}
+
+
+def check_complete(path: Path, stored: dict[str, int]) -> None:
+    """Every stored sample is there, with the right content, and at most the one in flight besides."""
+    with open_session(path) as session:
+        for name in STREAMS:
+            info = header().stream(name)
+            found = list(session.stream(name).samples())
+            assert stored[name] <= len(found) <= stored[name] + 1
+            for seq, item in enumerate(found):
+                assert same(item, sample(info, seq, item.mono_ns, item.time_ns))
+
+
+def killed_recording(tmp_path: Path, delay_s: float, *, frames: int = 10_000, stage: int = 1) -> Path:
+    path, counters = tmp_path / "field.h5", tmp_path / "counters"
+    process = started(record_until_killed, path, counters, frames, RATE_HZ, counters=counters, stage=stage)
+    time.sleep(delay_s)
+    kill(process)
+    return path
+
+
+@pytest.mark.parametrize("trial", trials(FEW, MANY))
+def test_killed_recording_is_recovered_to_the_last_stored_sample(tmp_path: Path, trial: int) -> None:
+    path = killed_recording(tmp_path, random.Random(trial).uniform(0.02, 1.2))
+    stored = stored_counts(tmp_path / "counters")
+    # Without recovery: what another program sees, and what is missing from it.
+    with h5py.File(path, "r", swmr=True) as file:
+        in_file = min(file["camera"][name].shape[0] for name in ("time", "counts", "crc32"))
+    assert stored["camera"] - in_file <= 2.0 * RATE_HZ
+    with open_session(path) as session:
+        assert session.state == "interrupted"
+        assert not any(item.quality & Quality.BAD_CRC for item in session.samples())
+    report = recover(path)
+    assert report.lost_samples == 0
+    assert not report.damage
+    check_complete(path, stored)
+    with open_session(path) as session:
+        assert session.state == "recovered"
+    assert not path.with_name("field.h5.journal").exists()
+
+
+@pytest.mark.parametrize("trial", trials(range(5), range(5, 50)))
+def test_recovery_killed_at_any_moment_can_be_run_again(tmp_path: Path, trial: int) -> None:
+    path = killed_recording(tmp_path, 0.3)
+    stored = stored_counts(tmp_path / "counters")
+    again = tmp_path / "again"
+    process = started(recover_until_killed, path, again, counters=again, stage=1)
+    time.sleep(random.Random(trial).uniform(0.0, 0.25))
+    kill(process)
+    assert recover(path).lost_samples == 0
+    check_complete(path, stored)
+    assert sorted(item.name for item in tmp_path.glob("field*")) in (
+        ["field.h5", "field.h5.crashed"],
+        ["field.h5"],
+    )
+
+
+@pytest.mark.parametrize("trial", trials(range(5), range(5, 50)))
+def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int) -> None:
+    path = killed_recording(tmp_path, random.Random(trial).uniform(0.0, 0.12), frames=40, stage=2)
+    report = recover(path)
+    assert report.lost_samples == 0
+    check_complete(path, {"camera": 40, "lux": 4, "thermometer": 4})

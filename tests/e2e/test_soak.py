@@ -1,0 +1,61 @@
+"""A day of recording in accelerated time: nothing lost, memory flat."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.harness.disk import PROJECT
+
+SOAK = """
+import json, sys, time
+from pathlib import Path
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, header, sample
+
+def resident_mb():
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * 4096 / 1e6
+
+path, frames = Path(sys.argv[1]), int(sys.argv[2])
+head = header()
+writer = SessionWriter(path, head, CountedClock())
+ready = [sample(head.streams[0], seq) for seq in range(64)]
+memory, largest = [], 0
+for seq in range(frames):
+    frame = ready[seq % 64]
+    writer.append(frame)
+    if seq % 9 == 0:
+        writer.append(sample(head.streams[1], seq // 9))
+        writer.append(sample(head.streams[2], seq // 9))
+    while writer._bricks.is_behind():  # as the simulated clock waits
+        time.sleep(0.005)
+    if seq % (frames // 20) == 0:
+        memory.append(resident_mb())
+        journal = sum(one.stat().st_size for one in writer._folder.iterdir() if one.name != "reserve")
+        largest = max(largest, journal)
+report = writer.close()
+print(json.dumps({"memory": memory, "counts": report.counts, "verified": report.verified,
+                  "journal": largest}))
+"""
+
+
+@pytest.mark.parametrize("frames", [2000, pytest.param(24 * 3600 * 9, marks=pytest.mark.slow)])
+def test_long_recording_loses_nothing_and_keeps_its_memory(tmp_path: Path, frames: int) -> None:
+    if shutil.disk_usage(tmp_path).free < frames * 40_000 + 2_000_000_000:
+        pytest.skip("not enough room on this disk")
+    words = [sys.executable, "-c", SOAK, str(tmp_path / "soak.h5"), str(frames)]
+    done = subprocess.run(words, cwd=PROJECT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    meters = -(-frames // 9)
+    assert found["counts"] == {"camera": frames, "lux": meters, "thermometer": meters}
+    assert found["verified"] == frames + 2 * meters
+    assert found["journal"] < 1_100_000_000
+    if frames > 100_000:
+        assert max(found["memory"][10:]) - min(found["memory"][10:]) < 20

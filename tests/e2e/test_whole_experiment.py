@@ -1,0 +1,206 @@
+"""The main job as a user does it: record on simulated devices, then read the same session again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
+from fieldkit.commands.recording import instruments, record_session
+from fieldkit.config import load_config
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.marks import Mark, drop_mark, marks_folder
+from fieldkit.samples import EventKind, Health, Quality
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.reader import open_session
+
+HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
+
+
+def fieldkit(*arguments: str | Path, code: int = 0) -> str:
+    """Run the program as a user would; its standard output."""
+    command = [sys.executable, "-m", "fieldkit", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    assert done.returncode == code, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sandslope")
+    fieldkit("init", "--simulated", folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session_file(campaign: Path) -> Path:
+    fieldkit("record", "-C", campaign, *HALF_HOUR, "--name", "clear")
+    return next(campaign.glob("recordings/*clear.h5"))
+
+
+ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "second_tilt_deg", "chi_square")
+
+
+def test_live_and_batch_give_the_same_slopes_each_minute(session_file: Path) -> None:
+    with open_session(session_file) as session:
+        live = session.estimates()
+        minutes = list(minutes_of(session, estimator_for(session, config_for(session))))
+    batch = [one for minute in minutes for one in minute.estimates]
+    assert {one.region for one in batch} == {"b05", "b15", "b25"}
+    assert [(one.region, one.state) for one in live] == [(one.region, one.state) for one in batch]
+    for name in ANGLES:
+        expected = [getattr(one, name) for one in batch]
+        np.testing.assert_allclose([getattr(one, name) for one in live], expected, rtol=0, atol=1e-9)
+        assert np.isfinite(expected).any() or name == "second_tilt_deg"
+
+
+def test_replay_and_estimate_say_the_same(session_file: Path) -> None:
+    batch = json.loads(fieldkit("estimate", session_file, "--json"))["slopes"]
+    replayed = json.loads(fieldkit("replay", session_file, "--speed", "max", "--json"))["slopes"]
+    for one, other in zip(batch, replayed, strict=True):
+        assert one["region"] == other["region"]
+        assert one["tilt_deg"] == pytest.approx(other["tilt_deg"], abs=1e-9)
+        assert one["azimuth_deg"] == pytest.approx(other["azimuth_deg"], abs=1e-9)
+
+
+def test_every_stream_is_recorded_at_its_rate_and_stamped_with_the_scene(session_file: Path) -> None:
+    with open_session(session_file) as session:
+        assert session.state == "sealed"
+        assert session.count("camera") == 90  # a burst of three each minute
+        assert session.count("lux") == pytest.approx(1800, abs=5)
+        assert session.count("thermometer") == pytest.approx(1800, abs=5)
+        assert session.start_ns == pytest.approx(1_451_674_800e9, abs=3e9)  # 2016-01-01 12:00 UTC-7
+        flags = [sample.quality for sample in session.samples("camera")]
+    assert not any(Quality.SHUTTER in flag or Quality.DROPPED_BEFORE in flag for flag in flags)
+
+
+def test_check_finds_nothing_wrong_with_a_clear_session(session_file: Path) -> None:
+    (document,) = json.loads(fieldkit("check", session_file, "--json"))["sessions"]
+    assert [one for one in document["findings"] if one["level"] != "ok"] == []
+
+
+def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(session_file: Path) -> None:
+    """Measured: NOAA SURFRAD, Alamosa, 2016-01-01 (direct_n of the station's own pyrheliometer)."""
+    from fieldkit.weather import packaged
+
+    weather = packaged()
+    with open_session(session_file) as session:
+        table = session.irradiance()
+    measured = np.interp(table["time_ns"], weather.time_ns, weather.dni)
+    np.testing.assert_allclose(table["irradiance_w_m2"], measured, rtol=0.10)
+
+
+def test_another_recording_of_the_same_scene_is_equal_sample_by_sample(
+    campaign: Path, session_file: Path
+) -> None:
+    fieldkit("record", "-C", campaign, *HALF_HOUR, "--name", "again")
+    again = next(campaign.glob("recordings/*again.h5"))
+    with open_session(session_file) as first, open_session(again) as second:
+        for one, other in zip(first.samples(), second.samples(), strict=True):
+            assert one.mono_ns == other.mono_ns
+            if hasattr(one, "counts"):
+                np.testing.assert_array_equal(one.counts, other.counts)
+            else:
+                assert one.raw == other.raw
+
+
+FAULTS = {
+    "cloud": EventKind.CLOUD,
+    "cable": EventKind.LOST,
+    "shutter": EventKind.SHUTTER,
+    "frozen": EventKind.FROZEN,
+    "garbled": EventKind.GARBLED,
+    "disk": EventKind.DISK,
+    "clock": EventKind.CLOCK_STEP,
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_survived_named_on_screen_and_in_the_file_and_found_by_check(
+    campaign: Path, fault: str
+) -> None:
+    setting = f'simulation.faults=["{fault}"]'
+    command = [
+        sys.executable,
+        "-m",
+        "fieldkit",
+        "record",
+        "-C",
+        str(campaign),
+        "--for",
+        "30m",
+        "--name",
+        fault,
+    ]
+    command += ["--set", "simulation.speed=max", "--set", setting]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=110)
+    assert done.returncode == 0, done.stderr
+    path = next(campaign.glob(f"recordings/*-{fault}.h5"))
+    with open_session(path) as session:
+        told = [event for event in session.events() if event.kind is FAULTS[fault]]
+        readings = session.count("lux")
+        assert session.state == "sealed"
+    assert told
+    assert any(event.text in done.stderr for event in told)
+    assert readings == pytest.approx(1800, abs=140 if fault == "garbled" else 5)
+    findings = subprocess.run(
+        [sys.executable, "-m", "fieldkit", "check", str(path)], capture_output=True, text=True, timeout=110
+    )
+    assert findings.returncode == 0, findings.stderr
+    assert fault.split("_")[0] in findings.stdout.lower() or told[0].text in findings.stdout
+
+
+def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> None:
+    """A real recorder with an estimator that fails in the middle: the session is whole and says so."""
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / "estimator.h5"
+    calls = 0
+    original = Estimator.add
+
+    def fails_later(self: Estimator, sample: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls == 500:
+            raise ZeroDivisionError("a mistake in the estimator")
+        return original(self, sample)  # type: ignore[arg-type]
+
+    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=600.0) as tools:
+        patch.setattr(Estimator, "add", fails_later)
+        summary = record_session(config, tools, path, duration_s=600.0)
+    with open_session(path) as session:
+        kinds = [event.kind for event in session.events()]
+        assert session.count("lux") == summary.counts["lux"]
+    assert EventKind.ESTIMATOR in kinds
+    assert summary.counts["lux"] == pytest.approx(600, abs=3)
+
+
+class Noting:
+    """Looks on, and notes something as ``fieldkit mark`` does, at the first second."""
+
+    def __init__(self, session: Path) -> None:
+        self.folder = marks_folder(session)
+        self.noted = 0
+
+    def show(self, item: object) -> None:
+        if isinstance(item, Health) and self.noted == 0:
+            self.noted += 1
+            drop_mark(self.folder, Mark("first"))
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign: Path) -> None:
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / "marked.h5"
+    with instruments(config, duration_s=59.0) as tools:
+        record_session(config, tools, path, duration_s=59.0, views=[Noting(path)])
+    with open_session(path) as session:
+        marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
+    assert marks == ["first"]
+    assert not journal_path(path).exists()

@@ -1,0 +1,135 @@
+"""Synthetic emissivity days: surfaces of the simulated field, and all that a day's instruments get wrong.
+
+How warm the sand is, and how much heat goes into it (a probe one grain too deep is colder by that), comes
+from the scene under a measured winter sky and a clear summer one. On every day the truth, the number of
+pairs and each instrument's error are drawn anew; the fit is told only how large errors usually are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.calibration.emissivity import Pairs, Shared
+from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
+from fieldkit.physics.slab import conducted_flux
+from fieldkit.scene import ClearSky, Facet, MeasuredSky, Scene
+from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.site import Site
+from fieldkit.weather import packaged
+
+FloatArray = NDArray[np.float64]
+MINUTE_NS = 60_000_000_000
+STEADY_K_MIN = 0.1
+CAMERA_K, PLACEMENT_K, NOISE_K, FOIL_K, AIR = 0.3, 0.15, 0.05, 5.0, 0.004
+PROBE_K = 0.3  # one millimetre, give or take one, at 0.3 K/mm
+SAND_W_M_K = 0.25
+DEEPEST_M = 0.002
+SUMMER_NS = int(np.datetime64("2017-08-30T00:00", "ns").astype(np.int64))  # 09:00 in Japan
+OUTLINE = ((10.0, 10.0), (40.0, 10.0), (40.0, 40.0))
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Steady minutes of one bed: temperature (m,) in K, and heat flux into the sand (m,) in W/m2."""
+
+    temperature_k: FloatArray
+    flux_w_m2: FloatArray
+
+
+@dataclass(frozen=True)
+class Day:
+    """One day: the truth, what was read, what the fit is told about errors."""
+
+    emissivity: float
+    surface_k: FloatArray
+    sky_k: float
+    pairs: Pairs
+    shared: Shared
+
+    @property
+    def expected_sd(self) -> float:
+        """Uncertainty from the true temperatures by the formula of one pair, errors all shared."""
+        surface = float(np.mean(self.surface_k))
+        per_k = [float(band_radiance(t + 0.5) - band_radiance(t - 0.5)) for t in (surface, self.sky_k)]
+        signal = abs(float(band_radiance(surface) - band_radiance(self.sky_k)))
+        contact = np.hypot(self.shared.thermometer_k, self.shared.probe_to_skin_k)
+        effects = (
+            self.emissivity * per_k[0] * contact,
+            per_k[0] * self.shared.camera_k,
+            (1.0 - self.emissivity) * per_k[1] * self.shared.reflected_k,
+        )
+        return float(np.hypot(np.hypot(*effects[:2]), effects[2]) / signal)
+
+
+@lru_cache(maxsize=1)
+def surfaces() -> tuple[Surface, ...]:
+    """Beds of three depths and two tilts, of a winter's day in Alamosa and a summer's in Japan."""
+    beds = tuple(
+        Facet(f"{tilt}-{depth_m}", OUTLINE, tilt, 180.0, depth_m=depth_m)
+        for tilt in (0.0, 20.0)
+        for depth_m in (0.02, 0.05, 0.30)
+    )
+    weather = packaged()
+    scenes = (
+        Scene(weather.site, MeasuredSky(weather), beds, ALAMOSA_NOON_NS - 240 * MINUTE_NS, 8 * 3600.0),
+        Scene(Site(35.56, 139.40, 9.0), ClearSky(), beds, SUMMER_NS, 8 * 3600.0),
+    )
+    return tuple(surface for scene in scenes for surface in _steady(scene))
+
+
+def _steady(scene: Scene) -> Iterator[Surface]:
+    minutes = np.arange(480)
+    curves = np.array([scene.at(scene.start_ns + int(m) * MINUTE_NS).surface_k for m in minutes]).T
+    for facet, curve in zip(scene.facets, curves, strict=False):
+        flux = conducted_flux(facet.slab, curve, 60.0 * minutes)
+        steady = np.abs(np.gradient(curve)) < STEADY_K_MIN
+        steady[:60] = False  # the flux does not know what was before
+        yield Surface(curve[steady], flux[steady])
+
+
+def days(count: int, seed: int = 1) -> Iterator[Day]:
+    """Days with emissivity 0.85-0.98, a sky of -60 to +20 °C, 3-20 pairs, a thermometer of 0.3-1 K."""
+    random = np.random.default_rng(seed)
+    beds = surfaces()
+    for _ in range(count):
+        bed = beds[int(random.integers(len(beds)))]
+        at = random.choice(bed.temperature_k.size, int(random.integers(3, 21)), replace=False)
+        buried_m = random.uniform(0.0, DEEPEST_M)
+        yield make_day(
+            random,
+            emissivity=float(random.uniform(0.85, 0.98)),
+            surface_k=bed.temperature_k[at],
+            probe_error_k=-bed.flux_w_m2[at] * buried_m / SAND_W_M_K,
+            sky_k=float(random.uniform(213.15, 293.15)),
+            thermometer_k=float(random.uniform(0.3, 1.0)),
+            shared=None,
+        )
+
+
+def make_day(
+    random: np.random.Generator,
+    *,
+    emissivity: float,
+    surface_k: FloatArray,
+    probe_error_k: FloatArray | float,
+    sky_k: float,
+    thermometer_k: float,
+    shared: Shared | None,
+) -> Day:
+    """One day with these truths; instrument errors are drawn."""
+    told = shared or Shared(CAMERA_K, thermometer_k, PROBE_K, FOIL_K, AIR)
+    count = surface_k.size
+    seen = brightness_temperature_k(surface_k, emissivity, sky_k)
+    through = 1.0 + told.transmission * random.standard_normal()
+    seen = band_temperature(band_radiance(seen) * through)
+    apparent = seen + told.camera_k * random.standard_normal() + NOISE_K * random.standard_normal(count)
+    calibration = thermometer_k * random.standard_normal()
+    contact = surface_k + probe_error_k + calibration + PLACEMENT_K * random.standard_normal(count)
+    foil = np.full(count, sky_k + told.reflected_k * random.standard_normal())
+    sds = np.full(count, NOISE_K), np.full(count, PLACEMENT_K)
+    return Day(emissivity, surface_k, sky_k, Pairs(apparent, contact, foil, *sds), told)
