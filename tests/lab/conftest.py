@@ -1,0 +1,73 @@
+"""The fixtures of the virtual USB lab: one guest for the whole run, or a reason why there is none."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+
+from usblab.field import START, Field  # noqa: E402
+from usblab.guest.machine import Guest  # noqa: E402
+from usblab.guest.missing import MissingPartError  # noqa: E402
+from usblab.lab import Lab  # noqa: E402
+from usblab.models.purethermal import PureThermal  # noqa: E402
+from usblab.port import UsbPort  # noqa: E402
+
+CACHE = HERE.parents[1] / ".cache/lab"
+
+
+@pytest.fixture(scope="session")
+def field() -> Field:
+    """The simulated field all instruments look at."""
+    return Field()
+
+
+@pytest.fixture(scope="session")
+def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
+    """A guest that found a camera plugged in when it was switched on, and what udev made of that."""
+    early: list[UsbPort] = []
+
+    def plug_early(guest: Guest) -> None:
+        early.append(UsbPort(PureThermal(field.lepton), guest.camera_socket(0)))
+        early[-1].plug()
+
+    try:
+        with Guest(CACHE, START, plug_early) as guest:
+            lab = Lab(guest)
+            found = dict(lab.nodes())
+            early[-1].unplug()
+            lab.wait_for_empty_sockets()
+            field.follow(lab.utc_ns)
+            yield lab, found
+    except MissingPartError as reason:
+        if os.environ.get(
+            "FIELDKIT_LAB_REQUIRED"
+        ):  # continuous integration installs everything: no excuse there
+            raise
+        pytest.skip(str(reason))
+
+
+@pytest.fixture(scope="session")
+def lab(_booted: tuple[Lab, dict[str, Any]]) -> Lab:
+    """The lab with nothing plugged in."""
+    return _booted[0]
+
+
+@pytest.fixture(autouse=True)
+def _unplugged_after(lab: Lab) -> Iterator[None]:
+    """What a test plugged in and out again is gone in the guest before the next one begins."""
+    yield
+    lab.wait_for_empty_sockets()
+
+
+@pytest.fixture(scope="session")
+def cold_plugged(_booted: tuple[Lab, dict[str, Any]]) -> dict[str, Any]:
+    """The nodes of a camera that was plugged in when the guest was switched on."""
+    return _booted[1]

@@ -1,0 +1,142 @@
+"""Cameras through the real uvcvideo, read by fieldkit's two readers: every byte, every picture."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from busy import nothing_lost
+from usblab.field import Field
+from usblab.lab import Lab
+from usblab.models.ht301 import HT301
+from usblab.models.p2pro import P2Pro
+from usblab.models.purethermal import PureThermal
+
+SECONDS = 2.0
+FORMATS = {"purethermal": ("Y16 ", 160, 122), "p2pro": ("YUYV", 256, 384), "ht301": ("YUYV", 384, 292)}
+
+
+@pytest.fixture(params=list(FORMATS))
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def camera(kind: str, field: Field) -> Any:
+    makers = {
+        "purethermal": lambda: PureThermal(field.lepton),
+        "p2pro": lambda: P2Pro(field.wide(192, 256)),
+        "ht301": lambda: HT301(field.wide(288, 384)),
+    }
+    return makers[kind]()
+
+
+def stream(lab: Lab, kind: str, backend: str, actions: list[list[Any]] | None = None) -> dict[str, Any]:
+    fourcc, width, height = FORMATS[kind]
+    report: dict[str, Any] = lab.guest.call(
+        "usblab.inside.cameras:stream",
+        path="/dev/video0", backend=backend, fourcc=fourcc, width=width, height=height, seconds=SECONDS,
+        actions=actions or [],
+    )  # fmt: skip
+    return report
+
+
+def rate_hz(report: dict[str, Any]) -> float:
+    stamps = report["stamps_ns"]
+    return float((len(stamps) - 1) / (stamps[-1] - stamps[0]) * 1e9)
+
+
+def places(report: dict[str, Any], sent: list[int]) -> list[int]:
+    """Which of the pictures sent each one received is; raises `ValueError` for one that was never sent."""
+    found, after = [], 0
+    for checksum in report["sums"]:
+        found.append(sent.index(checksum, after))
+        after = found[-1] + 1
+    return found
+
+
+@pytest.mark.parametrize("backend", ["v4l2", "opencv"])
+def test_every_picture_arrives_unchanged_and_in_order(lab: Lab, field: Field, kind: str, backend: str):
+    with lab.camera(camera(kind, field)) as port:
+        lab.wait_for("/dev/video0")
+        report = stream(lab, kind, backend)
+        sent = port.count.sums
+    got = places(report, sent)
+    assert all(later > earlier for earlier, later in pairwise(report["stamps_ns"]))
+    assert min(report["ages_ns"]) > 0
+    nothing_lost(got[-1] - got[0] + 1 - len(got))
+    assert rate_hz(report) == pytest.approx(port.camera.shape.rate_hz, rel=0.1)
+    if backend == "v4l2":  # OpenCV does not tell
+        assert report["sequences"] == list(range(len(got)))
+
+
+def test_lepton_commands_are_obeyed_while_pictures_flow(lab: Lab, field: Field):
+    with lab.camera(camera("purethermal", field)) as port:
+        lab.wait_for("/dev/video0")
+        report = stream(
+            lab, "purethermal", "v4l2",
+            [
+                [5, "set_control", 6, 17, "01"],  # run a shutter correction
+                [8, "get_control", 6, 20, 4],  # its state
+                [10, "set_control", 6, 19, "01000000"],  # low gain
+                [11, "get_control", 6, 19, 4],
+                [12, "get_control", 6, 31, 4],  # no such selector
+                [13, "set_control", 6, 19, "01"],  # wrong size
+            ],
+        )  # fmt: skip
+        model, sent = port.camera, port.count.sums
+    assert report["said"][:4] == ["None", "02000000", "None", "01000000"]
+    assert all(said.startswith("DeviceError") for said in report["said"][4:])
+    assert model.ffc_runs == 1
+    got = places(report, sent)
+    nothing_lost(got[-1] - got[0] + 1 - len(got))
+
+
+def test_ht301_gives_temperatures_once_its_zoom_is_set(lab: Lab, field: Field):
+    with lab.camera(camera("ht301", field)) as port:
+        lab.wait_for("/dev/video0")
+        report = stream(lab, "ht301", "v4l2", [[5, "set_zoom", 0x8004], [20, "set_zoom", 0x8000]])
+        commands = port.camera.commands
+    assert report["said"] == ["None", "None"]
+    assert commands == [0x8004, 0x8000]
+
+
+def test_p2pro_answers_vendor_requests_beside_the_kernels_stream(lab: Lab, field: Field):
+    with lab.camera(camera("p2pro", field)) as port:
+        lab.wait_for("/dev/video0")
+        told = lab.guest.call("usblab.inside.vendor:ask_p2pro_while_streaming", path="/dev/video0")
+        properties = port.camera.properties
+    assert told["date"] == b"20220808".hex()
+    assert told["gain"] == "0000"
+    assert properties[5] == 0
+    nothing_lost(told["sequences"][-1] + 1 - len(told["sequences"]))
+    assert told["class_request"] == "EBUSY"  # extension units must go through the video node
+
+
+IDENTITIES = {"purethermal": "1e4e:0100", "p2pro": "0bda:5830", "ht301": "1514:0001"}
+OPTIONS = {"p2pro": {"gain": "low"}}
+
+
+def test_the_driver_opens_it_by_identity_and_runs_its_shutter(lab: Lab, field: Field, kind: str):
+    with lab.camera(camera(kind, field)) as port:
+        lab.wait_for("/dev/video0")
+        told = lab.guest.call(
+            "usblab.inside.cameras:drive",
+            driver=kind, identity=IDENTITIES[kind], options=OPTIONS.get(kind, {}),
+            pictures=40, shutter_after=10,
+        )  # fmt: skip
+        model = port.camera
+    assert tuple(told["shape"]) == {"purethermal": (120, 160), "p2pro": (192, 256), "ht301": (288, 384)}[kind]
+    assert told["ran"] is True
+    assert told["rejected"] == 0
+    assert "SHUTTER" in told["flags"][-1]
+    assert "SHUTTER" not in told["flags"][5]
+    if kind == "ht301":  # its law is not linear, so there is no kelvin to compare
+        assert model.commands == [0x8020, 0x8004, 0x8000]  # range, temperatures, shutter
+        return
+    assert told["means_k"][0] == pytest.approx(field.lepton(time.monotonic()).mean(), abs=0.1)
+    if kind == "p2pro":
+        assert (model.properties[5], told["settings"]["gain"], model.calibrations) == (0, "low", 1)
+    else:
+        assert (model.ffc_runs, told["settings"]["gain"]) == (1, "high")

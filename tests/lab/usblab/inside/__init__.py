@@ -1,0 +1,1 @@
+"""Code that runs inside the guest: the command loop and the small programs it calls."""

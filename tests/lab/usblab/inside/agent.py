@@ -1,0 +1,178 @@
+"""The command loop of the guest: JSON lines over the virtio port, one interpreter kept alive.
+
+A line asks for one operation and is answered by one line. Importing NumPy, OpenCV and h5py
+costs seconds on an emulated processor, so verbs of fieldkit run in a fork of this process:
+the same `main` the installed script calls, in its own process, under the user asked for.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import faulthandler
+import importlib
+import io
+import json
+import os
+import pkgutil
+import pwd
+import signal
+import sys
+import traceback
+from pathlib import Path
+from typing import Any
+
+PORT = "/dev/vport0p1"
+HEAVY = ("numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live")
+ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
+VERBS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
+
+
+class Agent:
+    """Operations by name; what they return goes back to the test process."""
+
+    def __init__(self) -> None:
+        self._running: dict[int, Path] = {}
+        self._ended: dict[int, int] = {}
+
+    def warm(self) -> None:
+        """Import what the verbs will need, once for all of their forks."""
+        rooms = [importlib.import_module(f"fieldkit.{room}") for room in ROOMS]
+        inside = (m.name for room in rooms for m in pkgutil.iter_modules(room.__path__, f"{room.__name__}."))
+        verbs = (f"fieldkit.commands.{verb}" for verb in VERBS)
+        for name in (*HEAVY, *inside, *verbs):
+            with contextlib.suppress(ImportError):  # needs an extra the guest lacks, such as matplotlib
+                importlib.import_module(name)
+        _read_earth_rotation_tables()
+
+    def call(self, function: str, arguments: dict[str, Any]) -> Any:
+        """Call ``module:name`` in this process."""
+        module, _, name = function.partition(":")
+        return getattr(importlib.import_module(module), name)(**arguments)
+
+    def start(self, arguments: list[str], user: str, folder: str, output: str) -> int:
+        """Run a program, or a verb of fieldkit, in the background; its process id.
+
+        Standard output and standard error go to ``output.out`` and ``output.err``.
+        """
+        process = os.fork()
+        if process == 0:
+            self._become(arguments, user, folder, output)
+        self._running[process] = Path(output)
+        return process
+
+    def ended(self, process: int) -> dict[str, Any] | None:
+        """How a process ended (negative: by that signal) and what it wrote, or None while it runs."""
+        if process not in self._ended:
+            done, status = os.waitpid(process, os.WNOHANG)
+            if not done:
+                return None
+            self._ended[process] = os.waitstatus_to_exitcode(status)
+        output = self._running[process]
+        return {
+            "code": self._ended[process],
+            "out": output.with_suffix(".out").read_text(errors="replace"),
+            "err": output.with_suffix(".err").read_text(errors="replace"),
+        }
+
+    def signal(self, process: int, number: int) -> None:
+        """Send a signal to a process started here."""
+        os.kill(process, number)
+
+    def put(self, path: str, content: str, user: str) -> None:
+        """Write a file (base64) for a user, with its folder."""
+        target = Path(path)
+        account = pwd.getpwnam(user)
+        for folder in reversed([p for p in target.parents if not p.exists()]):
+            folder.mkdir()
+            os.chown(folder, account.pw_uid, account.pw_gid)
+        target.write_bytes(base64.b64decode(content))
+        os.chown(target, account.pw_uid, account.pw_gid)
+
+    def get(self, path: str) -> str:
+        """A file in base64."""
+        return base64.b64encode(Path(path).read_bytes()).decode()
+
+    def _become(self, arguments: list[str], user: str, folder: str, output: str) -> None:
+        code = 1
+        try:
+            os.setsid()
+            for stream, ending in ((1, ".out"), (2, ".err")):
+                file = os.open(output + ending, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+                os.dup2(file, stream)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            _log_in(user)
+            os.chdir(folder)
+            code = _verb(arguments[1:]) if arguments[0] == "fieldkit" else os.execvp(arguments[0], arguments)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            with contextlib.suppress(Exception):
+                sys.stdout.flush()
+                sys.stderr.flush()
+            os._exit(code)
+
+
+def _read_earth_rotation_tables() -> None:
+    """The first position of the sun makes astropy parse a large text file, seven seconds of emulated time."""
+    import numpy as np
+
+    from fieldkit.physics.sun import sun_vectors
+    from fieldkit.site import Site
+
+    sun_vectors(np.array([1_451_674_800_000_000_000]), Site(0.0, 0.0, 0.0))
+
+
+def _log_in(user: str) -> None:
+    account = pwd.getpwnam(user)
+    os.initgroups(user, account.pw_gid)
+    os.setgid(account.pw_gid)
+    os.setuid(account.pw_uid)
+    os.environ.update(HOME=account.pw_dir, USER=user)
+
+
+def _verb(arguments: list[str]) -> int:
+    from fieldkit.commands import main
+
+    faulthandler.enable()  # a verb that hangs is ended by SIGABRT and then shows where it was
+    sys.argv = ["fieldkit", *arguments]
+    try:
+        main()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return 0
+
+
+def serve(port: str = PORT) -> None:
+    """Answer requests until told to stop or the other side goes away."""
+    agent = Agent()
+    with io.FileIO(port, "r+b") as channel:
+        channel.write(b'{"result": "hello"}\n')
+        waiting = b""
+        while True:
+            while b"\n" not in waiting:
+                waiting += channel.read(65536)
+            line, waiting = waiting.split(b"\n", 1)
+            request = json.loads(line)
+            if request["do"] == "stop":
+                return
+            _write(channel, json.dumps(_answer(agent, request)).encode() + b"\n")
+
+
+def _write(channel: io.RawIOBase, data: bytes) -> None:
+    """All of it: the port takes 32 KiB at a time."""
+    while data:
+        data = data[channel.write(data) or 0 :]
+
+
+def _answer(agent: Agent, request: dict[str, Any]) -> dict[str, Any]:
+    try:
+        return {"result": getattr(agent, request["do"])(**request["with"])}
+    except Exception:
+        return {"error": traceback.format_exc()}
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    sys.path.insert(0, "/lab")
+    serve()

@@ -1,0 +1,98 @@
+"""Reading a camera in the guest through fieldkit's own sources, and driving one that streams."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from typing import Any
+
+from fieldkit.clock import HostClock
+from fieldkit.device import Camera, DeviceSettings, FrameSource
+from fieldkit.drivers import registry
+from fieldkit.drivers.cameras.opencv import OpenCvSource
+from fieldkit.drivers.cameras.v4l2 import V4l2Source
+from fieldkit.errors import DeviceError
+from fieldkit.samples import Quality
+
+SOURCES = {"v4l2": V4l2Source, "opencv": OpenCvSource}
+
+
+def stream(
+    path: str,
+    backend: str,
+    fourcc: str,
+    width: int,
+    height: int,
+    seconds: float,
+    actions: list[list[Any]] = [],  # noqa: B006
+) -> dict[str, Any]:
+    """Read pictures for a while; their checksums, sequence numbers, stamps, and how it ended.
+
+    `actions` are [after this many pictures, method of the source, its arguments, bytes in hexadecimal].
+    """
+    source: FrameSource = SOURCES[backend](path, fourcc, [(width, height)], HostClock())
+    report: dict[str, Any] = {
+        "sums": [],
+        "sequences": [],
+        "stamps_ns": [],
+        "ages_ns": [],
+        "errors": 0,
+        "said": [],
+    }
+    todo = [list(action) for action in actions]
+    try:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            while todo and len(report["sums"]) >= todo[0][0]:
+                report["said"].append(_act(source, *todo.pop(0)[1:]))
+            buffer = source.read(0.5)
+            if buffer is None:
+                report["said"].append("nothing within 0.5 s")
+                continue
+            report["errors"] += buffer.error
+            report["sums"].append(zlib.crc32(buffer.data))
+            report["sequences"].append(buffer.sequence)
+            report["stamps_ns"].append(buffer.mono_ns)
+            report["ages_ns"].append(time.monotonic_ns() - buffer.mono_ns)
+    except DeviceError as error:
+        report["lost"] = f"{type(error).__name__}: {error}"
+    finally:
+        source.close()
+    return report
+
+
+def drive(
+    driver: str, identity: str, pictures: int, shutter_after: int, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Open a camera by its driver, read pictures, run the shutter among them; all it told."""
+    settings = DeviceSettings("camera", driver, identity=identity, options=options)
+    device = registry.open_device(settings, HostClock())
+    assert isinstance(device, Camera)
+    frames, ran = [], None
+    try:
+        while len(frames) < pictures:
+            if len(frames) == shutter_after and ran is None:
+                ran = device.run_shutter()
+            frame = device.read(2.0)
+            assert frame is not None
+            frames.append(frame)
+    finally:
+        device.close()
+    return {
+        "shape": device.info.shape,
+        "settings": dict(device.info.settings),
+        "model": device.info.model,
+        "ran": ran,
+        "means_k": [float(frame.counts.mean()) * device.info.scale for frame in frames],
+        "flags": [[flag.name for flag in Quality if flag and flag in frame.quality] for frame in frames],
+        "rejected": device.rejected,
+    }
+
+
+def _act(source: FrameSource, method: str, *arguments: Any) -> str:
+    given = [bytes.fromhex(a) if isinstance(a, str) else a for a in arguments]
+    try:
+        answer = getattr(source, method)(*given)
+    except DeviceError as error:
+        return f"{type(error).__name__}: {error}"
+    return answer.hex() if isinstance(answer, bytes) else str(answer)

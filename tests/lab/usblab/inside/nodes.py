@@ -1,0 +1,62 @@
+"""What stands in the guest's /dev, as udev and the kernel made it."""
+
+from __future__ import annotations
+
+import grp
+import os
+import stat
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+PATIENCE_S = 30.0
+FOLDERS = ("/dev/fieldkit", "/dev/v4l/by-id", "/dev/serial/by-id")
+
+
+def present() -> dict[str, dict[str, str]]:
+    """Every camera, serial and USB node with mode and group, and every stable name with its target."""
+    nodes = [*_instruments(), *Path("/dev").glob("bus/usb/*/*")]
+    links = [path for folder in FOLDERS if Path(folder).exists() for path in Path(folder).iterdir()]
+    return {str(path): _about(path) for path in (*nodes, *links)}
+
+
+def wait_for(path: str, present: bool) -> None:
+    """Wait until a node is there, or gone, and udev has done with it."""
+    _until(lambda: os.path.exists(path) == present, f"{path} is {'not there' if present else 'still there'}")
+
+
+def wait_for_none() -> None:
+    """Wait until no instrument is left, and udev has done with them."""
+    _until(lambda: not _instruments(), "instruments are still there")
+
+
+def _instruments() -> list[Path]:
+    return [path for pattern in ("video*", "ttyUSB*") for path in Path("/dev").glob(pattern)]
+
+
+def _until(reached: Callable[[], bool], otherwise: str) -> None:
+    begun = time.monotonic()
+    while not (reached() and _settled()):
+        if time.monotonic() - begun > PATIENCE_S:
+            raise TimeoutError(f"{otherwise} after {PATIENCE_S} s")
+        time.sleep(0.02)
+
+
+def _settled() -> bool:
+    """Whether udev has done with everything; it also says no when it is too busy to be asked."""
+    return subprocess.run(["udevadm", "settle", "--timeout=5"], capture_output=True).returncode == 0
+
+
+def clock(set_utc_ns: int | None = None) -> tuple[int, int]:
+    """The guest's UTC and monotonic nanoseconds, its UTC set first if that is wanted."""
+    if set_utc_ns is not None:
+        time.clock_settime_ns(time.CLOCK_REALTIME, set_utc_ns)
+    return time.time_ns(), time.monotonic_ns()
+
+
+def _about(path: Path) -> dict[str, str]:
+    if path.is_symlink():
+        return {"to": os.path.realpath(path)}
+    status = path.stat()
+    return {"mode": f"{stat.S_IMODE(status.st_mode):04o}", "group": grp.getgrgid(status.st_gid).gr_name}
