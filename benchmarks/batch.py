@@ -1,0 +1,99 @@
+"""A campaign estimated again: twenty demo sessions with thirty sets of parameters, as a user types it."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from benchmarks.result import Result
+
+SESSIONS, HOURS = 20, 3.0
+GRID = (
+    *("--set", "surface.albedo=0.15:0.35:0.05"),
+    *("--set", "surface.emissivity=0.88,0.90,0.92"),
+    *("--set", "irradiance.par_fraction=0.40,0.44"),
+)
+SETS = 5 * 3 * 2
+LOOPBACK = ("--no-dashboard", "--host", "127.0.0.1")
+LISTENS = r"(?:Scheduler|Start worker) at:\s+(tcp://\S+)"
+PATIENCE_S = 60.0
+
+
+def run(sessions: int = SESSIONS, hours: float = HOURS) -> list[Result]:
+    """First and second run by two processes, then one Dask worker against two on a part of the sessions."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        recordings = _record(folder, sessions, hours)
+        first_s = _sweep(folder, recordings, "first", "-j", "2")
+        again_s = _sweep(folder, recordings, "first", "-j", "2")
+        part = recordings[: max(1, sessions // 5)]
+        by_workers = {count: _on_dask(folder, part, count) for count in (1, 2)}
+    size = f"{sessions} sessions of {hours:g} h, {SETS} sets, two processes: {first_s:.0f} s"
+    return [
+        Result("sweep", sessions * hours * 3600.0 * SETS / first_s, "x real time", ">= 1000", size),
+        Result("again, from the cache", first_s / again_s, "x faster", ">= 50", f"{again_s:.1f} s"),
+        Result(
+            "two Dask workers against one", by_workers[1] / by_workers[2], "x faster", ">= 1.7",
+            f"{len(part)} sessions: {by_workers[1]:.0f} s and {by_workers[2]:.0f} s",
+        ),
+    ]  # fmt: skip
+
+
+def _record(folder: Path, sessions: int, hours: float) -> list[Path]:
+    campaign = folder / "campaign"
+    _fieldkit(folder, "init", "--simulated", campaign)
+    for seed in range(sessions):
+        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
+        length = ("--for", f"{hours:g}h", "--name", f"s{seed}")
+        _fieldkit(folder, "record", "-C", campaign, *length, *settings)
+    return sorted((campaign / "recordings").glob("*.h5"))
+
+
+def _sweep(folder: Path, recordings: list[Path], cache: str, *options: str) -> float:
+    began = time.perf_counter()
+    _fieldkit(folder / cache, "sweep", *recordings, *GRID, "-o", folder / "results", *options)
+    return time.perf_counter() - began
+
+
+def _on_dask(folder: Path, recordings: list[Path], count: int) -> float:
+    with ExitStack() as stack:
+        address = stack.enter_context(_dask(folder, "scheduler", "--port", "0"))
+        for _ in range(count):
+            stack.enter_context(_dask(folder, "worker", address, "--nthreads", "1"))
+        return _sweep(folder, recordings, f"dask{count}", "--executor", "dask", "--address", address)
+
+
+@contextmanager
+def _dask(folder: Path, *arguments: str) -> Iterator[str]:
+    """A scheduler or worker on loopback, and the address it says it listens at."""
+    log = folder / f"{time.monotonic_ns()}.log"
+    with log.open("w") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "dask", *arguments, *LOOPBACK],
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            cwd=folder,
+        )
+    try:
+        deadline = time.monotonic() + PATIENCE_S
+        while (found := re.search(LISTENS, log.read_text())) is None:
+            if time.monotonic() > deadline:
+                raise TimeoutError(log.read_text())
+            time.sleep(0.02)
+        yield found.group(1)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _fieldkit(cache: Path, *arguments: object) -> None:
+    command = [sys.executable, "-m", "fieldkit", *map(str, arguments), "-q"]
+    environment = {**os.environ, "XDG_CACHE_HOME": str(cache)}
+    subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, check=True)

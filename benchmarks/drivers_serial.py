@@ -1,0 +1,180 @@
+"""One reading over a pseudo-terminal at 10 Hz: CPU time and delay, beside the loop people write.
+
+Lutron: against pyserial's `read_until` and the same slicing and float. Center 309: against PyMeasure's
+`SerialAdapter` (`A`, 45 bytes) where PyMeasure is installed, else against the pyserial calls that it makes.
+CPU time is the reading thread's, the median of the readings; the delay runs from the far end's write to the
+reading in hand. The two take turns, so that both meet the same machine.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pty
+import struct
+import time
+import tty
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import serial
+from numpy.typing import NDArray
+
+from benchmarks.result import Result
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.meters.center_309 import Center309
+from fieldkit.drivers.meters.lutron import Lutron
+
+LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
+RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
+READINGS, ROUNDS, EVERY_S = 25, 3, 0.1
+FORK = multiprocessing.get_context("fork")
+Read = Callable[[], Any]
+
+
+class FarEnd:
+    """The far end, a process of its own: says `record` ten times a second, or answers `A` and `K`."""
+
+    def __init__(self, record: bytes, *, talks: bool) -> None:
+        self._far, self._near = pty.openpty()
+        tty.setraw(self._near)
+        self.path = os.ttyname(self._near)
+        self._said_ns = FORK.Value("q", 0, lock=False)
+        self._process = FORK.Process(
+            target=self._talk if talks else self._answer, args=(record,), daemon=True
+        )
+        self._process.start()
+
+    @property
+    def said_ns(self) -> int:
+        """When it said its last record."""
+        return int(self._said_ns.value)
+
+    def close(self) -> None:
+        """Hang up."""
+        self._process.terminate()
+        self._process.join()
+        os.close(self._near)
+        os.close(self._far)
+
+    def _talk(self, record: bytes) -> None:
+        while True:
+            self._say(record)
+            time.sleep(EVERY_S)
+
+    def _answer(self, record: bytes) -> None:
+        while heard := os.read(self._far, 64):
+            self._say(b"309\r" if heard == b"K" else record)
+
+    def _say(self, record: bytes) -> None:
+        self._said_ns.value = time.monotonic_ns()
+        os.write(self._far, record)
+
+
+def _measure(far: FarEnd, read: Read, *, pace: bool) -> NDArray[np.float64]:
+    """(CPU time, delay) of each reading in microseconds, shape (READINGS, 2)."""
+    read()
+    rows = []
+    for _ in range(READINGS):
+        if pace:
+            time.sleep(EVERY_S)
+        started = time.thread_time_ns()
+        while read() is None:
+            pass
+        used_ns, delay_ns = time.thread_time_ns() - started, time.monotonic_ns() - far.said_ns
+        rows.append((used_ns / 1e3, delay_ns / 1e3))
+    return np.array(rows)
+
+
+def _with(far: FarEnd, open_reader: Callable[[str], tuple[Read, Callable[[], None]]], *, pace: bool) -> Any:
+    read, close = open_reader(far.path)
+    try:
+        return _measure(far, read, pace=pace)
+    finally:
+        close()
+        far.close()
+
+
+def _our_lutron(path: str) -> tuple[Read, Callable[[], None]]:
+    device = Lutron().open(DeviceSettings("lux", "lutron", port=path), HostClock())
+    return lambda: device.read(1.0), device.close
+
+
+def _their_lutron(path: str) -> tuple[Read, Callable[[], None]]:
+    port = serial.Serial(path, 9600, timeout=1.0)
+
+    def read() -> tuple[float, float] | None:
+        line = port.read_until(b"\r")
+        if len(line) != 16:
+            return None
+        value = float(line[7:15]) / 10 ** int(line[6:7])
+        return time.time(), -value if line[5:6] == b"1" else value
+
+    return read, port.close
+
+
+def _our_center(path: str) -> tuple[Read, Callable[[], None]]:
+    device = Center309().open(DeviceSettings("t", "center-309", port=path, every_s=1e-4), HostClock())
+    return lambda: device.read(1.0), device.close
+
+
+def _channels(frame: bytes) -> tuple[float, ...] | None:
+    if len(frame) != 45 or frame[0] != 2 or frame[44] != 3:
+        return None
+    return tuple(count / 10 for count in struct.unpack(">4h", frame[7:15]))
+
+
+def _pymeasure_center(path: str) -> tuple[Read, Callable[[], None]]:
+    from pymeasure.adapters import SerialAdapter  # type: ignore[import-not-found]
+
+    adapter = SerialAdapter(path, baudrate=9600, timeout=1.0)
+
+    def read() -> tuple[float, ...] | None:
+        adapter.write_bytes(b"A")
+        return _channels(adapter.read_bytes(45))
+
+    return read, adapter.close
+
+
+def _plain_center(path: str) -> tuple[Read, Callable[[], None]]:
+    port = serial.Serial(path, 9600, timeout=1.0)
+
+    def read() -> tuple[float, ...] | None:
+        port.write(b"A")
+        return _channels(port.read(45))
+
+    return read, port.close
+
+
+def _their_center() -> tuple[Callable[[str], Any], str]:
+    try:
+        import pymeasure.adapters  # noqa: F401
+    except ImportError:
+        return _plain_center, "the pyserial calls PyMeasure makes"
+    return _pymeasure_center, "PyMeasure"
+
+
+def run() -> list[Result]:
+    center, how = _their_center()
+    return [
+        *_compare("Lutron", LUX, (_our_lutron, _their_lutron), "<= 0.5", "a read_until loop"),
+        *_compare("Center 309", RECORD, (_our_center, center), "<= 0.8", how),
+    ]
+
+
+def _compare(name: str, record: bytes, readers: tuple[Any, Any], must: str, how: str) -> list[Result]:
+    talks = record == LUX
+    rounds = [
+        [_with(FarEnd(record, talks=talks), one, pace=not talks) for one in readers] for _ in range(ROUNDS)
+    ]
+    ours, theirs = (np.concatenate([turn[side] for turn in rounds]) for side in (0, 1))
+    (cpu, delay), (their_cpu, their_delay) = np.median(ours, 0), np.median(theirs, 0)
+    late, their_late = np.percentile(ours[:, 1], 99), np.percentile(theirs[:, 1], 99)
+    note = f"{cpu:.0f} us against {their_cpu:.0f} us, {how}; ours stamped, checked, bytes kept"
+    return [
+        Result(f"{name}: CPU of a reading, ours over theirs", cpu / their_cpu, "x", must, note),
+        Result(f"{name}: delay, median", delay, "us", "", f"theirs {their_delay:.0f} us"),
+        Result(f"{name}: delay, 99 %", late, "us", "", f"theirs {their_late:.0f} us"),
+    ]

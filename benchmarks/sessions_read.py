@@ -1,0 +1,131 @@
+"""Reading sessions: curves of regions, following a recording, recovery; against one-frame chunks."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from benchmarks.result import Result
+from benchmarks.sessions_write import MEDIUM, SMALL, camera, folder, frame, header, pictures
+from fieldkit.clock import HostClock
+from fieldkit.device import StreamInfo
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import Region, RegionKind
+
+SERIES_FRAMES, THREE_HOURS = 6000, 3 * 3600
+RECOVERY_FRAMES = 9000
+FOLLOWED_S = 20.0
+
+
+def run() -> list[Result]:
+    return [*_series(), *_live(), _recovery()]
+
+
+def _forget(path: Path) -> None:
+    """Have the kernel drop the file from its cache."""
+    descriptor = os.open(path, os.O_RDONLY)
+    os.fsync(descriptor)
+    os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+    os.close(descriptor)
+
+
+def _recorded(path: Path, info: StreamInfo, count: int) -> SessionWriter:
+    clock, writer = HostClock(), SessionWriter(path, header(info), HostClock())
+    ready = pictures((info.shape[0], info.shape[1]))
+    for number in range(count):
+        writer.append(frame(info, ready[number % len(ready)], clock))
+        while writer._bricks.is_behind():
+            time.sleep(0.01)
+    return writer
+
+
+def _series() -> list[Result]:
+    """A 20x20 region over all pictures, files dropped from the cache before; scaled to three hours."""
+    info = camera(*MEDIUM)
+    corners = ((100.0, 80.0), (119.0, 80.0), (119.0, 99.0), (100.0, 99.0))
+    region = Region("bed", RegionKind.TARGET, corners)
+    with folder() as place:
+        ours, theirs = place / "ours.h5", place / "theirs.h5"
+        _recorded(ours, info, SERIES_FRAMES).close()
+        with open_session(ours) as session, h5py.File(theirs, "w") as file:
+            file.create_dataset(
+                "frames", data=session.raw("camera")[:], chunks=(1, *info.shape), shuffle=True,
+                compression="gzip", compression_opts=1,
+            )  # fmt: skip
+        for path in (ours, theirs):
+            _forget(path)
+        began = time.perf_counter()
+        with open_session(ours) as session:
+            mine = session.region_series([region]).mean_k[:, 0]
+        our_s = time.perf_counter() - began
+        began = time.perf_counter()
+        with h5py.File(theirs) as file:
+            one_by_one = [file["frames"][n, 80:100, 100:120].mean() * 0.01 for n in range(SERIES_FRAMES)]
+        their_s = time.perf_counter() - began
+    assert np.allclose(mine, one_by_one)
+    scale = THREE_HOURS * info.rate_hz / SERIES_FRAMES
+    return [
+        Result("20x20 region over 3 h of 256x192 at 25 Hz, cold", our_s * scale, "s", "<= 20", "scaled"),
+        Result("the same over one-frame chunks", their_s / our_s, "x", ">= 4"),
+    ]
+
+
+def _follow(path: Path, told: Path) -> None:
+    """Look ten times a second and note how old each frame is when first seen."""
+    ages, seen, used, began = [], 0, time.process_time(), time.monotonic()
+    with open_session(path) as session:
+        while is_locked(journal_path(path)):
+            time.sleep(0.1)
+            session.stream("camera").refresh()
+            count = session.count("camera")
+            stamps = session.stream("camera").column("mono_ns", seen, count)
+            ages += ((time.monotonic_ns() - stamps) / 1e9).tolist()
+            seen = count
+    share = (time.process_time() - used) / (time.monotonic() - began)
+    told.write_text(json.dumps({"ages": ages, "share": share}))
+
+
+def _live() -> list[Result]:
+    info, clock = camera(*MEDIUM), HostClock()
+    ready = pictures(MEDIUM[0])
+    with folder() as place:
+        path, told = place / "live.h5", place / "told"
+        writer = SessionWriter(path, header(info), clock)
+        reader = multiprocessing.get_context("spawn").Process(target=_follow, args=(path, told))
+        reader.start()
+        began = time.monotonic()
+        for number in range(int(FOLLOWED_S * info.rate_hz)):
+            writer.append(frame(info, ready[number % len(ready)], clock))
+            time.sleep(max(0.0, began + number / info.rate_hz - time.monotonic()))
+        writer.abandon()
+        reader.join()
+        found = json.loads(told.read_text())
+    ages = np.array(found["ages"][int(5 * info.rate_hz) :])  # after the reader has got going
+    return [
+        Result("age of a frame when another process sees it, median", float(np.median(ages)), "s", "<= 1.1"),
+        Result("the same, worst", float(ages.max()), "s", "<= 2"),
+        Result("CPU of that process, ten looks a second", 100 * found["share"], "% of a core", "<= 2"),
+    ]
+
+
+def _recovery() -> Result:
+    info = camera(*SMALL)
+    with folder() as place:
+        path = place / "killed.h5"
+        _recorded(path, info, RECOVERY_FRAMES).abandon()
+        began = time.perf_counter()
+        report = recover(path)
+        seconds = time.perf_counter() - began
+    assert report.counts["camera"] == RECOVERY_FRAMES
+    scaled = seconds * THREE_HOURS * info.rate_hz / RECOVERY_FRAMES
+    return Result("recovery of 3 h of 160x120 at 9 Hz", scaled, "s", "<= 60", "scaled")
