@@ -1,0 +1,108 @@
+"""Write the generated parts of the reference pages: ``python docs/generate.py``; a test compares them.
+
+A generated part stands between two comments, ``<!-- generated -->`` and ``<!-- end -->``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fieldkit.commands import main
+from fieldkit.commands.common import Options, VerbGroup
+from fieldkit.config import schema
+
+REFERENCE = Path(__file__).parent / "reference"
+BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
+
+
+def configuration() -> str:
+    """A table of keys for each table of ``fieldkit.toml``."""
+    parts = []
+    for name in schema.known_keys(()):
+        if name == "schema":
+            continue
+        heading, path = _heading(name)
+        node = schema.node_at(path) or {}
+        rows = [_key_row(key, schema.resolve(field)) for key, field in node["properties"].items()]
+        about = node["description"]
+        head = ["| key | takes | default | meaning |", "|---|---|---|---|"]
+        parts.append("\n".join([f"### `{heading}`", "", about, "", *head, *rows]))
+    return "\n\n".join(parts) + "\n"
+
+
+def command_line() -> str:
+    """Usage, purpose and own options of every verb."""
+    context = main.make_context("fieldkit", ["--help"], resilient_parsing=True)
+    parts = []
+    for heading, rows in main.table.items():
+        parts.append(f"## {heading}")
+        for row in rows:
+            command = main.get_command(context, row.name)
+            assert command is not None
+            verbs = command.commands.items() if isinstance(command, VerbGroup) else [("", command)]
+            parts.extend(_verb(f"{row.name} {name}".strip(), verb) for name, verb in verbs)
+    return "\n\n".join(parts) + "\n"
+
+
+def refreshed(page: Path, text: str) -> str:
+    """The page with its generated part replaced."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    return f"{before}{BEGIN}\n{text}\n{END}{rest.partition(END)[2]}"
+
+
+PAGES = {REFERENCE / "configuration.md": configuration, REFERENCE / "command-line.md": command_line}
+
+
+def _heading(name: str) -> tuple[str, tuple[str | int, ...]]:
+    if name == "region":
+        return "[[region]]", (name, 0)
+    if name == "device":
+        return "[device.NAME]", (name, "NAME")
+    return f"[{name}]", (name,)
+
+
+def _key_row(key: str, node: dict[str, Any]) -> str:
+    default = node.get("default")
+    shown = "" if default is None else f"`{json.dumps(default)}`"
+    return f"| `{key}` | {schema.kind(node)} | {shown} | {node['description']} |"
+
+
+def _verb(name: str, verb: click.Command) -> str:
+    context = click.Context(verb, info_name=f"fieldkit {name}")
+    common = {*Options.__dataclass_fields__, "help"}
+    own = [parameter for parameter in verb.params if parameter.name not in common]
+    usage = [piece for piece in verb.collect_usage_pieces(context) if piece != "[OPTIONS]"]
+    parts = [f"### `{' '.join(['fieldkit', name, *usage])}`", *_paragraphs(verb.help or "")]
+    records = [record for parameter in own if (record := parameter.get_help_record(context)) and record[1]]
+    if records:
+        parts.append(
+            "\n".join(
+                ["| option | |", "|---|---|", *(f"| `{left}` | {_cell(right)} |" for left, right in records)]
+            )
+        )
+    return "\n\n".join(parts)
+
+
+def _paragraphs(text: str) -> list[str]:
+    """The help's paragraphs; examples, which click keeps line by line after a backspace, as code."""
+    paragraphs = inspect.cleandoc(text).split("\n\n")
+    return [
+        "```\n" + paragraph.removeprefix("\b\n").strip() + "\n```"
+        if paragraph.startswith("\b")
+        else paragraph.strip()
+        for paragraph in paragraphs
+    ]
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").split())
+
+
+if __name__ == "__main__":
+    for page, make in PAGES.items():
+        page.write_text(refreshed(page, make()), encoding="utf-8")
