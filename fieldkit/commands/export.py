@@ -14,14 +14,16 @@ from fieldkit.errors import StorageError
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
-KINDS = ("csv", "parquet", "netcdf", "png", "mp4", "tiff")
+KINDS = ("csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff")
 
 
 @click.command(cls=Verb)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option("--to", "kind", type=click.Choice(KINDS), required=True, help="What to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")
-@click.option("--stream", metavar="NAME", help="Which camera, if there are several.")
+@click.option(
+    "--stream", metavar="NAME", help="Which camera, if there are several; of MCAP, only this stream."
+)
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th picture.")
 @click.pass_context
 def command(
@@ -30,7 +32,7 @@ def command(
     """Write SESSION (default: the newest) for other programs.
 
     Tables as CSV or Parquet, one row a sample, units in the header; netCDF, one file a stream;
-    pictures as PNG, film, or 16-bit TIFF of 0.01 K per count.
+    MCAP, everything in one file for its viewers; pictures as PNG, film, or 16-bit TIFF of 0.01 K per count.
     """
     from fieldkit.sessions.reader import open_session
 
@@ -62,13 +64,14 @@ def _default_folder(path: Path) -> Path:
 
 
 def _write(session: Session, folder: Path, kind: str, stream: str | None, every: int) -> list[Path]:
-    from fieldkit.sessions.exchange import netcdf_out, pictures_out, tables_out
+    from fieldkit.sessions.exchange import mcap_out, netcdf_out, pictures_out, tables_out
 
     if kind in ("csv", "parquet"):
         return tables_out.export_tables(session, folder, kind)
     if kind == "netcdf":
         return netcdf_out.export_netcdf(session, folder)
-    pictures = {
+    samples = {
+        "mcap": mcap_out.export_mcap,
         "png": pictures_out.export_pngs, "mp4": pictures_out.export_mp4, "tiff": pictures_out.export_tiffs,
     }  # fmt: skip
-    return pictures[kind](session, folder, stream=stream, every=every)
+    return samples[kind](session, folder, stream=stream, every=every)

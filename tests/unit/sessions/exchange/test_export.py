@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from datetime import UTC
 from pathlib import Path
 
@@ -10,6 +12,8 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import SessionError
+from fieldkit.samples import Frame, Reading
+from fieldkit.sessions.exchange.mcap_out import export_mcap
 from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.exchange.tables_out import export_tables
@@ -115,3 +119,50 @@ def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> No
     with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
         assert camera["counts"].sizes == {"time": FRAMES, "y": 24, "x": 32}
         assert camera["counts"].values == pytest.approx(session.kelvin(), abs=1e-9)
+
+
+def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
+    """Read back with the format's own reader, checksums on."""
+    reading = pytest.importorskip("mcap.reader")
+    (path,) = export_mcap(session, tmp_path)
+    with path.open("rb") as file:
+        reader = reading.make_reader(file, validate_crcs=True)
+        messages = [(channel.topic[1:], message, json.loads(message.data))
+                    for _, channel, message in reader.iter_messages()]  # fmt: skip
+        schemas = {one.name: json.loads(one.data) for one in reader.get_summary().schemas.values()}
+        (attachment,) = reader.iter_attachments()
+        (about,) = reader.iter_metadata()
+    assert attachment.data.decode() == HEADER.config_toml
+    assert float(about.metadata["longitude_deg"]) == HEADER.site.longitude_deg
+    assert {"foxglove.RawImage", "foxglove.Log", "fieldkit.Reading.lux"} <= set(schemas)
+    assert set(schemas["fieldkit.Reading.thermometer"]["properties"]["values"]["properties"]) == {
+        "T1", "T2", "T3", "T4",
+    }  # fmt: skip
+    for original in session.samples():
+        message, told = next(
+            (message, told) for topic, message, told in messages
+            if topic == original.stream and told["seq"] == original.seq
+        )  # fmt: skip
+        assert message.log_time == told["timestamp"]["sec"] * 10**9 + told["timestamp"]["nsec"]
+        assert message.log_time == original.time_ns
+        assert (told["mono_ns"], told["flags"]) == (original.mono_ns, int(original.quality))
+        if isinstance(original, Frame):
+            assert base64.b64decode(told["data"]) == original.counts.tobytes()
+            assert base64.b64decode(told["metadata_rows"]) == original.metadata_rows.tobytes()
+            assert told["step"] * told["height"] == original.counts.nbytes
+        else:
+            assert isinstance(original, Reading)
+            assert tuple(told["values"].values()) == original.values
+            assert base64.b64decode(told["raw"]) == original.raw
+    assert [told["message"] for topic, _, told in messages if topic == "events"] == ["wolke über b05"]
+
+
+def test_mcap_of_one_stream_and_every_nth_picture(session: Session, tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
+    with path.open("rb") as file:
+        topics = [channel.topic for _, channel, _ in reading.make_reader(file).iter_messages()]
+    assert topics.count("/camera") == FRAMES // 5
+    assert "/lux" not in topics
+    with pytest.raises(SessionError, match="no stream 'sonar'"):
+        export_mcap(session, tmp_path, stream="sonar")
