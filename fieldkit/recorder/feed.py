@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from fieldkit.clock import Clock
 from fieldkit.device import Camera, Device, StreamInfo
 from fieldkit.errors import DeviceError, DeviceLostError
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.samples import Event, EventKind, Quality, Severity
+from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
 
 SECOND_NS = 1_000_000_000
 READ_TIMEOUT_S = 0.5
@@ -58,6 +60,8 @@ class Feed:
         self._reopen, self._inbox, self._clock, self._sampling = reopen, inbox, clock, sampling
         self._end_ns = end_ns
         self._stopping = threading.Event()
+        self._last: Sample | None = None
+        self._before_loss: Sample | None = None
         self._rejected_before = 0
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
@@ -156,6 +160,7 @@ class Feed:
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
+                sample = self._last = self._across_openings(sample)
                 if Quality.DROPPED_BEFORE in sample.quality:
                     self._tell(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
                 self._inbox.put(sample)
@@ -164,6 +169,16 @@ class Feed:
                 return
             if self._clock.mono_ns() >= deadline_ns:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
+
+    def _across_openings(self, sample: Sample) -> Sample:
+        """A camera just opened again cannot know that its first picture is the one before the loss."""
+        before, self._before_loss = self._before_loss, None
+        same = (
+            isinstance(before, Frame)
+            and isinstance(sample, Frame)
+            and np.array_equal(before.counts, sample.counts)
+        )
+        return replace(sample, quality=sample.quality | Quality.DUPLICATE) if same else sample
 
     def _deadline_s(self) -> float:
         """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""
@@ -185,7 +200,7 @@ class Feed:
             if device.info.shape != self.info.shape:
                 device.close()  # another instrument answers to the same name
                 continue
-            self._device = device
+            self._device, self._before_loss = device, self._last
             gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
             self._tell(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
             return

@@ -127,6 +127,15 @@ def test_a_frozen_picture_is_kept_flagged_and_the_camera_opened_again() -> None:
     assert [event.kind for event in events][:2] == [EventKind.LOST, EventKind.BACK]
 
 
+def test_the_same_picture_after_opening_again_is_flagged_as_repeated() -> None:
+    samples, _, _ = run(
+        lambda c, s: Camera(c, s, frozen=True),
+        lambda device: Camera(device.clock, device.start_ns),  # type: ignore[attr-defined]
+        3.0,
+    )
+    assert [sample.quality for sample in samples[:3]] == [Quality.FROZEN, Quality.DUPLICATE, Quality.GOOD]
+
+
 def test_another_instrument_under_the_same_name_is_not_taken() -> None:
     class Other(Meter):
         info = StreamInfo("lux", "illuminance", "lx", (2,), rate_hz=1.0)
