@@ -77,8 +77,8 @@ def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
     [
         b"",
         b"plain",
-        gzip.compress(b"PTY16V1\n\xff\xff\xff\xff"),
-        gzip.compress(b"PTY16V1\n\2\0\0\0{}"),
+        gzip.compress(b"PTY16V1\n\xff\xff\xff\xff", mtime=0),
+        gzip.compress(b"PTY16V1\n\2\0\0\0{}", mtime=0),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, data: bytes) -> None:
