@@ -12,6 +12,7 @@ from fieldkit.commands.types import RECT, XY
 from fieldkit.errors import ConfigError
 
 if TYPE_CHECKING:
+    from fieldkit.commands.region_check import Look, Picture
     from fieldkit.config import Config, Mistake
     from fieldkit.site import Region
 
@@ -53,6 +54,7 @@ def add(
     fieldkit roi add flat --reference --rect 6,30,32,61
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
     """
+    from fieldkit.config import read_config
     from fieldkit.config.edit import add_region
 
     if (first is None) == (rect is None) or (rect and more):
@@ -70,6 +72,10 @@ def add(
     if options(ctx).json:
         print_json({"config": str(file), "region": region})
     say(f"region {name} added to {file}")
+    config, _ = read_config(file)
+    for look in _looks(config) if config else ():
+        if look.region.name == name and look.failures:
+            say(f"  {name}: {look.pixels} px; {'; '.join(look.failures)}; see fieldkit roi check")
 
 
 @command.command("remove")
@@ -113,13 +119,10 @@ def check(ctx: click.Context, session: Path | None) -> None:
 
     Exit code 3 if a region cannot be used.
     """
-    from fieldkit.commands.region_check import check_regions, mean_picture
+    from fieldkit.commands.region_check import mean_picture
 
     config, mistakes = _read(ctx)
-    camera = config.tables.camera
-    shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
-    picture = mean_picture(session) if session else None
-    looks = check_regions(config.regions, shape if picture is None else picture.shape, picture)
+    looks = _looks(config, mean_picture(session) if session else None)
     remarks = [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
     failed = bool(remarks) or any(look.level == "FAIL" for look in looks)
     if options(ctx).json:
@@ -145,6 +148,15 @@ def _read(ctx: click.Context) -> tuple[Config, list[tuple[str, Mistake]]]:
     if config is None:
         raise ConfigMistakesError(mistakes, fix=f"edit {file}")
     return config, mistakes
+
+
+def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
+    """What is found about each region, in the picture or one of the size the campaign states."""
+    from fieldkit.commands.region_check import check_regions
+
+    camera = config.tables.camera
+    stated = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
+    return check_regions(config.regions, stated if picture is None else picture.shape, picture)
 
 
 def _corners(x: float, y: float, width: float, height: float) -> list[Point]:

@@ -61,7 +61,7 @@ class GarbleWatch:
         if new <= 0 or mono_ns - self._told_ns.get(stream, mono_ns - 60 * SECOND_NS) < 60 * SECOND_NS:
             return
         self._seen[stream], self._told_ns[stream] = rejected, mono_ns
-        text = f"{stream}: {new} garbled records dropped"
+        text = f"{stream}: {new} garbled {'record' if new == 1 else 'records'} dropped"
         yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
 
 

@@ -74,6 +74,18 @@ def test_what_is_no_region_is_not_added(roi, tmp_path, arguments, code, said):
     assert regions(tmp_path) == ()
 
 
+@pytest.mark.parametrize(
+    ("rect", "said"), [("6,30,3,3", "too small, needs 100 px"), ("70,40,32,61", "shares 1000 px with b15")]
+)
+def test_a_region_that_cannot_be_used_is_told_when_it_is_added(roi, tmp_path, rect, said):
+    assert "check" not in roi("add", "b15", "--reference", "--rect", "82,40,20,50").stderr
+    result = roi("add", "b20", "--rect", rect)
+    assert result.exit_code == 0
+    assert said in result.stderr
+    assert "fieldkit roi check" in result.stderr
+    assert len(regions(tmp_path)) == 2
+
+
 def test_list_prints_one_line_per_region_and_json(roi):
     roi("add", "flat", "--reference", "--rect", "6,30,32,61")
     assert "flat  reference  0/0           6,30 37,30 37,90 6,90" in roi("list").stdout
