@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +25,7 @@ _DOUBTS = {  # looked up, because combining flags costs more than finding them
 }
 
 NO_ROWS = np.empty((0, 0), np.uint16)
+_WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding a row
 
 
 class Picture(NamedTuple):
@@ -52,17 +54,17 @@ Decode = Callable[[bytes], Picture | Rejected]
 
 def words(data: bytes, rows: int, columns: int) -> NDArray[np.uint16]:
     """Bytes as little-endian words, shape (rows, columns), without copying."""
-    return np.frombuffer(data, "<u2").reshape(rows, columns)
+    return np.frombuffer(data, _WORD).reshape(rows, columns)
 
 
-def extremes(counts: NDArray[np.uint16]) -> tuple[int, int]:
-    """Coldest and hottest pixel."""
-    flat = counts.reshape(-1)
-    return int(np.minimum.reduce(flat)), int(np.maximum.reduce(flat))
+def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:
+    """Coldest and hottest pixel; OpenCV finds both in one pass, numpy in two."""
+    coldest, hottest, _, _ = cv2.minMaxLoc(counts)
+    return coldest, hottest
 
 
 def doubts(
-    extremes: tuple[int, int], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
+    extremes: tuple[float, float], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
 ) -> Quality:
     """`SATURATED` with a pixel at either end of what the camera can count, `NO_VALUE` without a scene.
 

@@ -31,7 +31,6 @@ from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, ext
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.errors import DeviceError
-from fieldkit.samples import Quality
 
 WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
@@ -39,6 +38,9 @@ PICTURE_ROWS = {80: 60, 160: 120}
 SETTLING_MS = 10_000  # levels creep after a correction
 RESOLUTION_K = {(1, 0): 0.1, (1, 1): 0.01}
 """K per count by TLinear (1: on) and its resolution."""
+
+TLINEAR_ENDS, COUNTS_ENDS = (0, 0xFFFF), (0, 0x3FFF)
+"""The ends of what a pixel can say; without TLinear it has 14 bits."""
 
 GAINS = {0: "high", 1: "low", 2: "automatic"}
 OLD_REVISION = 8  # its FFC states are never, running, done
@@ -58,25 +60,17 @@ def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
     pixels = words(data, *shape)
     height = PICTURE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
-    if not len(rows):
-        return Picture(counts, rows, untold_scale, quality=_doubts(counts, untold_scale))
+    if height == shape[0]:
+        return _untold(counts, rows, untold_scale)
     told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
     revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
     if not (revision and fpa):  # the rows are not filled in
-        return Picture(counts, rows, untold_scale, quality=_doubts(counts, untold_scale))
+        return _untold(counts, rows, untold_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
-    return Picture(
-        counts,
-        rows,
-        scale,
-        quality=_doubts(counts, scale),
-        shutter=_shutter(status >> 4 & 3, revision == OLD_REVISION, uptime - corrected),
-        device_time=uptime,
-        device_seq=counter,
-        fpa_temperature_k=fpa / 100,
-        housing_temperature_k=housing / 100,
-        gain=GAINS.get(gain, "unknown"),
-    )
+    quality = doubts(extremes(counts), TLINEAR_ENDS if scale > 0 else COUNTS_ENDS, scale)
+    shutter = _shutter(status >> 4 & 3, revision == OLD_REVISION, uptime - corrected)
+    sensors = fpa / 100, housing / 100, GAINS.get(gain, "unknown")
+    return Picture(counts, rows, scale, 0.0, "linear", quality, shutter, uptime, counter, *sensors)
 
 
 def _shutter(state: int, old: bool, since_ms: int) -> bool:
@@ -85,9 +79,10 @@ def _shutter(state: int, old: bool, since_ms: int) -> bool:
     return state == running or (state == done and 0 <= since_ms < SETTLING_MS)
 
 
-def _doubts(counts: NDArray[np.uint16], scale: float) -> Quality:
-    highest = 0xFFFF if scale > 0 else 0x3FFF  # without TLinear the counts have 14 bits
-    return doubts(extremes(counts), (0, highest), scale)
+def _untold(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> Picture:
+    """A picture that says nothing about itself."""
+    ends = TLINEAR_ENDS if scale > 0 else COUNTS_ENDS
+    return Picture(counts, rows, scale, quality=doubts(extremes(counts), ends, scale))
 
 
 def _sizes() -> str:
