@@ -37,6 +37,8 @@ BEDS_SOUTH = tuple((tilt, 180.0) for tilt in (5.0, 10.0, 15.0, 20.0, 25.0))
 SLAB = Slab(depth_m=0.03)
 
 Bed = tuple[float, float]
+WINDOW_S = 1200.0
+PAPERS = EstimatorSettings(window_s=WINDOW_S, azimuth="known")
 
 
 def days() -> Iterator[tuple[str, Weather]]:
@@ -107,13 +109,13 @@ def mean_tilt_error(history: History, settings: EstimatorSettings) -> float:
 def known_azimuth() -> list[Result]:
     """Beds of 5 to 25 degrees, azimuth known, 20 minutes."""
     sand = Facet("sand", (), depth_m=0.03)
-    full = EstimatorSettings(model="full", azimuth="known", slab=SLAB)
+    full = EstimatorSettings(model="full", window_s=WINDOW_S, azimuth="known", slab=SLAB)
     found = []
     must = {"clear": ("0.15", "0.3", "0.8"), "broken cloud": ("0.4", "0.6", "1.0")}
     for day, weather in days():
         history = field_day(weather, BEDS_SOUTH, sand, STILL)
         softer = replace(SLAB, conductivity_w_m_k=SLAB.conductivity_w_m_k * 0.8**2)
-        papers = mean_tilt_error(history, EstimatorSettings(azimuth="known"))
+        papers = mean_tilt_error(history, PAPERS)
         for what, slab, limit in (
             ("", SLAB, must[day][0]),
             (", inertia 20 % wrong", softer, must[day][1]),
@@ -123,9 +125,7 @@ def known_azimuth() -> list[Result]:
             name = f"{day}, azimuth known, 20 min{what}: mean tilt error"
             found.append(Result(name, error, "°", f"≤ {limit}", f"paper's model {papers:.2f}°"))
         gusty = field_day(weather, BEDS_SOUTH, sand, Exchange())
-        error, papers = (
-            mean_tilt_error(gusty, settings) for settings in (full, EstimatorSettings(azimuth="known"))
-        )
+        error, papers = (mean_tilt_error(gusty, settings) for settings in (full, PAPERS))
         name = f"{day}, the same with exchange that follows the wind"
         found.append(Result(name, error, "°", "reported", f"paper's model {papers:.2f}°"))
     return found

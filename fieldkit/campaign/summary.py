@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 from fieldkit.campaign.grid import Grid
 from fieldkit.campaign.ranking import Ranking, ranked
 from fieldkit.campaign.runs import Outcome
+from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeState
-
-ANSWERS = (SlopeState.OK, SlopeState.FLAT, SlopeState.NOT_RESOLVED)
-"""States in which a minute answers for itself."""
 
 
 class Summary:
@@ -75,7 +72,7 @@ class Summary:
 
 
 def _bed(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
-    answered = rows[np.isin(rows["state"], [int(state) for state in ANSWERS])]
+    answered = rows[np.isin(rows["state"], [int(state) for state in WORKED_OUT])]
     tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
     known = error.size > 0 and np.isfinite(region.tilt_deg)
     return {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.commands import common
-from fieldkit.commands.estimating import as_document, estimator_for, last_answers, minutes_of
+from fieldkit.commands.estimating import as_document, estimates_of, estimator_for, minutes_of
 from fieldkit.commands.init import make_campaign
 from fieldkit.commands.record import live_views
 from fieldkit.commands.recording import instruments, preflight, record_session, session_path
@@ -19,10 +18,13 @@ from fieldkit.commands.report import report_session
 from fieldkit.commands.slope_table import print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.estimation.answers import answers_of
 from fieldkit.scene import FaultKind
 from fieldkit.sessions.reader import open_session
 from fieldkit.site import Region
 from fieldkit.views import words
+from fieldkit.views.report.series import series
+from fieldkit.views.report.verdict import mean_error
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 SCENE_S = 3 * 3600.0
 GUSTY_K = 0.1
 """Noise of a region's mean on the demo's day: half of it is the wind's."""
+PAPER_WINDOW_S = 1200.0
+"""The demo shows what the paper did, 20 minutes at a time."""
 PACE = 360
 """Scene seconds a real second, to watch; ``--fast`` goes as fast as it can."""
 
@@ -63,7 +67,10 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
 def _campaign(out: Path, fast: bool, fault: str | None) -> Config:
     """The demo's campaign, made when it is not there yet."""
     if not (out / FILE_NAME).exists():
-        given = {**SIMULATED, "estimator": {"azimuth": "known", "noise_k": GUSTY_K}}
+        given = {
+            **SIMULATED,
+            "estimator": {"azimuth": "known", "noise_k": GUSTY_K, "window_s": PAPER_WINDOW_S},
+        }
         make_campaign(out, campaign_toml(given))
     settings = [f"simulation.speed={'max' if fast else PACE}"]
     if fault is not None:
@@ -95,7 +102,7 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
-    answers = last_answers(minutes, regions)
+    answers = answers_of(estimates_of(minutes), regions)
     mean_error = mean_tilt_error_deg(minutes, regions)
     if common.options().json:
         by_name = {region.name: region for region in regions}
@@ -114,12 +121,5 @@ def _conclude(
 
 
 def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:
-    """Mean absolute error of tilt over all minutes with an answer and all beds of known tilt, degrees."""
-    truth = {region.name: region.tilt_deg for region in regions}
-    errors = [
-        abs(estimate.tilt_deg - truth[estimate.region])
-        for minute in minutes
-        for estimate in minute.estimates
-        if math.isfinite(estimate.tilt_deg - truth[estimate.region])
-    ]
-    return sum(errors) / len(errors) if errors else math.nan
+    """Mean absolute error of tilt over the answers of all beds of known tilt, degrees, as in its report."""
+    return mean_error(series(minutes, regions))

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.commands import common
-from fieldkit.commands.estimating import ANSWERED, as_document, last_of
+from fieldkit.commands.estimating import as_document
 from fieldkit.commands.session_paths import resolved
 from fieldkit.commands.slope_table import print_slopes
 from fieldkit.commands.types import FACET, SITE
 from fieldkit.errors import NoAnswerError
+from fieldkit.estimation.answers import ANSWERED, answers_of
 from fieldkit.site import Region, RegionKind, Site
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def _estimate_sessions(
         about = {**batch.provenance(sources, failures), "settings": list(settings)}
         written = batch.write_results(batch.base_of(out), minute_table(slopes), about)
         common.say(f"wrote {', '.join(map(str, written))}")
-    answers = {name: last_of(estimates, estimates.regions) for name, estimates in slopes.items()}
+    answers = {name: answers_of(estimates, estimates.regions) for name, estimates in slopes.items()}
     if slopes:
         _print({names[source.path]: str(source.path) for source in sources}, slopes, answers)
     batch.complain(failures, len(paths))
@@ -105,7 +106,7 @@ def _estimate_table(
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")
     text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
-    text += f'elevation_m = {site.elevation_m}\n[estimator]\nwindow_s = "weather"\n'
+    text += f"elevation_m = {site.elevation_m}\n"
     config = config_from_text(text, path, settings=settings)
     slopes = estimate_table(path, config.site, config.estimator_settings(), reference_slope_deg=reference)
     if common.options().json:

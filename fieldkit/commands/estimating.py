@@ -5,28 +5,24 @@ The configuration is the one the session keeps of itself, or the campaign's pres
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from fieldkit.campaign.sources import config_for, regions_for
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.sessions.reader import Session
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.site import Region
+from fieldkit.slope import SlopeEstimate
 
 __all__ = [
-    "ANSWERED",
     "as_document",
     "config_for",
+    "estimates_of",
     "estimator_for",
-    "last_answers",
-    "last_of",
     "minutes_of",
     "regions_for",
 ]
-
-ANSWERED = (SlopeState.OK, SlopeState.FLAT, SlopeState.NOT_RESOLVED, SlopeState.HELD_CLOUD)
 
 
 def estimator_for(session: Session, config: Config, *, present: bool = False) -> Estimator:
@@ -42,20 +38,9 @@ def minutes_of(session: Session, estimator: Estimator) -> Iterator[Minute]:
     yield from estimator.finish()
 
 
-def last_answers(minutes: Iterable[Minute], regions: Sequence[Region]) -> dict[str, SlopeEstimate]:
-    """The last estimate of each target that says something, else its last one."""
-    return last_of((estimate for minute in minutes for estimate in minute.estimates), regions)
-
-
-def last_of(estimates: Iterable[SlopeEstimate], regions: Sequence[Region]) -> dict[str, SlopeEstimate]:
-    """The same from the estimates themselves, in order of time."""
-    answers: dict[str, SlopeEstimate] = {}
-    for estimate in estimates:
-        before = answers.get(estimate.region)
-        if before is None or estimate.state in ANSWERED or before.state not in ANSWERED:
-            answers[estimate.region] = estimate
-    targets = [region.name for region in regions if region.kind is RegionKind.TARGET]
-    return {name: answers[name] for name in targets if name in answers}
+def estimates_of(minutes: Iterable[Minute]) -> Iterator[SlopeEstimate]:
+    """The estimates of all minutes, in order of time."""
+    return (estimate for minute in minutes for estimate in minute.estimates)
 
 
 def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[str, Any]:

@@ -28,7 +28,7 @@ ENDINGS = (".png", ".nc")
 @click.option(
     "--window",
     metavar="TIME",
-    help="How far back from the last good minute: 20m, 1h, all, or weather: since its last change "
+    help="How far back from the last good minute: 20m, 1h, all, or weather: as the regions' slopes look "
     "[default: as configured].",
 )
 @click.option(

@@ -7,17 +7,16 @@ which a region's estimate hardly hears, is left out. The surface model is the pa
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.commands.estimating import estimator_for, minutes_of
+from fieldkit.commands.estimating import estimates_of, estimator_for, minutes_of
 from fieldkit.config import Config
 from fieldkit.device import StreamInfo
 from fieldkit.errors import NoAnswerError
+from fieldkit.estimation.answers import ANSWERED, answers_of
 from fieldkit.estimation.bins import HELD_OUT, MINUTE_NS, Bin
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
@@ -57,7 +56,7 @@ def map_of(
 ) -> MappedSession:
     """Tilt and azimuth of every pixel from the last `window_s` seconds of a session that can be used.
 
-    `window_s` infinite means all of it, None since the last change of weather. Raises
+    `window_s` infinite means all of it, None as far back as the regions' own slopes look. Raises
     `NoAnswerError` where there is no reference, no camera of known temperatures, or fewer than
     three minutes of both pictures and light.
     """
@@ -68,8 +67,9 @@ def map_of(
     if camera is None or not field.references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    deque(minutes_of(session, estimator), maxlen=0)
-    chosen = chosen_minutes(estimator.bins, field, window_s)
+    answers = answers_of(estimates_of(minutes_of(session, estimator)), estimator.regions)
+    weather_ns = max((one.window_start_ns for one in answers.values() if one.state in ANSWERED), default=0)
+    chosen = chosen_minutes(estimator.bins, field, window_s, weather_ns)
     if len(chosen) < LEAST_MINUTES:
         raise NoAnswerError(
             f"{session.path}: {len(chosen)} minutes have pictures, reference, sun and steady light; "
@@ -90,17 +90,15 @@ def map_of(
     )
 
 
-def chosen_minutes(bins: Sequence[Bin], field: Field, window_s: float | None) -> list[Bin]:
-    """The minutes of a window that say something: it ends with the last of them."""
+def chosen_minutes(bins: Sequence[Bin], field: Field, window_s: float | None, weather_ns: int) -> list[Bin]:
+    """The minutes of a window that say something: it ends with the last of them.
+
+    It begins `window_s` before, or with the minute `weather_ns` lies in where that is None.
+    """
     useful = [one for one in bins if _is_useful(one, field)]
     if not useful:
         return []
-    if window_s is None:
-        last = useful[-1].minute
-        clouded = [one.minute for one in bins if one.flags & Quality.CLOUD and one.minute < last]
-        first = clouded[-1] + 1.0 if clouded else -math.inf
-    else:
-        first = useful[-1].minute - window_s / 60.0
+    first = weather_ns // MINUTE_NS if window_s is None else useful[-1].minute - window_s / 60.0
     return [one for one in useful if one.minute >= first]
 
 

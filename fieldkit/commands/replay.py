@@ -11,8 +11,9 @@ import click
 
 from fieldkit.clock import HostClock
 from fieldkit.commands import common
-from fieldkit.commands.estimating import as_document, config_for, estimator_for, last_answers, minutes_of
+from fieldkit.commands.estimating import as_document, config_for, estimates_of, estimator_for, minutes_of
 from fieldkit.commands.slope_table import print_slopes
+from fieldkit.estimation.answers import answers_of
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder import View
 from fieldkit.samples import Event, EventKind, Frame, Health, Reading
@@ -41,7 +42,7 @@ def command(
             minutes = list(minutes_of(opened, estimator))
         else:
             minutes = play(opened, estimator, factor, _view(opened, estimator, theme))
-        answers = last_answers(minutes, estimator.regions)
+        answers = answers_of(estimates_of(minutes), estimator.regions)
     if common.options().json:
         common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
         return

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +16,7 @@ from fieldkit.commands.session_paths import newest
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
+    from fieldkit.slope import SlopeEstimate
 
 _LAST_EVENTS = 12
 _POLL_S = 0.5
@@ -37,7 +40,7 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
             print_json(document)
             return
         if not options(ctx).json:
-            _print(document)
+            _print(document, answers(opened))
         if opened.state == "interrupted":
             say(f"next: fieldkit recover {path}")
         if follow:
@@ -46,7 +49,6 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
 
 def describe(session: Session) -> dict[str, Any]:
     """What a session is and holds, for people and for ``--json``."""
-    last = {one.region: one for one in session.estimates()}
     return {
         "session": str(session.path), "title": session.header.title, "state": session.state,
         "site": {
@@ -68,7 +70,7 @@ def describe(session: Session) -> dict[str, Any]:
                 "region": one.region, "at": local_time(session, one.time_ns), "state": one.state.name.lower(),
                 "tilt_deg": one.tilt_deg, "azimuth_deg": one.azimuth_deg, "model": one.model,
             }
-            for one in last.values()
+            for one in answers(session)
         ],
         "events": [
             {
@@ -82,6 +84,13 @@ def describe(session: Session) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def answers(session: Session) -> list[SlopeEstimate]:
+    """The slope that stands for each target of a session."""
+    from fieldkit.estimation.answers import answers_of
+
+    return list(answers_of(session.estimates(), session.regions).values())
+
+
 def _stream(session: Session, name: str) -> dict[str, Any]:
     info = session.streams[name]
     return {
@@ -92,7 +101,7 @@ def _stream(session: Session, name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _print(document: dict[str, Any]) -> None:
+def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate]) -> None:
     site = document["site"]
     click.echo(f"{document['title'] or document['session']}  ({document['state']})")
     click.echo(f"  {document['session']}")
@@ -105,12 +114,19 @@ def _print(document: dict[str, Any]) -> None:
     for one in document["regions"]:
         true = f"{one['tilt_deg']:g}°/{one['azimuth_deg']:g}°" if one["tilt_deg"] == one["tilt_deg"] else ""
         click.echo(f"  region {one['name']:<12} {one['kind']:<10} {true}")
-    for one in document["slopes"]:
-        angles = f"{one['tilt_deg']:.1f}° / {one['azimuth_deg']:.0f}°"
-        state = one["state"].replace("_", " ")
-        click.echo(f"  slope  {one['region']:<12} {angles:<16} {state}  {one['at']}")
+    for slope, told in zip(slopes, document["slopes"], strict=True):
+        click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {told['at']}")
     for one in document["events"][-_LAST_EVENTS:]:
         click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {one['text']}".rstrip())
+
+
+def _slope(slope: SlopeEstimate) -> str:
+    """Angles with their 90 % regions and the state, or in words why there are none."""
+    from fieldkit.views import words
+
+    if math.isfinite(slope.tilt_deg):
+        return f"{words.tilt(slope)}°, azimuth {words.azimuth(slope)}  {words.state(slope)}"
+    return f"{words.state(slope)}: {slope.reason}" if slope.reason else words.state(slope)
 
 
 def _follow(session: Session) -> None:

@@ -160,7 +160,8 @@ class EstimatorTable(Table):
         default="paper", description="full adds the sky's light and long wave and the heat stored in the sand"
     )
     window_s: Annotated[float, Field(ge=60)] | Literal["weather"] = Field(
-        default=1200.0, description='how far back an estimate looks; "weather": since its last change'
+        default="weather",
+        description='how far back an estimate looks; "weather": as far as one slope explains the minutes',
     )
     azimuth: Literal["free", "known"] = Field(
         default="free", description="known takes each region's azimuth_deg as given"

@@ -38,7 +38,10 @@ NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What is known of one slope: best normal (3,) or None, the second that fits, both regions, the state."""
+    """What is known of one slope: best normal (3,) or None, the second that fits, both regions, the state.
+
+    `explained` is false where the minutes agree on no slope, however steep.
+    """
 
     state: SlopeState
     reason: str
@@ -48,6 +51,7 @@ class Solution:
     noise: LikelihoodRegion
     chi_square: float
     used: int
+    explained: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +138,8 @@ def solution(
     if problem.settings.method == "posterior":
         fit = _least_squares(problem)
     if best is None:
-        return _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
+        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
+        return replace(nowhere, explained=False)
     return _judged(problem, fit, best)
 
 
@@ -221,7 +226,8 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
         state, reason = SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
     elif whole.vertical:
         state, reason = SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
-    return Solution(state, reason, best, second, whole, noise, chi_square, int(problem.used.sum()))
+    used = int(problem.used.sum())
+    return Solution(state, reason, best, second, whole, noise, chi_square, used, explained=not is_bad)
 
 
 def _misfit_reason(problem: _Problem, chi_square: float) -> str:

@@ -21,7 +21,8 @@ PAPER_SCALE_SD = 0.20
 class EstimatorSettings:
     """How slopes are worked out of minutes.
 
-    `window_s` None means since the last change of weather. `noise_k` is the standard
+    `window_s` None means since the last change of weather: as far back as one slope explains
+    the minutes. `noise_k` is the standard
     deviation of one region's minute mean that does not repeat. `scale` is the calibrated
     kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty
     (irradiance, albedo), `exchange_sd` the relative one of the exchange with the air;
@@ -38,7 +39,7 @@ class EstimatorSettings:
     irradiance: IrradianceModel = field(default_factory=IrradianceModel)
     method: Method = "unit-norm"
     model: Model = "paper"
-    window_s: float | None = 1200.0
+    window_s: float | None = None
     azimuth: Literal["free", "known"] = "free"
     tilt_limit_deg: float = 45.0
     refraction: bool = False

@@ -3,6 +3,10 @@
 `slopes` looks back over the settings' window, turns minutes into rows (`balance`), solves
 them by the method asked for, and says how far the answer may be trusted. During a cloud
 or a shadow it answers with what was known just before, so an estimate is held, not reset.
+
+"Since the last change of weather" reaches back as far as one slope explains the minutes: a
+cloud that passed weighs next to nothing and ends no window, while a sky, wind or drift that
+changed things for good shows as a misfit, and the window is halved until it fits.
 """
 
 from __future__ import annotations
@@ -10,11 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation import quality
+from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.estimation.balance import Rows, rows
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.methods import Solution, solution
@@ -24,8 +30,11 @@ from fieldkit.samples import Quality
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
 
-CLOUDED_WEIGHT = 0.01
-"""Weight of a clouded minute in the paper's model, which knows no stored heat: kept, but hardly heard."""
+DOUBTFUL_WEIGHT = 0.01
+"""Weight of a clouded minute in the paper's model, which knows no stored heat, and of a shaded one: kept, but
+hardly heard."""
+SHORTEST_MINUTES = 20
+"""A window is not halved below the paper's own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +88,16 @@ def _held(
     last = int(np.flatnonzero(clear)[-1]) + 1 if clear.any() else 0
     window = _Window(history, last, field, settings)
     now, flags = int(history.time_ns[-1]), Quality(int(history.flags[-1]))
-    held = (window.estimate(index) for index in range(field.targets.size))
-    ago = f"; estimate of {(now - history.time_ns[last - 1]) / 60e9:.0f} min ago" if last else ""
-    reason = f"the light is unsteady{ago}"
-    return tuple(
-        replace(answer, time_ns=now, state=SlopeState.HELD_CLOUD, flags=answer.flags | flags, reason=reason)
-        for answer in held
-    )
+    ago = (now - history.time_ns[last - 1]) / 60e9 if last else 0.0
+    held = []
+    for index in range(field.targets.size):
+        answer = window.estimate(index)
+        answer = replace(answer, time_ns=now, flags=answer.flags | flags)
+        if answer.state in WORKED_OUT:
+            reason = f"the light is unsteady; estimate of {ago:.0f} min ago"
+            answer = replace(answer, state=SlopeState.HELD_CLOUD, reason=reason)
+        held.append(answer)
+    return tuple(held)
 
 
 def _shaded(history: History, field: Field, index: int, settings: EstimatorSettings) -> SlopeEstimate:
@@ -106,9 +118,16 @@ def _shaded(history: History, field: Field, index: int, settings: EstimatorSetti
 class _Window:
     """The minutes an estimate looks back on, ending before index `last` of the history."""
 
-    def __init__(self, history: History, last: int, field: Field, settings: EstimatorSettings) -> None:
+    def __init__(
+        self,
+        history: History,
+        last: int,
+        field: Field,
+        settings: EstimatorSettings,
+        minutes: float | None = None,
+    ) -> None:
         self.field, self.settings, self.past = field, settings, history.until(last)
-        self.first = _first(self.past, settings)
+        self.first = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
         if last and field.references.size and field.targets.size:
             offsets = np.array([settings.offsets_k.get(field.regions[c].name, 0.0) for c in field.targets])
@@ -144,20 +163,32 @@ class _Window:
             state, reason = trouble
             low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
             return replace(blank, state=state, reason=reason, flags=flags | low, n_bins=int(used.sum()))
-        answer = solution(self.rows, index, self._weights(used, sigma), region, self.settings)
+        answer = solution(self.rows, index, self._weights(column, used, sigma), region, self.settings)
+        if not answer.explained and self.shorter is not None:
+            later = self.shorter.estimate(index)
+            if later.state not in (SlopeState.TOO_FEW, SlopeState.NO_DATA):
+                return later
         return _filled(blank, answer, self.rows, index)
+
+    @cached_property
+    def shorter(self) -> _Window | None:
+        """The later half of a window whose length is the weather's; None where it is short enough."""
+        minutes = int(self.past.minute[-1] - self.past.minute[self.first])
+        if self.settings.window_s is not None or minutes <= SHORTEST_MINUTES:
+            return None
+        half = max(minutes / 2.0, SHORTEST_MINUTES)
+        return _Window(self.past, len(self.past), self.field, self.settings, half)
 
     def _high_sun(self) -> NDArray[np.bool_]:
         low = np.sin(np.radians(self.settings.low_sun_deg))
         return np.asarray(self.past.sun[self.first :, 2] >= low)
 
-    def _weights(self, used: NDArray[np.bool_], sigma: FloatArray) -> FloatArray:
+    def _weights(self, column: np.int64, used: NDArray[np.bool_], sigma: FloatArray) -> FloatArray:
         weights = np.where(used, 1.0 / np.where(used, sigma, 1.0) ** 2, 0.0)
-        flags = self.past.flags[self.first :]
-        doubtful = (
-            (flags & Quality.CLOUD) != 0 if self.settings.model == "paper" else np.zeros(used.shape, bool)
-        )
-        return np.where(doubtful, CLOUDED_WEIGHT * weights, weights)
+        doubtful = (self.past.region_flags[self.first :, column] & Quality.SHADED) != 0
+        if self.settings.model == "paper":
+            doubtful |= (self.past.flags[self.first :] & Quality.CLOUD) != 0
+        return np.where(doubtful, DOUBTFUL_WEIGHT * weights, weights)
 
     def _trouble(self, column: np.int64, used: NDArray[np.bool_]) -> tuple[SlopeState, str] | None:
         """Why no slope can be worked out at all."""
@@ -183,13 +214,13 @@ class _Window:
         return None
 
 
-def _first(past: History, settings: EstimatorSettings) -> int:
-    """Index of the first minute of the window that ends with the last one."""
+def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:
+    """Index of the first minute of the window that ends with the last one; 0 if nothing bounds it."""
     if settings.window_s is not None:
-        start = past.minute[-1] - settings.window_s / 60.0 if len(past) else 0.0
-        return int(np.searchsorted(past.minute, start))
-    clouded = np.flatnonzero((past.flags & Quality.CLOUD) != 0)
-    return int(clouded[-1]) + 1 if clouded.size and clouded[-1] + 1 < len(past) else 0
+        minutes = settings.window_s / 60.0
+    if minutes is None or not len(past):
+        return 0
+    return int(np.searchsorted(past.minute, past.minute[-1] - minutes))
 
 
 def _label(settings: EstimatorSettings) -> str:

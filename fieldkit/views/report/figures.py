@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.site import RegionKind, Site
 from fieldkit.views import words
 from fieldkit.views.report import canvas
-from fieldkit.views.report.series import ANSWERS, Bed, FloatArray, Series
+from fieldkit.views.report.series import Bed, FloatArray, Series
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,7 +114,7 @@ def _band(
 
 def _doubts(axes: Axes, columns: Series, bed: Bed, values: FloatArray) -> None:
     """Mark minutes that are no answer: crosses where there is a value, ticks at the foot where none is."""
-    doubtful = np.array([e is not None and e.state not in ANSWERS for e in bed.estimates], np.bool_)
+    doubtful = np.array([e is not None and e.state not in WORKED_OUT for e in bed.estimates], np.bool_)
     days, known = canvas.days(columns.time_ns), np.isfinite(values)
     crosses, ticks = days[doubtful & known], days[doubtful & ~known]
     axes.plot(crosses, values[doubtful & known], linestyle="none", marker="x", markersize=5, color="black")

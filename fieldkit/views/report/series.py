@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.answers import ANSWERED, WORKED_OUT, answer_of
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.surface import (
     SurfaceParameters,
@@ -21,7 +22,7 @@ from fieldkit.physics.surface import (
 )
 from fieldkit.samples import Quality
 from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import SlopeEstimate
 from fieldkit.views import words
 
 if TYPE_CHECKING:
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-
-ANSWERS = frozenset({SlopeState.OK, SlopeState.FLAT, SlopeState.NOT_RESOLVED})
-"""States whose slope was worked out at that minute; a held slope is an older one and counts for no error."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +54,9 @@ class Bed:
 
     @property
     def last_answer(self) -> SlopeEstimate | None:
-        """The last slope that was worked out of a minute with pictures, or None."""
-        found = np.flatnonzero(self.is_answer & np.isfinite(self.tilt_deg + self.kelvin_per_degree))
-        return self.estimates[found[-1]] if found.size else None
+        """The slope that stands for the session, or None where none was found."""
+        answer = answer_of(estimate for estimate in self.estimates if estimate is not None)
+        return answer if answer is not None and answer.state in ANSWERED else None
 
     @property
     def last(self) -> SlopeEstimate | None:
@@ -160,7 +158,7 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
         azimuth_low_deg=column("azimuth_low_deg"),
         azimuth_high_deg=column("azimuth_high_deg"),
         kelvin_per_degree=column("kelvin_per_degree"),
-        is_answer=np.array([e is not None and e.state in ANSWERS for e in found], np.bool_),
+        is_answer=np.array([e is not None and e.state in WORKED_OUT for e in found], np.bool_),
     )
 
 

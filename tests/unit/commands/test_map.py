@@ -66,7 +66,7 @@ def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped):
         assert dict(zip(meanings, values, strict=True))["no_intersection"] == SlopeState.NO_INTERSECTION
         assert [dim[0].name for dim in file["tilt_deg"].dims] == ["/y", "/x"]
         assert file.attrs["session_id"].decode() == source.session_id
-        assert file.attrs["minutes"] == mapped["minutes"] == 21
+        assert file.attrs["minutes"] == mapped["minutes"] == 25
         b15 = next(region for region in source.regions if region.name == "b15")
         inside = b15.mask((120, 160))
         assert (file["region"][:][inside] == 3).all()

@@ -44,7 +44,7 @@ def test_an_empty_configuration_gives_the_estimators_own_defaults(config):
 
 def test_every_setting_of_the_estimator_can_be_configured(config):
     given = config(
-        '[estimator]\nmethod = "contours"\nmodel = "full"\nwindow_s = "weather"\nazimuth = "known"\n'
+        '[estimator]\nmethod = "contours"\nmodel = "full"\nwindow_s = 900.0\nazimuth = "known"\n'
         "tilt_limit_deg = 30\nrefraction = true\nnoise_k = 0.1\nlow_sun_deg = 5\nsettle_s = 60\n"
         "min_minutes = 9\ncontour_tolerance_w_m2 = 5\ncontour_threshold = 0.6\nscale = 1.1\n"
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
@@ -65,7 +65,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         irradiance=IrradianceModel("calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1),
         method="contours",
         model="full",
-        window_s=None,
+        window_s=900.0,
         azimuth="known",
         tilt_limit_deg=30.0,
         refraction=True,

@@ -291,3 +291,20 @@ def test_a_last_minute_without_pictures_keeps_the_kelvin_per_degree(yard):
     before, without = run(yard, cut)[-2:]
     for one, other in zip(without.estimates, before.estimates, strict=True):
         assert one.kelvin_per_degree == pytest.approx(other.kelvin_per_degree, rel=0.05)
+
+
+def test_window_reaches_back_over_a_passing_cloud_to_the_start(yard):
+    clouded = replace(yard, clouds=range(20, 24), noise_k=0.02)
+    last = run(clouded, clouded.samples(50))[-1].estimates[0]
+    assert last.window_start_ns < clouded.start_ns + MINUTE_NS
+    assert angle_between_deg(normal(last.tilt_deg, last.azimuth_deg), normal(8.0, 140.0)) < 1.0
+
+
+def test_window_is_halved_until_one_slope_explains_it(yard):
+    """A bed that is turned over after 40 minutes: what was before says nothing about what is."""
+    turned = replace(yard, beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0)))
+    before = replace(yard, beds=yard.beds[:2]).samples(40)
+    after = [sample for sample in turned.samples(80) if sample.time_ns >= yard.start_ns + 40 * MINUTE_NS]
+    last = run(turned, [*before, *after], EstimatorSettings(azimuth="known"))[-1].estimates[0]
+    assert last.tilt_deg == pytest.approx(20.0, abs=0.3)
+    assert last.window_start_ns >= yard.start_ns + 40 * MINUTE_NS
