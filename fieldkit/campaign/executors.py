@@ -5,16 +5,18 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from typing import Any
 
 from fieldkit.campaign.cache import code_version
 from fieldkit.errors import ConfigError, RefusedError
 
 RETRIES = 3
-"""How often a run is given to another worker after the one that had it died."""
-ANSWER_S = 10
+"""How often work is given to another worker after the one that had it died."""
+ANSWER_S = 5
 """How long a Dask scheduler may take to answer."""
 
 
@@ -26,16 +28,39 @@ def cores() -> int:
 @contextmanager
 def local(processes: int) -> Iterator[Executor]:
     """So many processes of this computer; one means this very process."""
-    if processes == 1:
-        pool: Executor = ThreadPoolExecutor(1)
-    else:
-        # spawned: a forked copy of a process with threads may hang
-        spawn = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(processes, spawn, initializer=_leave_ctrl_c)
+    pool: Executor = ThreadPoolExecutor(1) if processes == 1 else Processes(processes)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+class Processes(Executor):
+    """So many processes, all started anew when one of them was killed; work under way must be given again."""
+
+    def __init__(self, count: int) -> None:
+        self._count, self._restarts = count, 0
+        self._pool = self._started()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """See `Executor`; raises `BrokenProcessPool` when processes died once more than `RETRIES`."""
+        try:
+            return self._pool.submit(fn, *args, **kwargs)
+        except BrokenProcessPool:
+            if self._restarts == RETRIES:
+                raise
+        self._restarts += 1
+        self._pool = self._started()
+        return self._pool.submit(fn, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See `Executor`."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def _started(self) -> ProcessPoolExecutor:
+        # spawned: a forked copy of a process with threads may hang
+        spawn = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._count, spawn, initializer=_leave_ctrl_c)
 
 
 @contextmanager

@@ -17,12 +17,15 @@ import numpy as np
 from fieldkit.campaign.cache import Cache, digest
 from fieldkit.campaign.estimates import Estimates
 from fieldkit.campaign.sources import Source
-from fieldkit.campaign.work import bin_settings, estimate, read_minutes
 from fieldkit.config import changed_config
 from fieldkit.errors import FieldkitError
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.site import Site
+
+NEVER_ENOUGH = 2**31
+"""So many minutes no session has: the estimator then makes minutes and leaves their slopes alone."""
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,27 @@ class Failure:
     error: FieldkitError
 
 
-Follow = Callable[[Any], list[Outcome | Failure]]
-"""What is done with a worker's result: the outcomes it is, or none and more work."""
-
-
 def run_of(source: Source, settings: Sequence[str] = (), number: int = 0) -> Run:
     """A session with ``KEY=VALUE`` over its configuration; raises `ConfigMistakesError`."""
     config = changed_config(source.config, settings)
     return Run(source, config.site, config.estimator_settings(), number)
+
+
+def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
+    """The settings that enter the minutes themselves, everything else at its default.
+
+    From counts to surface temperature (emissivity, reflected temperature), from light reading
+    to direct sun (irradiance model, refraction), and what flags a minute (low sun, settling).
+    """
+    return EstimatorSettings(
+        surface=SurfaceParameters(emissivity=settings.surface.emissivity),
+        irradiance=settings.irradiance,
+        refraction=settings.refraction,
+        reflected_temperature_k=settings.reflected_temperature_k,
+        low_sun_deg=settings.low_sun_deg,
+        settle_s=settings.settle_s,
+        min_minutes=NEVER_ENOUGH,
+    )
 
 
 def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterator[Outcome | Failure]:
@@ -84,16 +100,30 @@ def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterat
         else:
             texts = tuple(str(text) for text in entry["texts"])
             yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions), cached=True)
-    for outcome in _Work(executor, cache).outcomes([same[0] for same in missing.values()]):
+    firsts = [same[0] for same in missing.values()]
+    for outcome in _Work(executor, cache).outcomes(firsts) if firsts else ():
         yield from (replace(outcome, run=run) for run in missing[outcome.run.key])
+
+
+@dataclass(frozen=True)
+class _Task:
+    """Work for a worker, the runs it concerns, and what is done with its result."""
+
+    runs: Sequence[Run]
+    follow: Callable[[Any], list[Outcome | Failure]]
+    work: Callable[[], Any]
 
 
 class _Work:
     """Runs handed to an executor: first the minutes of each session, then slopes from the minutes."""
 
     def __init__(self, executor: Executor, cache: Cache) -> None:
+        # the estimator takes a second to import, more than all else where everything is known
+        from fieldkit.campaign import work
+
+        self._read_minutes, self._slopes = work.read_minutes, work.estimate
         self._executor, self._cache = executor, cache
-        self._under_way: dict[Future[Any], tuple[Sequence[Run], Follow]] = {}
+        self._under_way: dict[Future[Any], _Task] = {}
         self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
 
     def outcomes(self, runs: Sequence[Run]) -> Iterator[Outcome | Failure]:
@@ -102,16 +132,14 @@ class _Work:
             self._begin(of_source)
         while self._under_way:
             future = self._finished.get()
-            concerned, follow = self._under_way.pop(future)
+            task = self._under_way.pop(future)
             try:
-                outcomes = follow(future.result())
-            except BrokenProcessPool as error:
-                raise FieldkitError(
-                    "a worker process was killed, perhaps for want of memory",
-                    fix="what was finished is kept: run the same again, with fewer processes (-j)",
-                ) from error
+                outcomes = task.follow(future.result())
+            except BrokenProcessPool:
+                self._submit(task)
+                continue
             except FieldkitError as error:
-                outcomes = [Failure(run, error) for run in concerned]
+                outcomes = [Failure(run, error) for run in task.runs]
             yield from outcomes
 
     def _begin(self, runs: Sequence[Run]) -> None:
@@ -127,7 +155,8 @@ class _Work:
             wanted = [(group[0].site, bin_settings(group[0].settings)) for group in unread]
             concerned = [run for group in unread for run in group]
             follow = functools.partial(self._minutes_read, unread)
-            self._submit(concerned, follow, read_minutes, source.path, source.regions, wanted)
+            read = functools.partial(self._read_minutes, source.path, source.regions, wanted)
+            self._submit(_Task(concerned, follow, read))
 
     def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome | Failure]:
         for group, history in zip(groups, made, strict=True):
@@ -139,15 +168,22 @@ class _Work:
     def _estimate(self, history: History, group: Sequence[Run]) -> None:
         for run in group:
             follow = functools.partial(self._estimated, run)
-            self._submit([run], follow, estimate, history, run.source.regions, run.settings)
+            work = functools.partial(self._slopes, history, run.source.regions, run.settings)
+            self._submit(_Task([run], follow, work))
 
     def _estimated(self, run: Run, made: Estimates) -> list[Outcome | Failure]:
         self._cache.store(run.key, {"rows": made.rows, "texts": np.array(made.texts, np.str_)})
         return [Outcome(run, made)]
 
-    def _submit(self, runs: Sequence[Run], follow: Follow, work: Callable[..., Any], *given: Any) -> None:
-        future = self._executor.submit(work, *given)
-        self._under_way[future] = runs, follow
+    def _submit(self, task: _Task) -> None:
+        try:
+            future = self._executor.submit(task.work)
+        except BrokenProcessPool as error:
+            raise FieldkitError(
+                "worker processes are killed again and again, perhaps for want of memory",
+                fix="what was finished is kept: run the same again, with fewer processes (-j)",
+            ) from error
+        self._under_way[future] = task
         future.add_done_callback(self._finished.put)
 
 

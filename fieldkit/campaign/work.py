@@ -1,7 +1,7 @@
 """What worker processes do: read a session into minutes, and work slopes out of minutes.
 
 A session is read once for all parameters: most of them are used after the minutes are made,
-so that estimating again costs no reading. What does enter the minutes is what `bin_settings`
+so that estimating again costs no reading. What does enter the minutes is what `runs.bin_settings`
 keeps. The results are those of the `Estimator`, to the last bit.
 """
 
@@ -18,35 +18,14 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.sessions.reader import open_session
 from fieldkit.site import Region, Site
-
-NEVER_ENOUGH = 2**31
-"""So many minutes no session has: the estimator then makes minutes and leaves their slopes alone."""
-
-
-def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
-    """The settings that enter the minutes themselves, everything else at its default.
-
-    From counts to surface temperature (emissivity, reflected temperature), from light reading
-    to direct sun (irradiance model, refraction), and what flags a minute (low sun, settling).
-    """
-    return EstimatorSettings(
-        surface=SurfaceParameters(emissivity=settings.surface.emissivity),
-        irradiance=settings.irradiance,
-        refraction=settings.refraction,
-        reflected_temperature_k=settings.reflected_temperature_k,
-        low_sun_deg=settings.low_sun_deg,
-        settle_s=settings.settle_s,
-        min_minutes=NEVER_ENOUGH,
-    )
 
 
 def read_minutes(
     path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
 ) -> list[History]:
-    """The minutes of a session for each site and `bin_settings` wanted, in one pass over its samples.
+    """The minutes of a session for each site and `runs.bin_settings` wanted, in one pass over its samples.
 
     Raises `SessionError`.
     """

@@ -1,4 +1,4 @@
-"""A sweep on a Dask cluster of real worker processes on loopback, one of which is killed while it works."""
+"""Sweeps by real worker processes, here and on a Dask cluster on loopback, killed while they work."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-pytest.importorskip("distributed")
-
 GRID = ("--set", "surface.albedo=0.15:0.35:0.02", "--set", "surface.emissivity=0.88,0.90")
-RUNS = 11 * 2 * 2
+RUNS, MINUTES = 11 * 2 * 2, 2 * 2
+ENTRIES = RUNS + MINUTES
+"""In the cache afterwards: each run, and the minutes of two sessions at two emissivities."""
 PATIENCE_S = 60
 
 
@@ -79,6 +79,81 @@ def until(true: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
+@contextmanager
+def sweep_held_still(recordings: Path, cache: Path, *options: object) -> Iterator[subprocess.Popen[str]]:
+    """A sweep with some of its runs done, asleep within the block so that it cannot finish the others."""
+    sweep = subprocess.Popen(
+        [sys.executable, "-m", "fieldkit", "sweep", str(recordings), *GRID, *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+    )
+    until(lambda: entries(cache) > 4 or sweep.poll() is not None)
+    sweep.send_signal(signal.SIGSTOP)
+    assert sweep.poll() is None, sweep.communicate()
+    assert entries(cache) < ENTRIES
+    yield sweep
+    sweep.send_signal(signal.SIGCONT)
+
+
+def entries(cache: Path) -> int:
+    return len(list(cache.rglob("*.npz")))
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[int]:
+    """The spawned processes of a pool, by the kernel's account."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    commands = {int(pid): Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children}
+    return [pid for pid, command in commands.items() if b"spawn_main" in command]
+
+
+def finished(sweep: subprocess.Popen[str]) -> str:
+    """What a sweep says in the end, if that is well."""
+    _, told = sweep.communicate(timeout=PATIENCE_S)
+    assert sweep.returncode == 0, told
+    return told
+
+
+@pytest.fixture(scope="module")
+def undisturbed(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The table of the same sweep by one process."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    done = run("sweep", recordings, *GRID, "-j", 1, "-o", folder / "local", cache=folder)
+    assert done.returncode == 0, done.stderr
+    return (folder / "local.csv").read_bytes()
+
+
+def test_a_killed_process_of_this_computer_costs_nothing_but_time(recordings, undisturbed, tmp_path):
+    with sweep_held_still(recordings, tmp_path, "-j", 2, "-o", tmp_path / "two") as sweep:
+        os.kill(workers_of(sweep)[0], signal.SIGKILL)
+    finished(sweep)
+    assert entries(tmp_path) == ENTRIES
+    assert (tmp_path / "two.csv").read_bytes() == undisturbed
+
+
+def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
+    recordings, undisturbed, tmp_path
+):
+    with sweep_held_still(recordings, tmp_path, "-j", 2, "-o", tmp_path / "two") as sweep:
+        kept = entries(tmp_path)
+        for pid in workers_of(sweep):
+            os.kill(pid, signal.SIGKILL)
+    while sweep.poll() is None:
+        with suppress(OSError):  # it may end, or a worker may, between the look and the blow
+            for pid in workers_of(sweep):
+                os.kill(pid, signal.SIGKILL)
+    _, told = sweep.communicate()
+    assert sweep.returncode == 1
+    assert "killed again and again" in told
+    assert "with fewer processes" in told
+    again = run("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "again", cache=tmp_path)
+    known = re.search(r"done, (\d+) of them known before", again.stderr)
+    assert known is not None, again.stderr
+    assert kept - MINUTES <= int(known.group(1)) < RUNS
+    assert (tmp_path / "again.csv").read_bytes() == undisturbed
+
+
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]:
     """The scheduler's address and two worker processes, on loopback."""
@@ -94,24 +169,14 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[str]]]]
         yield address, workers
 
 
-def test_a_killed_worker_costs_nothing_but_time(cluster, recordings, tmp_path):
+def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings, undisturbed, tmp_path):
     address, workers = cluster
-    cache = tmp_path / "cluster"
-    options = (*GRID, "--executor", "dask", "--address", address, "-o", tmp_path / "remote")
-    command = [sys.executable, "-m", "fieldkit", "sweep", recordings, *options]
-    sweep = subprocess.Popen(
-        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
-    )  # fmt: skip
-    until(lambda: len(list(cache.rglob("*.npz"))) > 10 or sweep.poll() is not None)
-    assert sweep.poll() is None, sweep.communicate()
-    workers[0].send_signal(signal.SIGKILL)
-    _, told = sweep.communicate(timeout=PATIENCE_S)
-    assert sweep.returncode == 0, told
-    assert len(list(cache.rglob("*.npz"))) == RUNS + 4  # and the minutes of two sessions at two emissivities
-    local = run("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "local", cache=tmp_path / "here")
-    assert local.returncode == 0, local.stderr
-    assert (tmp_path / "remote.csv").read_bytes() == (tmp_path / "local.csv").read_bytes()
+    options = ("--executor", "dask", "--address", address, "-o", tmp_path / "remote")
+    with sweep_held_still(recordings, tmp_path / "cache", *options) as sweep:
+        workers[0].send_signal(signal.SIGKILL)
+    finished(sweep)
+    assert entries(tmp_path / "cache") == ENTRIES
+    assert (tmp_path / "remote.csv").read_bytes() == undisturbed
 
 
 def test_an_address_where_nobody_answers_is_told(recordings, tmp_path):

@@ -5,8 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from fieldkit.campaign.runs import bin_settings
 from fieldkit.campaign.sources import config_for
-from fieldkit.campaign.work import bin_settings, estimate, read_minutes
+from fieldkit.campaign.work import estimate, read_minutes
 from fieldkit.errors import SessionError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.settings import EstimatorSettings

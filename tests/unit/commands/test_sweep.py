@@ -197,10 +197,10 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr("fieldkit.campaign.runs.estimate", stopped_after_five)
+    monkeypatch.setattr("fieldkit.campaign.work.estimate", stopped_after_five)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 130
-    monkeypatch.setattr("fieldkit.campaign.runs.estimate", real)
+    monkeypatch.setattr("fieldkit.campaign.work.estimate", real)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 0
     assert "5 of them known before" in found.stderr
