@@ -70,7 +70,7 @@ def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
     if missing:
         yield Finding("fail", name, f"{missing} samples are missing from the file (numbers 0 to {seq[-1]})")
     if lost := _lost_before(reader):
-        text = f"{lost} samples were lost before they came here, by the device's own counter"
+        text = f"{lost} samples were lost before they came here, by the device's counter"
         yield Finding("warn", name, text)
 
 

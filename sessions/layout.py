@@ -188,12 +188,13 @@ def _flags(*dims: str, shape: tuple[int, ...] = ()) -> Column:
 def _stamps(info: StreamInfo) -> list[Column]:
     unit = {"units": info.device_time_unit} if info.device_time_unit else {}
     own = {"long_name": "the device's own stamp", **unit}
+    counter = {"long_name": "the device's own counter, or the kernel's"}
     return [
         _time(),
         _mono(),
         Column("device_time", "<i8", fill=NO_COUNTER, attributes=own),
         Column("seq", "<i8", attributes={"long_name": "number of the sample, from 0", "units": "1"}),
-        Column("device_seq", "<i8", fill=NO_COUNTER, attributes={"long_name": "the device's own counter"}),
+        Column("device_seq", "<i8", fill=NO_COUNTER, attributes=counter),
         _flags(),
         Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the sample's bytes and stamps"}),
     ]

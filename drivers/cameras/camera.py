@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fieldkit.clock import Clock
-from fieldkit.device import FrameSource, StreamInfo
+from fieldkit.device import Buffer, FrameSource, StreamInfo
 from fieldkit.drivers.cameras.picture import Decode, Picture
 from fieldkit.drivers.cameras.watch import Watch
 from fieldkit.drivers.records import Rejected
 from fieldkit.errors import DecodeError, DeviceError, DeviceTimeoutError
-from fieldkit.samples import Frame, Quality
+from fieldkit.samples import NO_COUNTER, Frame, Quality
 
 FIRST_PICTURE_S = 5.0
 OPTIONS = ("backend", "accuracy", "latency_s")
@@ -57,7 +57,7 @@ class ThermalCamera:
             metadata_rows=picture.metadata_rows,
             quality=picture.quality | self._watch.look(picture, buffer) | self._scale_doubt(picture),
             device_time=picture.device_time,
-            device_seq=picture.device_seq,
+            device_seq=_number(picture, buffer),
             fpa_temperature_k=picture.fpa_temperature_k,
         )
 
@@ -89,6 +89,13 @@ class ThermalCamera:
         """`NO_VALUE` where a picture's own scale is not the one the stream declared."""
         changed = picture.scale != self.info.scale and self.info.law == "linear"
         return Quality.NO_VALUE if changed else Quality.GOOD
+
+
+def _number(picture: Picture, buffer: Buffer) -> int:
+    """The camera's own count of its pictures; the kernel's where the camera keeps none."""
+    if picture.device_seq == NO_COUNTER and buffer.sequence >= 0:
+        return buffer.sequence
+    return picture.device_seq
 
 
 def first_picture(source: FrameSource, decode: Decode, name: str, clock: Clock) -> Picture:

@@ -33,7 +33,7 @@ _STAMPS = {
     "timestamp": _TIME,
     "mono_ns": {**_INTEGER, "description": "host monotonic clock at the first byte"},
     "seq": _INTEGER,
-    "device_seq": {"type": ["integer", "null"], "description": "the device's own counter"},
+    "device_seq": {"type": ["integer", "null"], "description": "the device's own counter, or the kernel's"},
     "device_time": {"type": ["integer", "null"], "description": "the device's own stamp"},
     "flags": {**_INTEGER, "description": "quality flags; meanings in the session file's reference"},
 }

@@ -11,7 +11,7 @@ from fieldkit.drivers.cameras.p2pro import LENGTH, P2Pro, decode
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.records import Rejected
 from fieldkit.errors import DeviceError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality
 
 GREY = np.full((192, 256), 0x8020, "<u2")
 
@@ -62,6 +62,13 @@ def test_picture_that_stands_still_betrays_the_shutter(reel):
     assert flags[3] == Quality.DUPLICATE | Quality.SHUTTER
     assert set(flags[4:252]) == {Quality.SHUTTER}  # ten seconds of settling
     assert flags[260] == Quality.GOOD
+
+
+def test_the_kernels_number_stands_in_for_the_counter_the_camera_lacks(reel):
+    numbers = (0, 1, 2, 4, -1)  # the first picture is spent on the opening; OpenCV tells no number
+    buffers = [Buffer(frame(seed=n), n * 40_000_000, number) for n, number in enumerate(numbers)]
+    camera = opened(reel(*buffers))
+    assert [camera.read(1.0).device_seq for _ in numbers[1:]] == [1, 2, 4, NO_COUNTER]
 
 
 class Camera:
