@@ -49,18 +49,20 @@ class Misfit:
         """
         u, y = np.asarray(lamps, np.float64), np.asarray(y, np.float64)
         w = np.asarray(weights, np.float64)
-        shared = y.ndim > 1 and w.ndim < 2 and not np.isnan(y).any()
-        used = np.where(np.isnan(y), 0.0, np.broadcast_to(w, y.shape))
+        unknown = np.isnan(y)
+        shared = y.ndim > 1 and w.ndim < 2 and not unknown.any()
+        used = np.where(unknown, 0.0, w)
         common = used if y.ndim == 1 else np.broadcast_to(w, y.shape[-1:]) if shared else None
         if common is not None:
             H = (u * common[:, np.newaxis]).T @ u
         else:
             H = np.einsum("mk,ki,kj->mij", used, u, u, optimize=True)
-        weighted = used * np.nan_to_num(y)
+        y = np.where(unknown, 0.0, y)
+        weighted = used * y
         return cls(
             H,
             weighted @ u,
-            np.sum(weighted * np.nan_to_num(y), axis=-1),
+            np.sum(weighted * y, axis=-1),
             np.asarray(np.sum(used > 0.0, axis=-1)),
         )
 
@@ -102,8 +104,9 @@ def solve(misfit: Misfit) -> Branches:
     values, vectors = np.linalg.eigh(H)
     shared = H.ndim == 2
     b = np.where(known[..., np.newaxis], misfit.b, VERTICAL)
-    beta = np.moveaxis(b @ vectors if shared else _times(np.swapaxes(vectors, -1, -2), b), -1, 0)
-    lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else np.moveaxis(values, -1, 0)
+    # components first from here on, slopes last: transposed, for there is one axis of slopes at most
+    beta = (b @ vectors if shared else _times(np.swapaxes(vectors, -1, -2), b)).T
+    lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else values.T
     starts = np.stack(_starts(lam, beta), axis=1)
     found = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
     normals = [_back(vectors, found[:, branch], shared) for branch in (0, 1)]
@@ -183,8 +186,7 @@ def _tangents(x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _back(vectors: FloatArray, x: FloatArray, shared: bool) -> FloatArray:
-    columns = np.moveaxis(x, 0, -1)
-    return columns @ vectors.T if shared else _times(vectors, columns)
+    return x.T @ vectors.T if shared else _times(vectors, x.T)
 
 
 def _times(matrices: FloatArray, rows: FloatArray) -> FloatArray:

@@ -206,12 +206,17 @@ class _Window:
         ):
             if not np.isfinite(values).any():
                 return SlopeState.NO_DATA, f"{what} in the window"
-        needed = max(3, self.settings.min_minutes)
+        needed = max(self._fewest(column), self.settings.min_minutes)
         if used.sum() < needed:
             return SlopeState.TOO_FEW, f"{used.sum()} of {needed} minutes so far"
         if self.past.region_flags[-1, column] & Quality.SHADED:
             return SlopeState.SHADED, "this region alone lost its sun"
         return None
+
+    def _fewest(self, column: np.int64) -> int:
+        """One minute more than there are angles to find, so that minutes can disagree."""
+        is_known = self.settings.azimuth == "known" and math.isfinite(self.field.regions[column].azimuth_deg)
+        return 2 if is_known else 3
 
 
 def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:
