@@ -171,7 +171,9 @@ class EstimatorTable(Table):
     noise_k: float = Field(default=0.05, gt=0, description="noise of a region's minute mean, one sigma")
     low_sun_deg: float = Field(default=8.0, ge=0, le=45, description="minutes with a lower sun are left out")
     settle_s: float = Field(default=600.0, ge=0, description="how long minutes stay in doubt after a cloud")
-    min_minutes: int = Field(default=5, ge=3, description="fewer good minutes give no estimate")
+    min_minutes: int = Field(
+        default=5, ge=2, description="fewer good minutes give no estimate; a free azimuth needs 3 at least"
+    )
     contour_tolerance_w_m2: Positive | None = Field(
         default=None, examples=[5.0], description="half width of a contour; without it: from the noise"
     )

@@ -80,6 +80,20 @@ def test_every_method_finds_the_beds_within_its_region(yard, settings):
         assert settings.method in found.model
 
 
+def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
+    states = {
+        azimuth: [
+            minute.estimates[0].state
+            for minute in run(yard, yard.samples(4), EstimatorSettings(azimuth=azimuth, min_minutes=2))
+        ]
+        for azimuth in ("known", "free")
+    }
+    few, ok = SlopeState.TOO_FEW, SlopeState.OK
+    assert states["known"] == [few, ok, ok, ok]
+    assert states["free"][:2] == [few, few]
+    assert few not in states["free"][2:]
+
+
 def test_known_azimuth_needs_few_minutes(yard):
     minute = run(yard, yard.samples(8), EstimatorSettings(azimuth="known"))[-1]
     for bed in yard.beds[1:]:
