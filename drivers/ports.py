@@ -114,13 +114,12 @@ class SerialPort:
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""
-        started_ns = self._clock.mono_ns()
-        remaining_s = timeout_s
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         while (found := self.framer.take(layout)) is None:
-            if not self._clock.wait_readable(self._fd, max(remaining_s, 0.0)):
+            if not self._clock.wait_readable(self._fd, max(timeout_s, 0.0)):
                 return None
             self._fill()
-            remaining_s = timeout_s - (self._clock.mono_ns() - started_ns) / 1e9
+            timeout_s = (deadline_ns - self._clock.mono_ns()) / 1e9
         return found
 
     def close(self) -> None:

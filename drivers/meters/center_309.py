@@ -27,7 +27,7 @@ import math
 import struct
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
@@ -68,37 +68,44 @@ def take(buffer: bytes) -> Taken:
         return None
     if buffer[44] != 0x03:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
-    values = _values(buffer)
-    low, high = LIMITS[values[0].unit]
-    for value in values:
-        if value.value < low or value.value > high:  # NaN is neither
-            reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
-            return Rejected(skip_to(_START, buffer), reason)
-    return Record(LENGTH, values)
-
-
-def _values(buffer: bytes) -> tuple[Value, ...]:
-    unit, quality, words = _state(buffer[1], buffer[2])
-    overload, whole = buffer[39], buffer[43]
     values = []
-    for channel, count in enumerate(_COUNTS.unpack_from(buffer, 7)):
-        name = CHANNELS[channel]
-        if overload >> channel & 1 or count == OPEN_PROBE:
+    meanings, low, high = _meanings(buffer[1], buffer[2], buffer[39], buffer[43])
+    for count, (divisor, unit, name, quality, words) in zip(
+        _COUNTS.unpack_from(buffer, 7), meanings, strict=True
+    ):
+        if not divisor or count == OPEN_PROBE:
             values.append(Value(math.nan, unit, name, quality | Quality.NO_VALUE, ("overload", *words)))
-        else:
-            number = float(count) if whole >> channel & 1 else count / 10
-            values.append(Value(number, unit, name, quality, words))
-    return tuple(values)
+            continue
+        number = count / divisor
+        if not low <= number <= high:
+            reason = f"{name} = {number:g} {unit} is beyond any thermocouple"
+            return Rejected(skip_to(_START, buffer), reason)
+        values.append(Value(number, unit, name, quality, words))
+    return Record(LENGTH, tuple(values))
+
+
+class Meaning(NamedTuple):
+    """What the flags say of one channel; `divisor` is 0 where it has no value."""
+
+    divisor: int
+    unit: str
+    name: str
+    quality: Quality
+    words: tuple[str, ...]
 
 
 @lru_cache(maxsize=64)
-def _state(first: int, second: int) -> tuple[str, Quality, tuple[str, ...]]:
-    """Unit, quality and words of the two bytes of flags, which hardly ever change."""
+def _meanings(first: int, second: int, overload: int, whole: int) -> tuple[tuple[Meaning, ...], float, float]:
+    """What the four bytes of flags, which hardly ever change, say of each channel, and the limits."""
     words = [word for bit, word in _STATES if first & bit]
     words += ["hold"] * bool(first & 0x20) + [_EXTREMES[first & 0x06]]
     words += ["auto_power_off"] * bool(second & 0x80) + ["memory_full"] * bool(second & 0x01)
     quality = Quality.STALE if first & 0x20 else GOOD
-    return "°C" if first & 0x80 else "°F", quality, tuple(word for word in words if word)
+    unit = "°C" if first & 0x80 else "°F"
+    divisors = [0 if overload >> bit & 1 else 1 if whole >> bit & 1 else 10 for bit in range(4)]
+    said = tuple(word for word in words if word)
+    meanings = [Meaning(divisors[place], unit, name, quality, said) for place, name in enumerate(CHANNELS)]
+    return tuple(meanings), *LIMITS[unit]
 
 
 def take_model(buffer: bytes) -> Taken:

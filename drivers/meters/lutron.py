@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 from fieldkit.clock import Clock
@@ -34,7 +35,17 @@ from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.drivers.records import (
+    GOOD,
+    Decoded,
+    Layout,
+    Record,
+    Rejected,
+    Taken,
+    Value,
+    decode_records,
+    skip_to,
+)
 from fieldkit.errors import DecodeError
 from fieldkit.samples import Quality
 
@@ -42,7 +53,9 @@ LENGTH = 16
 LINE = Line(9600)
 UNITS = {"01": "°C", "02": "°F", "03": "%", "15": "lx", "16": "fc", "17": "dB", "19": "ppm", "57": "g"}
 _START = b"\x02"
-_RECORD = re.compile(rb"\x024([1-9ABC])([0-9]{2})([01])([0-3])([0-9\x18]{8})\r")
+_HEAD = re.compile(rb"\x024([1-9ABC])([0-9]{2})([01])([0-3])")
+_END = 0x0D
+_NO_VALUE = b"\x18"
 _HINT = (
     "switch on the meter and its RS-232 output; the plug's DTR pin must be wired, it powers the transmitter"
 )
@@ -54,22 +67,27 @@ def take(buffer: bytes) -> Taken:
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
     if len(buffer) < LENGTH:
         return None
-    found = _RECORD.match(buffer)
+    head, digits = _head(buffer[:7]), buffer[7:15]
+    if head is not None and buffer[15] == _END:
+        divisor, unit, display, words = head
+        if digits.isdigit():
+            return Record(LENGTH, (Value(int(digits) / divisor, unit, display, GOOD, words),))
+        if _NO_VALUE in digits and digits.replace(_NO_VALUE, b"0").isdigit():
+            value = Value(math.nan, unit, display, Quality.NO_VALUE, ("overload", *words))
+            return Record(LENGTH, (value,))
+    return Rejected(skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D")
+
+
+@lru_cache(maxsize=64)
+def _head(start: bytes) -> tuple[int, str, str, tuple[str, ...]] | None:
+    """Signed divisor, unit, display and words by all but the digits, which hardly ever changes."""
+    found = _HEAD.fullmatch(start)
     if found is None:
-        return Rejected(
-            skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D"
-        )
-    return Record(LENGTH, (_value(*found.groups()),))
-
-
-def _value(display: bytes, code: bytes, polarity: bytes, decimals: bytes, digits: bytes) -> Value:
-    unit = UNITS.get(code.decode())
-    words = () if unit else ("unknown_unit",)
-    unit = unit or f"code {code.decode()}"
-    if b"\x18" in digits:
-        return Value(math.nan, unit, display.decode(), Quality.NO_VALUE, ("overload", *words))
-    number = int(digits) / 10 ** int(decimals)
-    return Value(-number if polarity == b"1" else number, unit, display.decode(), words=words)
+        return None
+    display, code, polarity, decimals = (part.decode() for part in found.groups())
+    unit = UNITS.get(code)
+    divisor = 10 ** int(decimals) * (-1 if polarity == "1" else 1)
+    return divisor, unit or f"code {code}", display, () if unit else ("unknown_unit",)
 
 
 LAYOUT = Layout(take, LENGTH)

@@ -13,7 +13,7 @@ from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port, Stamped
-from fieldkit.drivers.meters.units import convert
+from fieldkit.drivers.meters.units import TO_SI
 from fieldkit.drivers.records import GOOD, Layout, Record
 from fieldkit.errors import DecodeError, DeviceTimeoutError
 from fieldkit.samples import NO_COUNTER, Quality, Reading
@@ -62,6 +62,7 @@ class Meter:
         self._columns = {key: column for column, key in enumerate(keys)}
         self._units = tuple(units) or (info.unit,) * len(keys)
         self._asking = asking
+        self._every_ns = max(int(asking.every_s * 1e9), 1) if asking else 0
         self._range_max = info.settings.get("range_max_lx", math.inf) if info.unit == "lx" else math.inf
         self._due_ns = clock.mono_ns()
         self._foreign = 0
@@ -77,13 +78,11 @@ class Meter:
             if not self._ask(self._asking, timeout_s):
                 return None
             timeout_s = self._asking.answer_s
-        started_ns = self._clock.mono_ns()
-        remaining_s = timeout_s
-        while found := self._port.read(self._layout, remaining_s):
-            reading = self._reading(found)
-            if reading is not None:
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while found := self._port.read(self._layout, timeout_s):
+            if (reading := self._reading(found)) is not None:
                 return reading
-            remaining_s = timeout_s - (self._clock.mono_ns() - started_ns) / 1e9
+            timeout_s = (deadline_ns - self._clock.mono_ns()) / 1e9
         return None
 
     def close(self) -> None:
@@ -92,13 +91,14 @@ class Meter:
 
     def _ask(self, asking: Asking, timeout_s: float) -> bool:
         """Wait for the next turn and send the request; False if the turn is not within `timeout_s`."""
-        wait_s = (self._due_ns - self._clock.mono_ns()) / 1e9
-        self._clock.sleep(min(wait_s, timeout_s))
-        if wait_s > timeout_s:
-            return False
-        every_ns = max(int(asking.every_s * 1e9), 1)
-        missed = (self._clock.mono_ns() - self._due_ns) // every_ns
-        self._due_ns += every_ns * (1 + max(missed, 0))
+        now_ns = self._clock.mono_ns()
+        if now_ns < self._due_ns:
+            wait_s = (self._due_ns - now_ns) / 1e9
+            self._clock.sleep(min(wait_s, timeout_s))
+            if wait_s > timeout_s:
+                return False
+            now_ns = self._clock.mono_ns()
+        self._due_ns += self._every_ns * max(1 + (now_ns - self._due_ns) // self._every_ns, 1)
         if asking.trigger:
             self._port.write(asking.trigger)
             self._clock.sleep(asking.settle_s)
@@ -107,37 +107,35 @@ class Meter:
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
-        converted = self._convert(found.record)
+        record, raw, mono_ns = found
+        converted = self._convert(record)
         if converted is None:
-            self._foreign += bool(found.record.values)  # a line without values is not wrong
+            self._foreign += bool(record.values)  # a line without values is not wrong
             return None
         values, quality = converted
-        record = found.record
-        return Reading(
-            stream=self.info.name,
-            mono_ns=found.mono_ns,
-            time_ns=self._clock.to_utc_ns(found.mono_ns),
-            values=values,
-            raw=found.raw,
-            quality=quality,
-            device_time=NO_COUNTER if record.device_time is None else record.device_time,
-        )
+        device_time = NO_COUNTER if record.device_time is None else record.device_time
+        utc_ns = self._clock.to_utc_ns(mono_ns)
+        return Reading(self.info.name, mono_ns, utc_ns, values, raw, quality, device_time)
 
     def _convert(self, record: Record) -> tuple[tuple[float, ...], Quality] | None:
         """Values of the stream's channels and what to think of them; None if none is the stream's."""
-        values = [math.nan] * len(self._columns)
+        values = [math.nan] * len(self._units)
         quality = GOOD
         mine = known = False
-        for value in record.values:
-            column = self._columns.get(value.channel)
-            number = None if column is None else convert(value.value, value.unit, self._units[column])
-            if column is None or number is None:
+        for number, shown, channel, doubt, _ in record.values:
+            column = self._columns.get(channel)
+            if column is None:
                 continue
+            if shown != self._units[column]:
+                law = TO_SI.get((shown, self._units[column]))
+                if law is None:
+                    continue
+                number = (number + law[0]) / law[1]
             mine = True
             values[column] = number
             known |= number == number
-            if value.quality is not GOOD:
-                quality |= value.quality & ~Quality.NO_VALUE  # one open probe does not spoil the others
+            if doubt is not GOOD:
+                quality |= doubt & ~Quality.NO_VALUE  # one open probe does not spoil the others
             if number >= self._range_max:
                 quality |= Quality.OVERRANGE
         if not known:
