@@ -12,7 +12,7 @@ import json
 import os
 import uuid
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -54,22 +54,35 @@ def read_marks(folder: Path, clock: Clock) -> Iterator[Event]:
 
     A file that is no mark becomes a warning, because a note must not vanish without a word.
     """
-    if not folder.is_dir():
-        return
-    for file in sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns):
-        text = file.read_text(encoding="utf-8", errors="replace")
-        try:
-            yield _event(Mark(**json.loads(text)), clock)
-        except (ValueError, TypeError) as error:
-            now = clock.mono_ns()
-            said = f"a mark could not be read ({error}): {text.strip()}"
-            yield Event(EventKind.MARK, now, clock.to_utc_ns(now), said, severity=Severity.WARNING)
+    for file in _oldest_first(folder):
+        now = clock.mono_ns()
+        yield _read(file, now, clock.to_utc_ns(now))
         file.unlink()
 
 
-def _event(mark: Mark, clock: Clock) -> Event:
-    now_mono_ns = clock.mono_ns()
-    now_ns = clock.to_utc_ns(now_mono_ns)
+def left_marks(folder: Path) -> list[Event]:
+    """Events for the marks that a recording ended too early to take; their files stay.
+
+    "Now" is when each was dropped, by the computer's own time; `mono_ns` is not known.
+    """
+    files = _oldest_first(folder)
+    return [replace(_read(file, 0, file.stat().st_mtime_ns), mono_ns=0) for file in files]
+
+
+def _oldest_first(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
+
+
+def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
+    text = file.read_text(encoding="utf-8", errors="replace")
+    try:
+        return _event(Mark(**json.loads(text)), now_mono_ns, now_ns)
+    except (ValueError, TypeError) as error:
+        said = f"a mark could not be read ({error}): {text.strip()}"
+        return Event(EventKind.MARK, now_mono_ns, now_ns, said, severity=Severity.WARNING)
+
+
+def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
     start_ns = _time_ns(mark.at, now_ns)
     data: dict[str, str | int] = {"label": mark.label} if mark.label else {}
     if mark.to is not None:

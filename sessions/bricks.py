@@ -8,9 +8,11 @@ has it, `time` last.
 
 from __future__ import annotations
 
+import os
 import zlib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from typing import Any
 
 import h5py
@@ -21,6 +23,24 @@ from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 
 _LEVEL = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """One chunk of a brick as it lies in the file: its dataset, first row and column, packed bytes."""
+
+    dataset: str
+    corner: tuple[int, int]
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class PackedBrick:
+    """A whole brick of a camera as another file has it: the columns of its samples, and every tile."""
+
+    stream: str
+    rows: list[dict[str, Any]]
+    tiles: list[Tile]
 
 
 def pack(tile: NDArray[np.uint16]) -> bytes:
@@ -43,6 +63,12 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
     return np.frombuffer(planes, np.uint8).reshape(2, -1).T.copy().view("<u2").reshape(shape)
 
 
+def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
+    """First row and column of each tile that the pictures of a dataset are cut into."""
+    _, rows, cols = dataset.chunks
+    return [(y, x) for y in range(0, dataset.shape[1], rows) for x in range(0, dataset.shape[2], cols)]
+
+
 def _packed(tile: NDArray[np.uint16]) -> tuple[bytes, int]:
     data = pack(tile)
     return data, zlib.crc32(data)
@@ -55,6 +81,7 @@ class BrickWriter:
         self._dataset = dataset
         self._pool = pool
         self.depth, self._rows, self._cols = dataset.chunks
+        self._corners = corners(dataset)
         fill = int(dataset.fillvalue)
         self._brick = np.full((self.depth, *dataset.shape[1:]), fill, "<u2")
         self._fill = fill
@@ -74,27 +101,41 @@ class BrickWriter:
     def write(self) -> list[Chunk]:
         """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
-        corners = [
-            (y, x)
-            for y in range(0, self._brick.shape[1], self._rows)
-            for x in range(0, self._brick.shape[2], self._cols)
-        ]
-        tiles = [self._brick[:, y : y + self._rows, x : x + self._cols] for y, x in corners]
+        tiles = [self._brick[:, y : y + self._rows, x : x + self._cols] for y, x in self._corners]
         packed = self._pool.map(_packed, tiles)  # the first are written while the last are being packed
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
         chunks = [
             self._write_chunk((start, y, x), data, crc32)
-            for (y, x), (data, crc32) in zip(corners, packed, strict=True)
+            for (y, x), (data, crc32) in zip(self._corners, packed, strict=True)
         ]
         if self.is_full:
             self._brick[:] = self._fill
         return chunks
 
+    def copy(self, tiles: Iterable[Tile]) -> None:
+        """Write those of the tiles that are of this dataset; the brick before them must be complete."""
+        start, self.length = self.length, self.length + self.depth
+        self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
+        for tile in tiles:
+            if tile.dataset == self._dataset.name:
+                self._dataset.id.write_direct_chunk((start, *tile.corner), tile.data)
+                self.bytes_written += len(tile.data)
+
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
+        end = self._dataset.file.id.get_filesize()
         self._dataset.id.write_direct_chunk(corner, data)
         self.bytes_written += len(data)
-        place = self._dataset.id.get_chunk_info_by_coord(corner)
-        return Chunk(self._dataset.name, *corner, place.byte_offset, place.size, crc32)
+        return Chunk(self._dataset.name, *corner, self._place(corner, data, end), len(data), crc32)
+
+    def _place(self, corner: tuple[int, int, int], data: bytes, end: int) -> int:
+        """Where a chunk just written lies: nearly always at what was the `end` of the file.
+
+        The library itself looks through all chunks there are to answer that, longer and longer.
+        """
+        descriptor: int = self._dataset.file.id.get_vfd_handle()
+        if os.pread(descriptor, len(data), end) == data:
+            return end
+        return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
 
 
 class _ColumnWriter:

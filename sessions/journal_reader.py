@@ -64,6 +64,14 @@ class SampleRow:
             return None
         return sample if matches else None
 
+    def columns(self) -> dict[str, Any]:
+        """What the session file's columns have of the sample."""
+        return {
+            "time": self.time_ns // 1000, "mono_ns": self.mono_ns, "device_time": self.device_time,
+            "seq": self.seq, "device_seq": self.device_seq, "flags": self.flags, "crc32": self.crc32,
+            "fpa_temperature": float("nan") if self.fpa_temperature is None else self.fpa_temperature,
+        }  # fmt: skip
+
     def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
         """The same row with its picture found elsewhere."""
         return replace(self, data=data, more=more)
@@ -112,10 +120,19 @@ class JournalReader:
         for row in heapq.merge(samples, entries, key=lambda row: int(row[0])):
             yield decode_entry(row[1], row[2]) if len(row) == 3 else SampleRow(*row)
 
-    def stream_rows(self, stream: int) -> Iterator[SampleRow]:
-        """The samples of the stream of that number, in order."""
-        for row in self._merged(_SAMPLE + " WHERE stream = ? ORDER BY id", stream):
+    def stream_rows(
+        self, stream: int, first: int = 0, last: int = 2**62, *, pictures: bool = True
+    ) -> Iterator[SampleRow]:
+        """The samples of a stream in records `first` to `last`, in order; without `pictures` no bytes."""
+        columns = _SAMPLE if pictures else _SAMPLE.replace("data, more", "NULL, NULL")
+        statement = columns + " WHERE stream = ? AND id BETWEEN ? AND ? ORDER BY id"
+        for row in self._merged(statement, stream, first, last):
             yield SampleRow(*row)
+
+    def numbers(self, stream: int) -> Iterator[tuple[int, int]]:
+        """The numbers of the records that are samples of a stream, and of the samples, in order."""
+        sound = "SELECT id, seq FROM sample WHERE stream = ? AND typeof(seq) = 'integer' ORDER BY id"
+        yield from self._merged(sound, stream)
 
     def crc32s(self, stream: int) -> list[int]:
         """The checksums of that stream's samples, in order."""
@@ -130,10 +147,10 @@ class JournalReader:
             except SessionError as error:
                 self.damage.append(error.message)
 
-    def last_seq(self, stream: int) -> int:
-        """The number of that stream's last sample; -1 where there is none."""
+    def total(self, stream: int) -> int:
+        """How many samples of a stream were ever numbered; no number is higher than its record's."""
         rows = self._merged("SELECT max(id), seq FROM sample WHERE stream = ? HAVING seq IS NOT NULL", stream)
-        return max((int(seq) for _, seq in rows), default=-1)
+        return max((min(int(number), int(seq)) + 1 for number, seq in rows), default=0)
 
     def chunks(self, dataset: str, n: int) -> Iterator[Chunk]:
         """Where the chunks of a dataset from row `n` on lie in the session file."""

@@ -40,7 +40,7 @@ from fieldkit.sessions.layout import (
 )
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stream_reader import StreamReader, column_dataset
+from fieldkit.sessions.stream_reader import StreamReader, column_dataset, whole_rows
 from fieldkit.sessions.superblock import MendedFile, is_clean
 from fieldkit.sessions.time_map import TimeStep, mapped, mapped_ns
 from fieldkit.site import Region, Site
@@ -57,12 +57,13 @@ class Session:
     """One recording. Use as a context manager, or call `close`.
 
     `state` is "recording", "interrupted" (its writer ended without sealing: `fieldkit
-    recover`), "recovered" or "sealed".
+    recover`), "recovered" or "sealed". With `salvage` what the file has lost is left out of its tables.
     """
 
-    def __init__(self, path: Path, file: h5py.File, state: str) -> None:
+    def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
         self.path = path
         self.state = state
+        self._salvage = salvage
         self._file = file
         self.header = _header(path, file)
         self.site: Site = self.header.site
@@ -70,7 +71,8 @@ class Session:
         self.session_id = str(_attribute(file, "session_id"))
         self.anchor_ns = int(_scalar(file, "entry/utc_minus_mono_ns"))
         self._readers = {
-            name: StreamReader(file, info, self.anchor_ns) for name, info in self.streams.items()
+            name: StreamReader(file, info, self.anchor_ns, salvage=salvage)
+            for name, info in self.streams.items()
         }
 
     def __enter__(self) -> Self:
@@ -280,12 +282,24 @@ class Session:
         What an older version of the format has not is unknown: the fill value.
         """
         group = self.group(name)
-        columns = {c.name: column_dataset(group, c) for c in self._columns[name] if c.name in group}
+        known = [column for column in self._columns[name] if column.name in group]
+        columns = {column.name: column_dataset(group, column, salvage=self._salvage) for column in known}
         length = min((dataset.shape[0] for dataset in columns.values()), default=0)
+        if self._salvage:
+            length = self._whole(name, columns, length)
         return {
             column.name: columns[column.name][:length] if column.name in columns else column.unknown(length)
             for column in self._columns[name]
         }
+
+    def _whole(self, name: str, columns: Mapping[str, h5py.Dataset], length: int) -> int:
+        """Rows up to the first of which something is not in a file that may have lost its end."""
+        end = self.path.stat().st_size
+        for column in self._columns[name]:
+            if column.name in columns:
+                rows = whole_rows(columns[column.name], column.row_bytes, end)
+                length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
+        return length
 
     @cached_property
     def _columns(self) -> dict[str, Any]:
@@ -302,29 +316,40 @@ def open_session(path: str | Path) -> Session:
     too damaged to read; `fix` says what to do.
     """
     path = Path(path)
-    if is_clean(path):
+    if _is_closed(path):
         return _session(path, lambda: h5py.File(path, "r"))
     if is_locked(journal_path(path)):
         return _session(path, lambda: h5py.File(path, "r", swmr=True), "recording")
     return open_interrupted(path)
 
 
-def open_interrupted(path: Path) -> Session:
+def _is_closed(path: Path) -> bool:
+    try:
+        return is_clean(path)
+    except SessionError as error:
+        waits = journal_path(path).exists() and not is_locked(journal_path(path))
+        raise SessionError(error.message, fix=f"fieldkit recover {path}" if waits else error.fix) from error
+
+
+def open_interrupted(path: Path, *, salvage: bool = False) -> Session:
     """Open a session that nobody writes any more, whatever state its writer left it in.
 
-    Never in SWMR mode, in which HDF5 would wait for the writer to mend what is torn.
+    Never in SWMR mode, in which HDF5 would wait for the writer to mend what is torn. With `salvage`
+    also where a part of the file is gone.
     """
-    return _session(path, lambda: h5py.File(MendedFile(path), "r"), "interrupted")
+    return _session(path, lambda: h5py.File(MendedFile(path), "r"), "interrupted", salvage=salvage)
 
 
-def _session(path: Path, opened: Callable[[], h5py.File], state: str | None = None) -> Session:
+def _session(
+    path: Path, opened: Callable[[], h5py.File], state: str | None = None, *, salvage: bool = False
+) -> Session:
     file = None
     try:
         file = opened()
         _check_format(path, file)
         complete = int(_scalar(file, "entry/complete"))
         found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, "interrupted")
-        return Session(path, file, state or found)
+        return Session(path, file, state or found, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()

@@ -8,35 +8,38 @@ finished session changes nothing.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fieldkit.errors import RefusedError, SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Sample, Severity
+from fieldkit.errors import IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.samples import Event, EventKind, Severity
 from fieldkit.sessions.brick_thread import COMPRESSORS
+from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.layout import RECOVERED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.records import sample_bytes, sample_crc32
-from fieldkit.sessions.salvage import Salvage, Tally
+from fieldkit.sessions.salvage import Lost, Salvage, Tally
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import SessionFile
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
-    """What recovery found: samples per stream, how many only the journal had, and what is lost.
+    """What recovery found: samples per stream, how many only the journal had, and every run of lost ones.
 
-    `lost` has the first and last number of every run of lost samples, per stream;
     `damage` names in words what could not be read. `crashed` is the file as it was.
     """
 
     path: Path
     counts: dict[str, int]
     from_journal: dict[str, int]
-    lost: dict[str, list[tuple[int, int]]]
+    lost: tuple[Lost, ...] = ()
     damage: tuple[str, ...] = ()
     crashed: Path | None = None
     was_complete: bool = False
@@ -45,7 +48,7 @@ class RecoveryReport:
     @property
     def lost_samples(self) -> int:
         """How many samples are known to be lost."""
-        return sum(last - first + 1 for runs in self.lost.values() for first, last in runs)
+        return sum(run.count for run in self.lost)
 
 
 def crashed_path(path: Path) -> Path:
@@ -53,9 +56,10 @@ def crashed_path(path: Path) -> Path:
     return path.with_name(path.name + ".crashed")
 
 
-def recover(path: str | Path) -> RecoveryReport:
+def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     """Finish an interrupted session; on a finished one nothing is done.
 
+    `notes` are marks that the recorder had no time to take: they become events of the session.
     Raises `RefusedError` while it is still being recorded, `SessionError` where nothing can
     be read of it, `StorageError` where the disk has no room for the new file.
     """
@@ -72,7 +76,7 @@ def recover(path: str | Path) -> RecoveryReport:
     lock = SessionLock(folder, RECOVERY)
     try:
         complete = _complete(path)
-        report = complete or _recover(path)
+        report = complete or _recover(path, notes)
     finally:
         lock.release()
     remove_journal(folder)
@@ -81,7 +85,7 @@ def recover(path: str | Path) -> RecoveryReport:
 
 def rebuild(path: Path, state: int) -> SealReport:
     """Make a session's file again from its journal and itself, when it could not be completed."""
-    report, _ = _rebuild(path, state, None)
+    report, _ = _rebuild(path, state, None, ())
     return report
 
 
@@ -95,27 +99,26 @@ def _complete(path: Path) -> RecoveryReport | None:
     except SessionError:
         return None
     return RecoveryReport(
-        path, counts, dict.fromkeys(counts, 0), {}, was_complete=True, bytes=path.stat().st_size
+        path, counts, dict.fromkeys(counts, 0), was_complete=True, bytes=path.stat().st_size
     )
 
 
-def _recover(path: Path) -> RecoveryReport:
+def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     kept = crashed_path(path) if path.exists() else None
-    report, salvage = _rebuild(path, RECOVERED, kept)
+    report, salvage = _rebuild(path, RECOVERED, kept, notes)
     return RecoveryReport(
         path, report.counts, {name: tally.from_journal for name, tally in salvage.tallies.items()},
-        {name: runs for name, tally in salvage.tallies.items() if (runs := _runs(tally.lost))},
+        tuple(run for tally in salvage.tallies.values() for run in tally.lost),
         tuple(dict.fromkeys(salvage.damage)), kept, bytes=report.bytes,
     )  # fmt: skip
 
 
-def _rebuild(path: Path, state: int, keep_as: Path | None) -> tuple[SealReport, Salvage]:
+def _rebuild(
+    path: Path, state: int, keep_as: Path | None, notes: Sequence[Event]
+) -> tuple[SealReport, Salvage]:
     fresh = path.with_name(path.name + ".recovering")
     try:
-        fresh.unlink(missing_ok=True)
-        with Salvage(path) as salvage:
-            _write(fresh, salvage, tell=state == RECOVERED)
-        report = seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state)
+        report, salvage = _made(path, fresh, state, notes)
         if keep_as is not None:
             with contextlib.suppress(FileExistsError):  # left by a recovery that was killed
                 os.link(path, keep_as)
@@ -128,45 +131,70 @@ def _rebuild(path: Path, state: int, keep_as: Path | None) -> tuple[SealReport, 
     return SealReport(path, report.counts, report.bytes, report.verified), salvage
 
 
-def _write(fresh: Path, salvage: Salvage, *, tell: bool) -> None:
-    last: Sample | None = None
+def _made(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
+    """The new file, sealed; if a brick taken as it was does not verify, made again sample by sample."""
+    try:
+        return _verified(path, fresh, state, notes, packed=True)
+    except (IntegrityError, ValueError, TypeError, OverflowError) as error:
+        log.warning("recovering %s sample by sample: %s", path, error)
+        return _verified(path, fresh, state, notes, packed=False)
+
+
+def _verified(
+    path: Path, fresh: Path, state: int, notes: Sequence[Event], *, packed: bool
+) -> tuple[SealReport, Salvage]:
+    fresh.unlink(missing_ok=True)
+    with Salvage(path, packed=packed) as salvage:
+        _write(fresh, salvage, notes, tell=state == RECOVERED)
+    return seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state), salvage
+
+
+def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool) -> None:
     with ThreadPoolExecutor(COMPRESSORS) as pool:
         file = SessionFile(fresh, salvage.identity, pool, swmr=False)
         try:
-            for name, tally in salvage.tallies.items():
-                for sample in salvage.samples(name):
-                    file.put(sample)
-                    tally.crc32s.append(sample_crc32(sample, *sample_bytes(sample)))
-                    last = sample if last is None or sample.mono_ns > last.mono_ns else last
+            for name in salvage.tallies:
+                for piece in salvage.samples(name):
+                    if isinstance(piece, PackedBrick):
+                        file.put_packed(piece)
+                    else:
+                        file.put(piece)
             for entry in salvage.entries():
                 file.put(entry)
-            end_ns = last.time_ns if last else salvage.identity.start_ns
-            if tell:
-                mono_ns = last.mono_ns if last else end_ns - salvage.identity.anchor_ns
-                file.put(_event(salvage.tallies, mono_ns, end_ns))
+            end_ns = max((tally.last_ns for tally in salvage.tallies.values()), default=0)
+            end_ns = end_ns or salvage.identity.start_ns
+            for event in _told(salvage, notes, end_ns, tell=tell):
+                file.put(event)
             file.finish(end_ns)
         finally:
             file.close()
 
 
-def _event(tallies: dict[str, Tally], mono_ns: int, time_ns: int) -> Event:
-    lost = sum(len(tally.lost) for tally in tallies.values())
+def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) -> Iterator[Event]:
+    """Events of the recovery itself: marks nobody had taken, every run of lost samples, the summary."""
+    start_ns, anchor_ns = salvage.identity.start_ns, salvage.identity.anchor_ns
+    for note in notes:
+        time_ns = min(max(note.time_ns, start_ns), end_ns)
+        yield replace(note, time_ns=time_ns, mono_ns=time_ns - anchor_ns)
+    if not tell:
+        return
+    for tally in salvage.tallies.values():
+        for run in tally.lost:
+            time_ns = run.after_ns or start_ns
+            text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
+            data = {"first": run.first, "last": run.last, "lost": run.count}
+            error = Severity.ERROR
+            yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
+    yield _summary(salvage.tallies, end_ns - anchor_ns, end_ns)
+
+
+def _summary(tallies: dict[str, Tally], mono_ns: int, time_ns: int) -> Event:
+    lost = {name: sum(run.count for run in tally.lost) for name, tally in tallies.items()}
     kept = sum(tally.kept for tally in tallies.values())
     data = {
-        name: {"kept": tally.kept, "from_journal": tally.from_journal, "lost": _runs(tally.lost)[:20]}
+        name: {"kept": tally.kept, "from_journal": tally.from_journal, "lost": lost[name]}
         for name, tally in tallies.items()
     }
-    text = f"session recovered: {kept} samples, {lost} lost"
-    severity = Severity.ERROR if lost else Severity.WARNING
+    text = f"session recovered: {kept} samples, {sum(lost.values())} lost"
+    severity = Severity.ERROR if any(lost.values()) else Severity.WARNING
     return Event(EventKind.RECOVERED, mono_ns, time_ns, text, "", severity, data)
-
-
-def _runs(numbers: list[int]) -> list[tuple[int, int]]:
-    """Runs of consecutive numbers, each as first and last."""
-    runs: list[tuple[int, int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][1] + 1:
-            runs[-1] = runs[-1][0], number
-        else:
-            runs.append((number, number))
-    return runs

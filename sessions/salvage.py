@@ -1,14 +1,13 @@
 """What can still be read of an interrupted session: its journal, its file, and the file's loose chunks.
 
-Each sample is looked for in the journal, then in the session file, then in the chunks whose
-places the journal remembers (they survive even a file whose own index is destroyed); it counts
-only if its checksum matches.
+A brick of pictures that the file has whole is taken as it is, packed; of everything else, each
+sample is looked for in the journal, then in the session file, then in the chunks whose places the
+journal remembers (they survive even a file whose own index is destroyed). A sample counts only if
+its checksum matches.
 """
 
 from __future__ import annotations
 
-import os
-import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -20,41 +19,84 @@ from numpy.typing import NDArray
 from fieldkit.clock import ClockCheck
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
-from fieldkit.samples import Event, Health, Quality, Sample
-from fieldkit.sessions.bricks import unpack
+from fieldkit.samples import Event, Health, Sample
+from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
-from fieldkit.sessions.layout import brick_shape, journal_path
+from fieldkit.sessions.layout import brick_shape, entry_columns, journal_path
 from fieldkit.sessions.reader import Session, open_interrupted
-from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, sample_bytes, sample_crc32
+from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
+_READING_BLOCK = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A run of lost samples: first and last number, and UTC of the samples around it (0: there is none)."""
+
+    stream: str
+    first: int
+    last: int
+    after_ns: int
+    before_ns: int
+
+    @property
+    def count(self) -> int:
+        """How many samples."""
+        return self.last - self.first + 1
 
 
 @dataclass
 class Tally:
-    """What became of one stream: samples kept, of those only in the journal, and numbers lost."""
+    """What became of one stream: samples kept, of those only in the journal, checksums, runs lost."""
 
+    stream: str
     kept: int = 0
     from_journal: int = 0
-    lost: list[int] = field(default_factory=list)
+    lost: list[Lost] = field(default_factory=list)
     crc32s: list[int] = field(default_factory=list)
+    last_mono_ns: int = 0
+    last_ns: int = 0
+    _next: int = 0
+
+    def keep(self, seq: int, mono_ns: int, time_ns: int, crc32: int) -> None:
+        """Count a sample; numbers between it and the one before are lost."""
+        self._lose(seq, time_ns)
+        self.kept += 1
+        self.crc32s.append(crc32)
+        self.last_mono_ns, self.last_ns, self._next = mono_ns, time_ns, seq + 1
+
+    def finish(self, total: int) -> None:
+        """Say how many numbers were given: those after the last kept one are lost."""
+        self._lose(total, 0)
+
+    def _lose(self, until: int, before_ns: int) -> None:
+        if until > self._next:
+            self.lost.append(Lost(self.stream, self._next, until - 1, self.last_ns, before_ns))
+
+    def expects(self, seq: int) -> bool:
+        """Whether this number comes after all that were kept."""
+        return seq >= self._next
 
 
 class Salvage:
     """Both sides of an interrupted session, opened for reading; a context manager.
 
-    Raises `SessionError` where neither the file nor the journal can be read.
+    Without `packed` no brick is taken as it is. Raises `SessionError` where neither the file nor
+    the journal can be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, packed: bool = True) -> None:
         self.damage: list[str] = []
         self._path = path
+        self._packed = packed
         self._stack = ExitStack()
         self._session = self._try_session()
         self._journal = self._try_journal()
         self.identity = self._identity()
-        self.tallies = {info.name: Tally() for info in self.identity.header.streams}
+        self.tallies = {info.name: Tally(info.name) for info in self.identity.header.streams}
 
     def __enter__(self) -> Salvage:
         return self
@@ -64,14 +106,18 @@ class Salvage:
 
     def _try_session(self) -> Session | None:
         try:
-            return self._stack.enter_context(open_interrupted(self._path))
+            return self._stack.enter_context(open_interrupted(self._path, salvage=True))
         except SessionError as error:
             self.damage.append(error.message)
             return None
 
     def _try_journal(self) -> JournalReader | None:
+        folder = journal_path(self._path)
+        if not any(folder.glob("*.sqlite")):
+            self.damage.append("there is no journal any more: only what the file itself has comes back")
+            return None
         try:
-            journal = self._stack.enter_context(JournalReader(journal_path(self._path)))
+            journal = self._stack.enter_context(JournalReader(folder))
         except SessionError as error:
             self.damage.append(error.message)
             return None
@@ -87,33 +133,66 @@ class Salvage:
         self._stack.close()
         raise SessionError(f"nothing can be read of {self._path}: {'; '.join(self.damage)}")
 
-    def samples(self, stream: str) -> Iterator[Sample]:
-        """Every sample of a stream that can be had, by number."""
-        number = [info.name for info in self.identity.header.streams].index(stream)
-        info, tally = self.identity.header.streams[number], self.tallies[stream]
-        rows = self._journal.stream_rows(number) if self._journal is not None else iter(())
-        stored = _Stored(self._session, info, self.damage)
-        loose = _LooseChunks(self._path, self._journal, info)
-        row = next(rows, None)
-        for seq in _numbers(stored.numbers, self._journal.last_seq(number) if self._journal else -1):
-            while row is not None and row.seq < seq:
-                row = next(rows, None)
-            mine = row if row is not None and row.seq == seq else None
-            sample = mine.sample(info) if mine is not None else None
-            stored_sample = stored.get(seq) if sample is None else None
-            if sample is None and stored_sample is None and mine is not None:
-                stored_sample = loose.get(mine)
-            self._count(tally, seq, sample or stored_sample, in_file=stored.has(seq))
-            if (found := sample or stored_sample) is not None:
-                yield found
+    def samples(self, stream: str) -> Iterator[Sample | PackedBrick]:
+        """Every sample of a stream that can be had, by number; whole bricks of pictures in one piece."""
+        place = [info.name for info in self.identity.header.streams].index(stream)
+        info, tally = self.identity.header.streams[place], self.tallies[stream]
+        stored = StoredSamples(self._session, info, self.damage)
+        loose = LooseChunks(self._path, self._session, self._journal, info)
+        ids, seqs = self._journalled(place)
+        numbers = np.union1d(seqs, stored.numbers)
+        depth = brick_shape(info)[0] if info.is_camera else _READING_BLOCK
+        blocks = np.split(numbers, np.flatnonzero(np.diff(numbers // depth)) + 1) if len(numbers) else []
+        for wanted in blocks:
+            inside = ids[np.searchsorted(seqs, wanted[0]) : np.searchsorted(seqs, wanted[-1], "right")]
+            brick = self._whole_brick(place, loose, wanted, inside, tally)
+            if brick is not None:
+                yield brick
+                continue
+            for seq, row in self._rows(place, wanted, inside):
+                sample = _found(row, info, stored, loose, seq)
+                if sample is not None and tally.expects(seq):
+                    tally.from_journal += not stored.has(seq)
+                    crc32 = sample_crc32(sample, *sample_bytes(sample))
+                    tally.keep(seq, sample.mono_ns, sample.time_ns, crc32)
+                    yield sample
+        tally.finish(max(stored.total, self._journal.total(place) if self._journal else 0))
 
-    @staticmethod
-    def _count(tally: Tally, seq: int, sample: Sample | None, *, in_file: bool) -> None:
-        if sample is None:
-            tally.lost.append(seq)
-            return
-        tally.kept += 1
-        tally.from_journal += not in_file
+    def _journalled(self, place: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Numbers of the journal's records of a stream, and of the samples in them, by the latter."""
+        rows = list(self._journal.numbers(place)) if self._journal is not None else []
+        both = np.array(rows, np.int64).reshape(-1, 2)
+        by_seq = both[np.argsort(both[:, 1], kind="stable")]
+        return by_seq[:, 0], by_seq[:, 1]
+
+    def _whole_brick(
+        self, place: int, loose: LooseChunks, wanted: NDArray[np.int64], ids: NDArray[np.int64], tally: Tally
+    ) -> PackedBrick | None:
+        """The brick of these samples, if both sides have it whole and nothing before it is lost."""
+        info = self.identity.header.streams[place]
+        whole = info.is_camera and len(wanted) == len(ids) == brick_shape(info)[0]
+        if not (self._packed and whole and wanted[0] == tally.kept and self._journal is not None):
+            return None
+        rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), pictures=False))
+        if [row.seq for row in rows] != wanted.tolist():
+            return None
+        tiles = loose.packed(int(wanted[0]))
+        if tiles is None:
+            return None
+        for row in rows:
+            tally.keep(row.seq, row.mono_ns, row.time_ns, row.crc32)
+        return PackedBrick(info.name, [row.columns() for row in rows], tiles)
+
+    def _rows(
+        self, place: int, wanted: NDArray[np.int64], ids: NDArray[np.int64]
+    ) -> Iterator[tuple[int, SampleRow | None]]:
+        """Each of these numbers with its row of the journal, if it has one."""
+        rows: dict[int, SampleRow] = {}
+        if self._journal is not None and len(ids):
+            found = self._journal.stream_rows(place, int(ids.min()), int(ids.max()))
+            rows = {row.seq: row for row in found}
+        for seq in wanted.tolist():
+            yield seq, rows.get(seq)
 
     def entries(self) -> Iterator[Entry]:
         """Everything that is no sample: of each kind, from the side that has more of it."""
@@ -123,102 +202,19 @@ class Salvage:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
             yield from ours if len(ours) >= len(theirs) else theirs
+        if self._session is not None and self._journal is None:
+            self.damage.extend(_lost_rows(self._session))
 
 
-def _numbers(stored: NDArray[np.int64], last_journalled: int) -> range:
-    """All numbers that were ever given, as far as either side knows."""
-    last_stored = int(stored.max()) if stored.size else -1
-    return range(max(last_stored, last_journalled) + 1)
-
-
-class _Stored:
-    """Samples of one stream in the session file, by number; a block at a time is kept."""
-
-    def __init__(self, session: Session | None, info: StreamInfo, damage: list[str]) -> None:
-        self._reader = session.stream(info.name) if session is not None else None
-        self._damage = damage
-        self._step = brick_shape(info)[0] if info.is_camera else 1024
-        self._first, self._block = -1, list[Sample]()
-        self.numbers: NDArray[np.int64] = np.empty(0, np.int64)
-        try:
-            if self._reader is not None:
-                self.numbers = self._reader.column("seq")
-        except (OSError, RuntimeError) as error:
-            damage.append(f"{info.name}: {error}")
-        self._rows = {int(seq): row for row, seq in enumerate(self.numbers)}
-
-    def has(self, seq: int) -> bool:
-        return seq in self._rows
-
-    def get(self, seq: int) -> Sample | None:
-        """The sample, if it is there and whole."""
-        row = self._rows.get(seq)
-        if row is None:
-            return None
-        first = row - row % self._step
-        if first != self._first:
-            self._first, self._block = first, self._read(first)
-        sample = self._block[row - first] if row - first < len(self._block) else None
-        return None if sample is None or sample.quality & Quality.BAD_CRC or sample.seq != seq else sample
-
-    def _read(self, first: int) -> list[Sample]:
-        assert self._reader is not None
-        try:
-            return list(self._reader.samples(first, first + self._step))
-        except (OSError, RuntimeError, ValueError) as error:
-            self._damage.append(f"{self._reader.info.name}, rows from {first}: {error}")
-            return []
-
-
-class _LooseChunks:
-    """Pictures put together from chunks at remembered places, whatever became of the file's own index."""
-
-    def __init__(self, path: Path, journal: JournalReader | None, info: StreamInfo) -> None:
-        self._path = path
-        self._journal = journal
-        self._info = info
-        self._bricks: dict[str, tuple[int, NDArray[np.uint16]]] = {}
-
-    def get(self, row: SampleRow) -> Sample | None:
-        if not self._info.is_camera:
-            return None
-        counts = self._picture("counts", row.seq, brick_shape(self._info), self._info.shape)
-        depth = brick_shape(self._info)[0]
-        shape = self._info.metadata_shape
-        more = self._picture("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
-        return row.with_bytes(counts, more).sample(self._info)
-
-    def _picture(self, name: str, seq: int, tile: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
-        start = seq - seq % tile[0]
-        if self._bricks.get(name, (-1, None))[0] != start:
-            self._bricks[name] = start, self._brick(f"/{self._info.name}/{name}", start, tile, shape)
-        picture: bytes = self._bricks[name][1][seq - start].tobytes()
-        return picture
-
-    def _brick(
-        self, dataset: str, start: int, tile: tuple[int, int, int], shape: tuple[int, ...]
-    ) -> NDArray[np.uint16]:
-        """The brick with every tile that can be read; later places of a chunk overrule earlier ones."""
-        brick = np.zeros((tile[0], *shape), "<u2")
-        chunks = self._journal.chunks(dataset, start) if self._journal is not None else []
-        for chunk in sorted(chunks, key=lambda chunk: chunk.offset):
-            data = _read_at(self._path, chunk.offset, chunk.size)
-            if zlib.crc32(data) != chunk.crc32:
-                continue
-            y, x = chunk.y, chunk.x
-            brick[:, y : y + tile[1], x : x + tile[2]] = unpack(data, tile)
-        return brick
-
-
-def _read_at(path: Path, offset: int, size: int) -> bytes:
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except OSError:
-        return b""
-    try:
-        return os.pread(descriptor, size, offset)
-    finally:
-        os.close(descriptor)
+def _found(
+    row: SampleRow | None, info: StreamInfo, stored: StoredSamples, loose: LooseChunks, seq: int
+) -> Sample | None:
+    """The sample from the first side that has it whole."""
+    if row is not None and (sample := row.sample(info)) is not None:
+        return sample
+    if (sample := stored.get(seq)) is not None:
+        return sample
+    return loose.get(row) if row is not None else None
 
 
 def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
@@ -235,3 +231,15 @@ def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
         except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
             damage.append(str(error))
     return entries
+
+
+def _lost_rows(session: Session) -> Iterator[str]:
+    """In words, the rows of tables that the file says it has and has not."""
+    for name, columns in entry_columns(session.header).items():
+        try:
+            claimed = int(session.group(name)[columns[0].name].shape[0])
+            there = len(session.table(name)[columns[0].name])
+        except (SessionError, OSError, RuntimeError, ValueError, KeyError):
+            continue  # told when its entries were read
+        if there < claimed:
+            yield f"{name}: rows {there} to {claimed - 1} are lost ({claimed - there} of {claimed})"

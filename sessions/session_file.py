@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.samples import Frame, Reading, Sample
-from fieldkit.sessions.bricks import BrickWriter, TableWriter
+from fieldkit.sessions.bricks import BrickWriter, PackedBrick, TableWriter
 from fieldkit.sessions.guarded import GuardedFile, write_new
 from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.journal import Chunk, Identity, sync
@@ -80,6 +80,10 @@ class SessionFile:
         for table, row in self._entry_rows.rows(record):
             self._tables[table].append(row)
         return []
+
+    def put_packed(self, brick: PackedBrick) -> None:
+        """Take a whole brick as another file has it; all bricks before it must be complete."""
+        self._streams[brick.stream].put_packed(brick)
 
     def flush(self, *, everything: bool = False) -> list[Chunk]:
         """Hand over to the kernel what is due: all rows, and bricks that have waited long (or all)."""
@@ -148,6 +152,12 @@ class _Stream:
             brick.put(picture)
         self._waiting.append(self._row(sample))
         return self.write(force=True) if self._bricks[0].is_full else []
+
+    def put_packed(self, brick: PackedBrick) -> None:
+        for writer in self._bricks:
+            writer.copy(brick.tiles)
+        for row in brick.rows:
+            self._table.append(row)
 
     def write(self, *, force: bool) -> list[Chunk]:
         """Write the bricks if due, then the rows that go with them."""

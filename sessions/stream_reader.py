@@ -7,6 +7,7 @@ never the file's own sizes.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,7 @@ from fieldkit.sessions.layout import Column, brick_shape, exact_time_ns, stream_
 from fieldkit.sessions.records import build_frame, build_reading, sample_bytes, sample_crc32
 
 Columns = dict[str, NDArray[Any]]
+_MOST_UNINDEXED_BYTES = 1_000_000_000
 
 
 def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
@@ -37,12 +39,32 @@ def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: 
     return dataset
 
 
-def column_dataset(group: h5py.Group, column: Column) -> h5py.Dataset:
-    """The dataset of a column, with no more rows than it has bytes for."""
+def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
+    """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
     dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
-    if dataset.shape[0] * column.row_bytes > dataset.id.get_storage_size():
+    try:
+        stored = int(dataset.id.get_storage_size())
+    except RuntimeError as error:
+        if not salvage:
+            raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error
+        stored = _MOST_UNINDEXED_BYTES
+    if dataset.shape[0] * column.row_bytes > stored:
         raise SessionError(f"{dataset.name} claims {dataset.shape[0]} rows that are not there")
     return dataset
+
+
+def whole_rows(dataset: h5py.Dataset, row_bytes: int, end: int) -> NDArray[np.int64]:
+    """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
+    spans: list[NDArray[np.int64]] = []
+
+    def look(chunk: Any) -> None:
+        first = int(chunk.chunk_offset[0])
+        rows = min((end - chunk.byte_offset) // row_bytes, dataset.chunks[0], dataset.shape[0] - first)
+        spans.append(np.arange(first, first + max(0, rows), dtype=np.int64))
+
+    with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
+        dataset.id.chunk_iter(look)
+    return np.sort(np.concatenate([np.empty(0, np.int64), *spans]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,16 +76,21 @@ class _Pictures:
 
 
 class StreamReader:
-    """The stored samples of one stream; raises `SessionError` where the file does not fit its header."""
+    """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
 
-    def __init__(self, file: h5py.File, info: StreamInfo, anchor_ns: int) -> None:
+    With `salvage` a column may have lost a part of its index.
+    """
+
+    def __init__(self, file: h5py.File, info: StreamInfo, anchor_ns: int, *, salvage: bool = False) -> None:
         group = file.get(info.name)
         if not isinstance(group, h5py.Group):
             raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info
         self._anchor_ns = anchor_ns
         self._group = group
-        self._columns = {column.name: column_dataset(group, column) for column in stream_columns(info)}
+        self._columns = {
+            column.name: column_dataset(group, column, salvage=salvage) for column in stream_columns(info)
+        }
         self._pictures = self._open_pictures() if info.is_camera else None
         self._step = brick_shape(info)[0] if info.is_camera else 1024
 
@@ -85,10 +112,20 @@ class StreamReader:
 
     def _datasets(self) -> Iterator[h5py.Dataset]:
         yield from self._columns.values()
-        if self._pictures is not None:
-            yield self._pictures.counts
-            if self._pictures.metadata_rows is not None:
-                yield self._pictures.metadata_rows
+        yield from self.bricks
+
+    @property
+    def claimed(self) -> int:
+        """Samples that the longest dataset of the stream is said to have."""
+        return max(int(dataset.shape[0]) for dataset in self._datasets())
+
+    def whole_rows(self, end: int) -> NDArray[np.int64]:
+        """Rows of which everything but the picture lies in the first `end` bytes of the file."""
+        rows = np.arange(0)
+        for place, column in enumerate(stream_columns(self.info)):
+            there = whole_rows(self._columns[column.name], column.row_bytes, end)
+            rows = there if place == 0 else np.intersect1d(rows, there, assume_unique=True)
+        return rows[rows < len(self)]
 
     def refresh(self) -> None:
         """See what a living writer has added."""
@@ -112,6 +149,13 @@ class StreamReader:
         if self._pictures is None:
             raise SessionError(f"stream {self.info.name!r} is not a camera")
         return self._pictures.counts
+
+    @property
+    def bricks(self) -> list[h5py.Dataset]:
+        """The datasets that are cut into bricks: of a camera its counts and metadata rows, else none."""
+        pictures = self._pictures
+        both = (pictures.counts, pictures.metadata_rows) if pictures is not None else ()
+        return [dataset for dataset in both if dataset is not None]
 
     def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""

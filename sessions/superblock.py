@@ -2,7 +2,8 @@
 
 The format of HDF5 1.10 keeps a "being written" byte and the file's length in its first 48
 bytes, the superblock; after a crash an ordinary open refuses. `MendedFile` is a read-only
-file object that shows HDF5 the same file with these two set right. Layout: "HDF5 File
+file object that shows HDF5 the same file with these two set right; where the file has lost
+its end, zeros stand for it, so that what is in front of the cut can be read. Layout: "HDF5 File
 Format Specification", version 3.0, II.A; checksum: Bob Jenkins, lookup3.c, public domain.
 """
 
@@ -17,6 +18,7 @@ from fieldkit.errors import SessionError
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _MASK = 0xFFFFFFFF
+_LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may say so
 
 
 def is_clean(path: Path) -> bool:
@@ -44,6 +46,14 @@ def mended(superblock: bytes, length: int) -> bytes:
     struct.pack_into("<Q", head, _END, length)
     struct.pack_into("<I", head, _CHECKSUM, lookup3(bytes(head[:_CHECKSUM])))
     return bytes(head)
+
+
+def _recorded_end(superblock: bytes) -> int:
+    """How long the file was when its superblock was written; 0 where that cannot be trusted."""
+    (end,) = struct.unpack_from("<Q", superblock, _END)
+    (checksum,) = struct.unpack_from("<I", superblock, _CHECKSUM)
+    is_whole = lookup3(superblock[:_CHECKSUM]) == checksum
+    return int(end) if is_whole and end < _LONGEST else 0
 
 
 def lookup3(data: bytes) -> int:
@@ -88,7 +98,7 @@ class MendedFile(io.RawIOBase):
     def __init__(self, path: Path) -> None:
         head = _superblock(path)
         self._file = path.open("rb", buffering=0)
-        self._length = self._file.seek(0, io.SEEK_END)
+        self._length = max(self._file.seek(0, io.SEEK_END), _recorded_end(head))
         self._head = mended(head, self._length)
         self._position = 0
 
@@ -111,15 +121,14 @@ class MendedFile(io.RawIOBase):
         return self._position
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        """Fill the buffer; raises `OSError` where the file is shorter than HDF5 believes."""
+        """Fill the buffer; what the file has lost is zeros."""
         view = memoryview(buffer).cast("B")
         self._file.seek(self._position)
         count = 0
-        while count < len(view):
-            got = self._file.readinto(view[count:])
-            if not got:
-                raise OSError(f"the file ends at {self._length}")
+        while count < len(view) and (got := self._file.readinto(view[count:])):
             count += got
+        view[count:] = bytes(len(view) - count)
+        count = len(view)
         for place in range(self._position, min(_SIZE, self._position + count)):
             view[place - self._position] = self._head[place]
         self._position += count

@@ -10,6 +10,7 @@ from zoneinfo import ZoneInfo
 import click
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import offer_recovery, sessions_in
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,6 +56,7 @@ def command(
     config = common.campaign(ctx, settings)
     duration_s = None if lasting is None else parse_duration(lasting)
     refuse_second(config)
+    offer_recovery(sessions_in(config.recordings))
     with instruments(config, duration_s=duration_s, allow_missing=allow_missing) as tools:
         if until is not None:
             duration_s = seconds_until(until, config.site.timezone, tools.clock)

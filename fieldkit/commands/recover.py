@@ -2,79 +2,89 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, say
-from fieldkit.commands.session_paths import recordings_folder, sessions_in
+from fieldkit.commands.session_paths import is_interrupted, recordings_folder, sessions_in
 from fieldkit.errors import IntegrityError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
+    from fieldkit.sessions.salvage import Lost
 
 
 @click.command(cls=Verb)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--tidy", is_flag=True, help="Delete the file as the crash left it (NAME.h5.crashed).")
+@click.option("--tidy", is_flag=True, help="Delete the files as crashes left them (NAME.h5.crashed).")
 @click.pass_context
 def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     """Finish interrupted sessions from their journals; without PATHS, all of the campaign.
 
     It may be killed and run again; a finished session is left as it is. Exit code 7 where samples are lost.
     """
-    from fieldkit.sessions.recovery import crashed_path, recover
+    from fieldkit.marks import left_marks, marks_folder
+    from fieldkit.sessions.recovery import recover
 
-    found = list(paths) or interrupted_in(recordings_folder(ctx))
+    folder = recordings_folder(ctx)
+    found = list(paths) or [path for path in sessions_in(folder) if is_interrupted(path)]
     if not found:
-        say("no interrupted session here")
-    reports = [recover(path) for path in found]
+        say(f"no interrupted session in {folder}: nothing to recover")
+    reports = [recover(path, left_marks(marks_folder(path))) for path in found]
     for report in reports:
         if not options(ctx).json:
-            _print(report)
-        if tidy:
-            crashed_path(report.path).unlink(missing_ok=True)
+            _print(report, kept=not tidy)
+    tidied = _tidy(list(paths) or sessions_in(folder)) if tidy else []
     if options(ctx).json:
-        print_json({"sessions": [_document(report) for report in reports]})
+        names = [str(path) for path in tidied]
+        print_json({"sessions": [_document(report) for report in reports], "deleted": names})
     if any(report.lost_samples for report in reports):
-        raise IntegrityError("samples are lost", fix="the numbers above say which; all others are whole")
+        raise IntegrityError("samples are lost", fix="the lines marked LOST say which; all others are whole")
 
 
-def interrupted_in(folder: Path) -> list[Path]:
-    """The sessions of a folder that nobody is writing and nobody finished."""
-    from fieldkit.errors import SessionError
-    from fieldkit.sessions.lock import is_locked
-    from fieldkit.sessions.reader import open_session
+def _tidy(sessions: Sequence[Path]) -> list[Path]:
+    """Delete what crashes left beside sessions that are complete now."""
+    from fieldkit.sessions.recovery import crashed_path
 
-    found = []
-    for path in sessions_in(folder):
-        journal = path.with_name(path.name + ".journal")
-        try:
-            with open_session(path) as session:
-                waits = session.state == "interrupted"
-        except SessionError:
-            waits = journal.exists()
-        if waits and not is_locked(journal):
-            found.append(path)
-    return found
+    left = [path for path in map(crashed_path, sessions) if path.exists()]
+    for path in left:
+        path.unlink()
+        say(f"deleted {path}")
+    if not left:
+        say("nothing to tidy: no file of a crash is left (NAME.h5.crashed)")
+    return left
 
 
-def _print(report: RecoveryReport) -> None:
+def _print(report: RecoveryReport, *, kept: bool) -> None:
     if report.was_complete:
         click.echo(f"{report.path}: complete, nothing to do")
         return
     click.echo(f"recovered {report.path}  {report.bytes / 1e6:.1f} MB")
     for name, count in report.counts.items():
-        lost = "  ".join(f"{first}-{last}" for first, last in report.lost.get(name, []))
-        tail = f", LOST numbers {lost}" if lost else ""
-        click.echo(
-            f"  {name}: {count} samples, {report.from_journal[name]} of them only in the journal{tail}"
-        )
+        click.echo(f"  {name}: {count} samples, {report.from_journal[name]} of them only in the journal")
+    for run in report.lost:
+        between = " ".join(_between(run))
+        click.echo(f"  LOST {run.stream}: {run.count} samples, numbers {run.first} to {run.last}, {between}")
     for line in report.damage:
         click.echo(f"  damaged: {line}")
-    if report.crashed is not None:
+    if kept and report.crashed is not None:
         say(f"the file as it was: {report.crashed.name} (fieldkit recover --tidy deletes it)")
+
+
+def _between(run: Lost) -> Iterator[str]:
+    """When the lost samples were taken: after the last one kept before them, before the next one kept."""
+    yield f"after {_utc(run.after_ns)}" if run.after_ns else "from the beginning"
+    yield f"and before {_utc(run.before_ns)}" if run.before_ns else "to the end"
+
+
+def _utc(time_ns: int) -> str | None:
+    if not time_ns:
+        return None
+    return datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC).isoformat(timespec="milliseconds")
 
 
 def _document(report: RecoveryReport) -> dict[str, object]:
@@ -83,6 +93,12 @@ def _document(report: RecoveryReport) -> dict[str, object]:
         "was_complete": report.was_complete,
         "samples": report.counts,
         "from_journal": report.from_journal,
-        "lost": report.lost,
+        "lost": [
+            {
+                "stream": run.stream, "first": run.first, "last": run.last, "samples": run.count,
+                "after": _utc(run.after_ns), "before": _utc(run.before_ns),
+            }
+            for run in report.lost
+        ],
         "damage": list(report.damage),
-    }
+    }  # fmt: skip

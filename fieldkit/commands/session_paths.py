@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import click
 
-from fieldkit.commands.common import options
+from fieldkit.commands.common import options, say
 from fieldkit.errors import ConfigError, SessionError
 
 JOURNAL = ".journal"
@@ -31,11 +31,50 @@ def sessions_in(folder: Path) -> list[Path]:
     return [folder / name for name in sorted(names)]
 
 
+def is_interrupted(path: Path) -> bool:
+    """Whether nobody is writing a session and nobody finished it."""
+    from fieldkit.sessions.lock import is_locked
+    from fieldkit.sessions.reader import open_session
+    from fieldkit.sessions.superblock import is_clean
+
+    journal = path.with_name(path.name + JOURNAL)
+    if is_locked(journal):
+        return False
+    try:
+        if is_clean(path) and not journal.exists():
+            return False  # as nearly all are: not opened
+        with open_session(path) as session:
+            return session.state == "interrupted"
+    except SessionError:
+        return journal.exists()
+
+
+def offer_recovery(paths: Iterable[Path]) -> None:
+    """Tell of interrupted sessions among these, and how to finish them."""
+    for path in paths:
+        if is_interrupted(path):
+            say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {path}")
+
+
 def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     """The sessions meant by files and folders; the campaign's own where none is named.
 
-    Raises `SessionError` where a path does not exist or there is no session at all.
+    Tells of those that are interrupted. Raises `SessionError` where a path does not exist or there is no
+    session at all.
     """
+    found = _resolved(ctx, paths)
+    offer_recovery(found)
+    return found
+
+
+def newest(ctx: click.Context, path: Path | None) -> Path:
+    """The session named, or the campaign's newest; tells if it is interrupted."""
+    found = _resolved(ctx, [path] if path else [])[-1]
+    offer_recovery([found])
+    return found
+
+
+def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for path in paths or [recordings_folder(ctx)]:
         if path.is_dir():
@@ -51,8 +90,3 @@ def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
         raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
     return found
-
-
-def newest(ctx: click.Context, path: Path | None) -> Path:
-    """The session named, or the campaign's newest."""
-    return resolved(ctx, [path] if path else [])[-1]

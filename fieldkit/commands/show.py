@@ -41,8 +41,6 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
             return
         if not options(ctx).json:
             _print(document, answers(opened))
-        if opened.state == "interrupted":
-            say(f"next: fieldkit recover {path}")
         if follow:
             _follow(opened)
 

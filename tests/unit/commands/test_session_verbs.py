@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import check, import_session, ls, recover, show
+from fieldkit.commands import check, estimate, import_session, ls, recover, replay, report, show
 from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
+from fieldkit.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
@@ -85,9 +87,51 @@ def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> 
     assert "camera: 20 samples" in done.stdout
     again = json.loads(run(recover, campaign / "recordings" / "20261212T025512Z-b.h5", "--json").stdout)
     assert again["sessions"][0]["was_complete"]
-    run(recover, campaign / "recordings" / "20261212T025512Z-b.h5", "--tidy")
+    tidied = run(recover, "-C", campaign, "--tidy")
+    assert "deleted" in tidied.stderr
+    assert "b.h5.crashed" in tidied.stderr
+    assert "nothing to tidy" in run(recover, "-C", campaign, "--tidy").stderr
     names = sorted(path.name for path in (campaign / "recordings").iterdir())
     assert names == ["20261211T025512Z-a.h5", "20261212T025512Z-b.h5"]
+
+
+def test_lost_samples_are_named_on_the_screen_and_in_json(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        last = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0)).byte_offset
+    path.write_bytes(whole[: last + 10])
+    told = run(recover, path)
+    assert isinstance(told.exception, IntegrityError)
+    assert "LOST camera: 2 samples, numbers 18 to 19, after 2016-11-24T15:06:45" in told.stdout
+    path.write_bytes(whole[: last + 10])
+    (session,) = json.loads(run(recover, path, "--json").stdout)["sessions"]
+    (lost,) = [one for one in session["lost"] if one["stream"] == "camera"]
+    assert (lost["first"], lost["last"], lost["samples"], lost["before"]) == (18, 19, 2, None)
+
+
+@pytest.mark.parametrize("module", [check, estimate, replay, report, show])
+def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, module: Any) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    assert f"fieldkit recover {path}" in run(module, path).stderr
+    assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
+
+
+def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    path.unlink()
+    done = run(show, path)
+    assert f"fieldkit recover {path}" in done.stderr
+    assert getattr(done.exception, "fix", "") == f"fieldkit recover {path}"
+    assert run(recover, path).exit_code == 0
+
+
+def test_mark_that_the_recorder_had_no_time_to_take_is_recovered(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    drop_mark(marks_folder(path), Mark("lightning"))
+    run(recover, path)
+    events = json.loads(run(show, path, "--json").stdout)["events"]
+    assert "lightning" in [event["text"] for event in events]
 
 
 def test_session_that_does_not_exist_is_named() -> None:

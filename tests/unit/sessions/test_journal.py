@@ -67,8 +67,8 @@ def test_records_come_back_in_order_over_many_parts(tmp_path: Path) -> None:
         assert [row for row in rows if not isinstance(row, SampleRow)] == [ENTRIES[0]] * 8
         some = [row.number for row in reader.rows(after=10, before=20) if isinstance(row, SampleRow)]
         assert some == [n for n in range(11, 20) if n % 7 != 2]
-        assert reader.last_seq(0) == 39
-        assert reader.last_seq(2) == -1
+        assert reader.total(0) == 40
+        assert reader.total(2) == 0
         assert not reader.damage
     journal.close()
 

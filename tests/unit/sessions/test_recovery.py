@@ -1,0 +1,176 @@
+"""What comes back of a damaged session: all whose bytes are there, and every run of what is lost is named."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import h5py
+import pytest
+
+from fieldkit.samples import Event, EventKind, Quality, Severity
+from fieldkit.sessions import salvage_file
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.session_file import SessionFile
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
+
+HEADER = header((60, 80))
+FRAMES = 2500
+
+
+def recorded(path: Path, frames: int, *, sealed: bool) -> None:
+    """A recording of samples of all streams, the meters as often as the camera."""
+    writer = SessionWriter(path, HEADER, CountedClock())
+    for seq in range(frames):
+        for info in HEADER.streams:
+            writer.append(sample(info, seq))
+        if seq % 100 == 0:
+            mono_ns = seq * 5_000_000
+            writer.event(Event(EventKind.MARK, mono_ns, START_NS + mono_ns, f"mark {seq}"))
+    if sealed:
+        writer.close()
+    else:
+        writer._stop()
+        writer._bricks.close()
+        writer._session_lock.release()
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sealed") / "a.h5"
+    recorded(path, FRAMES, sealed=True)
+    return path
+
+
+def rows_in_front_of(path: Path, stream: str, end: int) -> list[int]:
+    """Samples all of whose bytes stand in front of a place, by the places that the library tells."""
+    whole = [True] * FRAMES
+    with h5py.File(path) as file:
+        for dataset in file[stream].values():
+            if dataset.maxshape[0] is not None:
+                continue
+            for n in range(dataset.id.get_num_chunks()):
+                chunk, depth = dataset.id.get_chunk_info(n), dataset.chunks[0]
+                first, packed = chunk.chunk_offset[0], dataset.compression is not None
+                for row in range(first, min(first + depth, FRAMES)):
+                    size = chunk.size if packed else chunk.size // depth * (row - first + 1)
+                    whole[row] &= chunk.byte_offset + size <= end
+    return [row for row in range(FRAMES) if whole[row]]
+
+
+@pytest.mark.parametrize("share", [0.999, 0.9, 0.6, 0.3])
+def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
+    sealed: Path, tmp_path: Path, share: float
+) -> None:
+    path = tmp_path / "a.h5"
+    end = round(sealed.stat().st_size * share)
+    path.write_bytes(sealed.read_bytes()[:end])
+    report = recover(path)
+    with open_session(path) as session:
+        told = {event.stream: event for event in session.events() if event.kind is EventKind.RECOVERED}
+        for info in HEADER.streams:
+            there = rows_in_front_of(sealed, info.name, end)
+            found = list(session.stream(info.name).samples())
+            assert [item.seq for item in found] == there
+            assert all(same(item, sample(info, item.seq)) for item in found)
+            (run,) = [run for run in report.lost if run.stream == info.name] or [None]
+            assert (run is None) == (len(there) == FRAMES)
+            if run is not None:
+                assert (run.first, run.last, run.count) == (len(there), FRAMES - 1, FRAMES - len(there))
+                assert (run.after_ns, run.before_ns) == (found[-1].time_ns, 0)
+                assert told[info.name].data == {"first": run.first, "last": run.last, "lost": run.count}
+                assert told[info.name].severity is Severity.ERROR
+        marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
+        assert marks == [f"mark {100 * n}" for n in range(len(marks))]
+    assert any("no journal" in line for line in report.damage)
+
+
+def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    shutil.copy(sealed, path)
+    with h5py.File(path) as file:
+        place = file["camera/counts"].id.get_chunk_info_by_coord((900, 0, 0))
+    data = bytearray(path.read_bytes())
+    data[place.byte_offset + 100] ^= 1
+    data[11] = 1  # as if its writer had been killed
+    path.write_bytes(data)
+    (run,) = recover(path).lost
+    assert (run.stream, run.first, run.last) == ("camera", 900, 908)
+    camera = HEADER.streams[0]
+    assert (run.after_ns, run.before_ns) == (sample(camera, 899).time_ns, sample(camera, 909).time_ns)
+
+
+def test_whole_bricks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 95, sealed=False)
+    unpacked: list[int] = []
+    put = SessionFile.put
+    monkeypatch.setattr(SessionFile, "put", lambda self, record: (unpacked.append(1), put(self, record))[1])
+    report = recover(path)
+    assert report.lost_samples == 0
+    assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last brick
+    with open_session(path) as session, h5py.File(report.crashed) as before, h5py.File(path) as after:
+        found = list(session.stream("camera").samples())
+        assert all(same(item, sample(HEADER.streams[0], seq)) for seq, item in enumerate(found))
+        packed = [file["camera/counts"].id.read_direct_chunk((9, 0, 0)) for file in (before, after)]
+        assert packed[0] == packed[1]
+
+
+def test_brick_that_is_not_as_it_was_written_is_made_from_the_journal(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 95, sealed=False)
+    with h5py.File(path) as file:
+        place = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0))
+    data = bytearray(path.read_bytes())
+    data[place.byte_offset + 50] ^= 1
+    path.write_bytes(data)
+    assert recover(path).lost_samples == 0
+
+
+def test_brick_that_does_not_verify_is_made_again_sample_by_sample(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
+    path = tmp_path / "a.h5"
+    recorded(path, 95, sealed=False)
+    with sqlite3.connect(journal_path(path) / "000001.sqlite") as database:
+        database.execute("UPDATE sample SET time_ns = time_ns + 5000 WHERE stream = 0 AND seq = 20")
+    database.close()
+    report = recover(path)
+    assert report.lost_samples == 0  # the file has it as it was
+    with open_session(path) as session:
+        assert not any(item.quality & Quality.BAD_CRC for item in session.samples())
+        assert same(session.stream("camera").frame(20), sample(HEADER.streams[0], 20))
+
+
+def test_marks_that_nobody_took_become_events_within_the_session(tmp_path: Path) -> None:
+    path, clock = tmp_path / "a.h5", CountedClock()
+    writer = SessionWriter(path, HEADER, clock)
+    appended = fill(writer, 20, clock)
+    writer.abandon()
+    early, late = appended[0].time_ns + 1_000_000, appended[-1].time_ns + 10**12
+    recover(path, [Event(EventKind.MARK, 0, early, "cloud"), Event(EventKind.MARK, 0, late, "rain")])
+    with open_session(path) as session:
+        marks = {event.text: event for event in session.events() if event.kind is EventKind.MARK}
+        assert marks["cloud"].time_ns // 1000 == early // 1000
+        assert marks["rain"].time_ns == appended[-1].time_ns == marks["rain"].mono_ns + session.anchor_ns
+
+
+def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 95, sealed=False)
+    monkeypatch.setattr(salvage_file, "_index", lambda dataset: pytest.fail("not needed"))
+    data = bytearray(path.read_bytes())
+    data[:4096] = bytes(4096)  # the file's own index is out of reach
+    path.write_bytes(data)
+    folder = journal_path(path)
+    with sqlite3.connect(folder / "000001.sqlite") as database:  # as a long journal is shortened
+        database.execute("UPDATE sample SET data = NULL, more = NULL WHERE stream = 0 AND seq < 90")
+    database.close()
+    report = recover(path)
+    assert report.lost_samples <= 9  # a chunk may have stood in what was overwritten
+    assert report.counts["camera"] >= 86
