@@ -13,7 +13,7 @@ from fieldkit.commands.estimating import as_document
 from fieldkit.commands.session_paths import resolved
 from fieldkit.commands.slope_table import print_slopes
 from fieldkit.commands.types import FACET, SITE
-from fieldkit.errors import NoAnswerError
+from fieldkit.errors import ConfigError, NoAnswerError
 from fieldkit.estimation.answers import ANSWERED, answers_of
 from fieldkit.site import Region, RegionKind, Site
 
@@ -108,6 +108,10 @@ def _estimate_table(
     text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
     text += f"elevation_m = {site.elevation_m}\n"
     config = config_from_text(text, path, settings=settings)
+    if config.tables.estimator.azimuth == "known":
+        raise ConfigError(
+            f"{path}: a table names no azimuths, so they cannot be known", fix="leave estimator.azimuth out"
+        )
     slopes = estimate_table(path, config.site, config.estimator_settings(), reference_slope_deg=reference)
     if common.options().json:
         common.print_json({"table": str(path), "slopes": [as_document(one) for one in slopes]})

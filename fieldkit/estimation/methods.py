@@ -208,7 +208,7 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
         return _nowhere(problem, fit, f"what fits best is steeper than the limit of {limit:g}°")
     misfit, doubtful = problem.misfit, problem.doubtful
     alarm = quality.chi_square_limit(problem.freedom)
-    chi_square = fit.misfit / problem.freedom
+    chi_square = max(fit.misfit, 0.0) / problem.freedom  # rounding may leave less than nothing
     is_bad = float(doubtful(fit.best)) / problem.freedom > alarm
     # beyond what noise explains, the misfit itself is the measure of how far to trust
     swollen = chi_square if chi_square > alarm else 1.0

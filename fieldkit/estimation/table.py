@@ -54,6 +54,7 @@ def slopes_of_table(
 ) -> tuple[SlopeEstimate, ...]:
     """Slope of every target over the whole table, or over the settings' window at its end.
 
+    A table that runs into the night ends with its last minute of sun.
     `reference_slope_deg` is tilt and azimuth of the reference; `azimuths_deg` those of
     targets, for ``settings.azimuth == "known"``. Three minutes are enough here: a table of
     a few hours may well have hourly rows.
@@ -64,7 +65,10 @@ def slopes_of_table(
         Region(name, RegionKind.TARGET, none, azimuth_deg=known.get(name, float("nan")))
         for name in table.targets_k
     ]
-    return slopes(_history(table, site, settings), regions, replace(settings, min_minutes=3))
+    history = _history(table, site, settings)
+    sunny = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
+    day = history.until(int(sunny[-1]) + 1) if sunny.size else history
+    return slopes(day, regions, replace(settings, min_minutes=3))
 
 
 def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -> History:

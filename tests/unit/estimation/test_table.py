@@ -109,3 +109,53 @@ def test_what_is_wrong_with_a_table_is_said_with_its_line(table, text, complaint
 def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         read_table(tmp_path / "nothing.csv")
+
+
+def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):
+    night = "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n"
+    (day,), (both,) = (estimate_table(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
+    assert both == day
+
+
+FAR_AWAY = {
+    "Sydney, winter": ((-33.9, 151.2, 50.0), "2018-06-21T11:00+10:00", 90),
+    "Cape Town, summer, tilted reference": ((-33.9, 18.4, 100.0), "2017-12-30T09:00+02:00", 120),
+    "on the tropic, sun overhead": ((23.43, 10.0, 0.0), "2021-06-21T11:00+01:00", 120),
+    "Svalbard, night of the polar day": ((78.2, 15.6, 30.0), "2019-06-15T02:00+02:00", 120),
+    "McMurdo, sun in the south": ((-77.8, 166.7, 10.0), "2020-12-20T18:00+13:00", 120),
+    "over the date line": ((-17.0, 179.99, 0.0), "2022-02-01T07:00+12:00", 240),
+}
+
+
+@pytest.mark.parametrize("place", FAR_AWAY)
+def test_slopes_anywhere_on_earth_from_a_sun_that_is_not_ours(table, place):
+    """Sun by pvlib's SPA, temperatures by eq. (7) solved here: nothing of the estimator's own."""
+    pvlib, pd = pytest.importorskip("pvlib"), pytest.importorskip("pandas")
+    (latitude, longitude, elevation), begin, minutes = FAR_AWAY[place]
+    reference = (35.0, 320.0) if "tilted" in place else (0.0, 0.0)
+    times = pd.date_range(begin, periods=minutes + 1, freq="1min")
+    sun = pvlib.solarposition.spa_python(times, latitude, longitude, elevation)
+    zenith, azimuth = np.radians(sun["zenith"].to_numpy()), np.radians(sun["azimuth"].to_numpy())
+
+    def kelvin(tilt_deg: float, azimuth_deg: float) -> np.ndarray:
+        tilt, facing = np.radians([tilt_deg, azimuth_deg])
+        cosine = np.cos(tilt) * np.cos(zenith) + np.sin(tilt) * np.sin(zenith) * np.cos(azimuth - facing)
+        warm = np.full(cosine.shape, 300.0)
+        for _ in range(50):  # Newton on the paper's eq. (7), Table 1, air 295 K, long wave 330 W/m2
+            excess = 0.8 * 800.0 * np.maximum(cosine, 0.0) + 0.9 * 330.0
+            excess -= 0.9 * 5.670374419e-8 * warm**4 + 18.15 * (warm - 295.0)
+            warm = warm + excess / (4 * 0.9 * 5.670374419e-8 * warm**3 + 18.15)
+        return warm
+
+    truths = {"a": (7.3, 151.0), "b": (18.7, 263.0), "c": (26.2, 12.0)}
+    columns = {"time": [time.isoformat() for time in times], "reference_k": kelvin(*reference)}
+    columns |= {f"{name}_k": kelvin(*truth) for name, truth in truths.items()}
+    text = pd.DataFrame({**columns, "irradiance_w_m2": 800.0}).to_csv(index=False)
+    site = Site(latitude, longitude, elevation)
+    found = estimate_table(table(text), site, WHOLE, reference_slope_deg=reference)
+    assert {one.region for one in found} == set(truths)
+    for one in found:
+        true_tilt, true_azimuth = truths[one.region]
+        assert one.tilt_deg == pytest.approx(true_tilt, abs=0.01)
+        assert one.azimuth_deg == pytest.approx(true_azimuth, abs=0.03)
+        assert one.chi_square >= 0.0
