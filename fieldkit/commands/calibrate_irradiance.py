@@ -27,7 +27,9 @@ DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 @click.option("--name", default="light", show_default=True, help="Names the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
 @click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")
-@click.option("--station", metavar="FILE", help="A SURFRAD file of the site's station, or the packaged day.")
+@click.option(
+    "--station", metavar="FILE", help="A SURFRAD or BSRN file of the site's station, or the packaged day."
+)
 @click.option(
     "--reference-sd", type=click.FloatRange(0), default=0.02, show_default=True, help="Relative, k=1."
 )
@@ -54,6 +56,9 @@ def command(
 
     if sum(one is not None for one in (pyranometer, pyrheliometer, station)) != 1:
         raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")
+    # a file is named from the folder one stands in, not from the campaign's
+    station_files = [path.resolve() for path in [Path(station or "")] if path.is_file()]
+    station = str(station_files[0]) if station_files else station
     with open_session(session) as opened:
         config = config_for(opened, settings)
         meter = one_stream(opened, "illuminance")
@@ -64,7 +69,8 @@ def command(
     model = config.irradiance_model()
     record = CalibrationRecord(
         "irradiance", name, date, found.value, found.standard_uncertainty, "W/m2/lx", how,
-        found.minutes - 1, found.budget, instrument=instrument_of(meter), sources=(source_of(session),),
+        found.minutes - 1, found.budget, instrument=instrument_of(meter),
+        sources=tuple(source_of(file) for file in (session, *station_files)),
         details={"minutes": found.minutes, "scatter": found.scatter, "mounting": model.mounting,
                  "diffuse": model.diffuse},
         settings={"name": name, "pyranometer": pyranometer or "", "pyrheliometer": pyrheliometer or "",

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import re
+import math
 import shlex
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zoneinfo import ZoneInfo
 
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, say
 from fieldkit.commands.types import SITE, ZONE
 from fieldkit.errors import ConfigError, FieldkitError
-
-FLIR = (".fff", ".seq", ".jpg", ".jpeg")
-TABLES = (".csv", ".txt", ".tsv")
+from fieldkit.samples import Severity
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
@@ -26,28 +24,37 @@ if TYPE_CHECKING:
     from fieldkit.sessions.seal import SealReport
     from fieldkit.site import Site
 
+KM_PER_DEGREE, NEAR_KM = 111.2, 2.0
+
 
 @click.command(cls=Verb)
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="FILE.h5", help="[default: recordings/]"
 )
-@click.option("--as", "name", default="camera", show_default=True, metavar="NAME", help="Name of the stream.")
-@click.option("--site", type=SITE, help="Where it was, if not the campaign's site.")
+@click.option("--as", "name", metavar="NAME", help="Name of the stream [default: camera, station or logger].")
+@click.option(
+    "--site", type=SITE, help="Where it was [default: as a station's file says, else the campaign's]."
+)
 @click.option("--title", default="", help="Title of the session [default: the source's name].")
 @click.option(
     "--kelvin-per-count",
     metavar="K|none",
-    help="Scale of TIFF counts; none if it is not known. Never guessed.",
+    help="Scale of TIFF or IRG counts; none if it is not known. Never guessed.",
 )
 @click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
 @click.option(
     "--times", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE.csv",
-    help="Table of TIFF file names and times.",
+    help="Table of the pictures' file names and times.",
 )  # fmt: skip
-@click.option("--time-format", metavar="FORMAT", help='Time in the TIFF file names, such as "%Y%m%dT%H%M%S".')
+@click.option(
+    "--time-format", metavar="FORMAT", help='Time in the pictures\' names, such as "%Y%m%dT%H%M%S".'
+)
 @click.option("--zone", type=ZONE, help="Zone of times that have none.")
-@click.option("--offset", default="0s", metavar="[+-]Ns", help="Add to a table's times: its clock was slow.")
+@click.option(
+    "--offset", default="0s", metavar="[+-]Ns|auto",
+    help="Add to a table's times: its clock was slow; auto finds it on the curves of --into.",
+)  # fmt: skip
 @click.option("--unit", default="", help="Unit of a table's numbers, if not in its header: C, K, lx, W/m2.")
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
 @click.option("--encoding", default="utf-8-sig", help="Of a table, such as cp932.")
@@ -57,21 +64,24 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.pass_context
 def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | None, **given: Any) -> None:
-    """Turn SOURCE into a session: PureThermal .raw.y16.gz, FLIR .fff .seq .jpg, 16-bit TIFFs, CSV tables.
+    """Turn SOURCE into a session: pictures, tables of loggers, files of weather stations.
+
+    PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg; 16-bit TIFF and .irg, or folders of them; CSV
+    tables; SURFRAD, BSRN, downloads and radiation tables of the Japan Meteorological Agency.
 
     Regions of the campaign are taken along; draw them before or after (fieldkit roi).
     """
+    from fieldkit.commands.import_sources import AUTO, read_source
     from fieldkit.sessions.exchange.imported import write_foreign
 
+    if given["offset"] == AUTO and given["into"] is None:
+        raise click.UsageError("--offset auto needs the session to align with: --into SESSION")
     if given["into"] is not None:
         _tell(ctx, *_merge(source, out, given))
         return
+    foreign = read_source(source, given)
     config = _campaign_or_none(ctx)
-    place = site or (config.site if config else None)
-    if place is None:
-        fix = "--site LAT,LON,ALT, or run this inside a campaign (fieldkit init)"
-        raise ConfigError("where this was recorded is not known, and slopes need it", fix=fix)
-    foreign = _read(source, given)
+    place, foreign = _placed(foreign, site, config)
     header = _header(foreign, place, config, given["title"] or source.name)
     path = out or _default_path(config, foreign, source)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -79,16 +89,59 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | 
     _tell(ctx, report, foreign)
 
 
+def _placed(foreign: Foreign, site: Site | None, config: Config | None) -> tuple[Site, Foreign]:
+    """Where it was recorded, and the recording with a warning where that is only the campaign's word."""
+    place = site or foreign.site
+    if place is not None:
+        return place, foreign
+    if config is None:
+        fix = "--site LAT,LON,ALT, or run this inside a campaign (fieldkit init)"
+        raise ConfigError("where this was recorded is not known, and slopes need it", fix=fix)
+    place = config.site
+    where = f"{place.latitude_deg:g}, {place.longitude_deg:g}{_of_the_paper(place)}"
+    said = (
+        f"no --site: taken as recorded at the campaign's site, {where}; "
+        "if it was elsewhere, import it again with --site LAT,LON,ALT"
+    )
+    return place, replace(foreign, remarks=(*foreign.remarks, (Severity.WARNING, said)))
+
+
+def _of_the_paper(site: Site) -> str:
+    from fieldkit.config.template import PAPER_SITE
+
+    given = site.latitude_deg, site.longitude_deg
+    is_default = given == (PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"])
+    return " (the paper's, which fieldkit init writes unless told another)" if is_default else ""
+
+
 def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealReport, Foreign]:
-    """A new session beside the old one, with the stream of SOURCE in it."""
-    from fieldkit.sessions.exchange.merged import merge
+    """A new session beside the old one, with the streams of SOURCE in it."""
+    from fieldkit.commands.import_sources import AUTO, read_source
+    from fieldkit.sessions.exchange.aligned import aligned
+    from fieldkit.sessions.exchange.merged import cut_to, merge
     from fieldkit.sessions.reader import open_session
 
     old: Path = given["into"]
-    foreign = _read(source, given)
-    path = out or old.with_name(f"{old.stem}-with-{given['name']}.h5")
+    foreign = read_source(source, given)
+    path = out or old.with_name(f"{old.stem}-with-{given['name'] or foreign.streams[0].name}.h5")
     with open_session(old) as session:
+        if given["offset"] == AUTO:
+            foreign = aligned(session, foreign)
+        foreign = cut_to(session, _far(foreign, session.site))
         return merge(session, foreign, path, str(source)), foreign
+
+
+def _far(foreign: Foreign, site: Site) -> Foreign:
+    """The recording, with a warning where it was made at another place than the session."""
+    if foreign.site is None:
+        return foreign
+    north = foreign.site.latitude_deg - site.latitude_deg
+    east = (foreign.site.longitude_deg - site.longitude_deg) * math.cos(math.radians(site.latitude_deg))
+    apart_km = KM_PER_DEGREE * math.hypot(north, east)
+    if apart_km < NEAR_KM:
+        return foreign
+    said = f"the station stands {apart_km:.0f} km from the session's site: its clouds are others"
+    return replace(foreign, remarks=(*foreign.remarks, (Severity.WARNING, said)))
 
 
 def _tell(ctx: click.Context, report: SealReport, foreign: Foreign) -> None:
@@ -96,62 +149,11 @@ def _tell(ctx: click.Context, report: SealReport, foreign: Foreign) -> None:
         remarks = [text for _, text in foreign.remarks]
         print_json({"session": str(report.path), "samples": report.counts, "remarks": remarks})
         return
-    for _, text in foreign.remarks:
-        say(f"  {text}")
+    for severity, text in foreign.remarks:
+        say(f"  {'warning: ' if severity is Severity.WARNING else ''}{text}")
     counts = ", ".join(f"{name} {count}" for name, count in report.counts.items())
     click.echo(f"{report.path}  {counts} samples, {report.bytes / 1e6:.1f} MB")
     say(f"next: fieldkit show {report.path}")
-
-
-def _read(source: Path, given: dict[str, Any]) -> Foreign:
-    """SOURCE by what it is."""
-    from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
-
-    zone = ZoneInfo(given["zone"]) if given["zone"] else None
-    if source.is_dir():
-        from fieldkit.sessions.exchange.tiffs import read_tiffs
-
-        scale = _scale(given["kelvin_per_count"], given["kelvin_at_zero"])
-        moments = {"times": given["times"], "time_format": given["time_format"], "zone": zone}
-        return read_tiffs(source, scale, name=given["name"], **moments)
-    if source.suffix.lower() in FLIR:
-        from fieldkit.commands.import_flir import read_flir
-
-        return read_flir(source, given["name"])
-    if source.suffix.lower() in TABLES:
-        from fieldkit.sessions.exchange.logs import LogColumns, read_log
-
-        return read_log(
-            source, given["name"], zone=zone, time_format=given["time_format"], unit=given["unit"],
-            offset_ns=_offset_ns(given["offset"]), columns=LogColumns(values=given["columns"]),
-            encoding=given["encoding"],
-        )  # fmt: skip
-    if is_purethermal(source):
-        return read_purethermal(source, given["name"])
-    raise ConfigError(
-        f"{source} is nothing that fieldkit knows",
-        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, folders of 16-bit TIFF, .csv tables",
-    )
-
-
-def _offset_ns(text: str) -> int:
-    """``+12s``, ``-0.5s`` or ``+2m`` in nanoseconds."""
-    found = re.fullmatch(r"([+-]?\d+(?:\.\d+)?)([smh]?)", text)
-    if found is None:
-        raise click.BadParameter(f"{text!r} is no offset; write +12s or -2m", param_hint="--offset")
-    return round(float(found[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[found[2]] * 1e9)
-
-
-def _scale(kelvin_per_count: str | None, kelvin_at_zero: float) -> Any:
-    from fieldkit.sessions.exchange.tiffs import Scale
-
-    if kelvin_per_count is None:
-        fix = "--kelvin-per-count 0.01 (the maker's number), or --kelvin-per-count none for pictures only"
-        raise ConfigError("what one count of these TIFF pictures means is not known", fix=fix)
-    try:
-        return Scale(float("nan") if kelvin_per_count == "none" else float(kelvin_per_count), kelvin_at_zero)
-    except ValueError:
-        raise click.BadParameter(f"{kelvin_per_count!r} is no number, nor none") from None
 
 
 def _campaign_or_none(ctx: click.Context) -> Config | None:

@@ -17,12 +17,14 @@ from fieldkit.scene import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene
 from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
 from fieldkit.simulated_clock import SimulatedClock
 from fieldkit.site import Region, RegionKind, Site
-from fieldkit.weather import STATIONS, Weather, packaged, read_surfrad
+from fieldkit.station_files import read_station_file
+from fieldkit.weather import Weather, packaged
 
 SECOND_NS = 1_000_000_000
 PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
 """Crumpled aluminium: it mirrors, and shows a camera the sky."""
+NEAR_DEG = 0.2
 BED_OVER_REGION = 1.18
 """Beds are larger than the regions somebody careful draws on them."""
 
@@ -93,7 +95,7 @@ def _sky(config: Config, weather: str) -> Sky:
 
 
 def measured_weather(config: Config, weather: str) -> Weather:
-    """The packaged day by its name, or a SURFRAD file of the station at the configured site.
+    """The packaged day by its name, or a SURFRAD or BSRN file of the station at the configured site.
 
     Raises `ConfigError`.
     """
@@ -103,18 +105,17 @@ def measured_weather(config: Config, weather: str) -> Weather:
     if not path.is_file():
         raise ConfigError(
             f"weather: there is no file {path}",
-            fix=f'name a SURFRAD daily file, "clear", or the packaged day "{PACKAGED_DAY}"',
+            fix=f'name a SURFRAD or BSRN file, "clear", or the packaged day "{PACKAGED_DAY}"',
         )
-    return read_surfrad(path, _station(config.site))
+    found = read_station_file(path)
+    if _degrees_apart(found.site, config.site) > NEAR_DEG:
+        there = f"{found.site.latitude_deg:g}, {found.site.longitude_deg:g}"
+        raise ConfigError(
+            f"weather: {path} was measured at {there}, not at the configured site",
+            fix="give [site] the station's latitude_deg and longitude_deg: the sky is that of the station",
+        )
+    return found
 
 
-def _station(site: Site) -> str:
-    """The network's station at the configured site: its name is not in the file."""
-    for name, place in STATIONS.items():
-        near = abs(place.latitude_deg - site.latitude_deg) + abs(place.longitude_deg - site.longitude_deg)
-        if near < 0.2:
-            return name
-    raise ConfigError(
-        "weather: no SURFRAD station stands at the configured site",
-        fix="give [site] the station's own latitude_deg and longitude_deg: the sky is that of the station",
-    )
+def _degrees_apart(one: Site, other: Site) -> float:
+    return abs(one.latitude_deg - other.latitude_deg) + abs(one.longitude_deg - other.longitude_deg)

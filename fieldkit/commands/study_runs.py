@@ -25,8 +25,9 @@ from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.site import Site
+from fieldkit.station_files import read_station_file
 from fieldkit.views.words import zone
-from fieldkit.weather import Weather, read_surfrad
+from fieldkit.weather import Weather
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 PAPER_DAY = date(2017, 8, 30)
@@ -87,10 +88,10 @@ def choices(given: dict[str, Any]) -> Choices:
     """The choices with everything that depends on others filled in; `given` by the names of the options."""
     words = dict(given)
     site, zone_name, day, starts = (words.pop(name) for name in ("site", "zone", "day", "starts"))
-    path, station = words.pop("weather"), words.pop("station")
+    path = words.pop("weather")
     words["turbidity"] = words["turbidity"] or PAPER_TURBIDITY
     place = with_zone(site, zone_name) if site else PAPER_SITE
-    weather = read_surfrad(path, station) if path else None
+    weather = read_station_file(path) if path else None
     if weather is not None:
         place, middle_ns = weather.site, int(weather.time_ns[weather.time_ns.size // 2])
         day = day or datetime.fromtimestamp(middle_ns / 1e9, UTC).date()

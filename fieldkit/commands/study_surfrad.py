@@ -20,7 +20,8 @@ from fieldkit.errors import ConfigError
 from fieldkit.estimation.study_surface import Score, Station, as_printed, families
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.weather import STATIONS, Weather, read_surfrad
+from fieldkit.station_files import read_station_file
+from fieldkit.weather import Weather
 
 EMISSIVITIES = (0.90, 0.97)
 FITTED_EMISSIVITY = 0.97
@@ -95,12 +96,7 @@ def _trained(station: Station, weather: Weather) -> Rows:
 def read(path: Path) -> tuple[Weather, FloatArray]:
     """The day and its albedo by the minute; the station is told by its place."""
     albedo = _albedo(path)
-    for name in STATIONS:
-        try:
-            return read_surfrad(path, name), albedo
-        except ConfigError:
-            continue
-    raise ConfigError(f"{path} is of no SURFRAD station known here", fix=f"known: {', '.join(STATIONS)}")
+    return read_station_file(path), albedo
 
 
 def _albedo(path: Path) -> FloatArray:

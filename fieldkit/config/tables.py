@@ -238,7 +238,9 @@ class SimulationTable(Table):
     """The simulated field, for devices whose port is simulated."""
 
     weather: str = Field(
-        default="alamosa-2016-01-01", min_length=1, description="the packaged day, clear, or a SURFRAD file"
+        default="alamosa-2016-01-01",
+        min_length=1,
+        description="the packaged day, clear, or a file of SURFRAD or BSRN",
     )
     start: AwareDatetime | None = Field(
         examples=["2016-01-01T12:00:00-07:00"],

@@ -52,7 +52,7 @@ class Sky(Protocol):
 class MeasuredSky:
     """The sky of a measured day, straight lines between the minutes; ends are held.
 
-    Raises `ConfigError` when asked about another day.
+    Raises `ConfigError` when asked about another day, or about what the station does not measure.
     """
 
     weather: Weather
@@ -67,15 +67,21 @@ class MeasuredSky:
                 fix="let the scene start on that day",
             )
         return Above(
-            dni=np.maximum(self._at(time_ns, day.dni), 0.0),
-            dhi=np.maximum(self._at(time_ns, day.dhi), 0.0),
-            longwave_down_w_m2=self._at(time_ns, day.longwave_down_w_m2),
-            air_temperature_k=self._at(time_ns, day.air_temperature_k),
-            wind_m_s=self._at(time_ns, day.wind_m_s),
+            dni=np.maximum(self._at(time_ns, "dni"), 0.0),
+            dhi=np.maximum(self._at(time_ns, "dhi"), 0.0),
+            longwave_down_w_m2=self._at(time_ns, "longwave_down_w_m2"),
+            air_temperature_k=self._at(time_ns, "air_temperature_k"),
+            wind_m_s=self._at(time_ns, "wind_m_s"),
         )
 
-    def _at(self, time_ns: NDArray[np.int64], column: FloatArray) -> FloatArray:
+    def _at(self, time_ns: NDArray[np.int64], name: str) -> FloatArray:
+        column: FloatArray = getattr(self.weather, name)
         known = np.isfinite(column)
+        if not known.any():
+            raise ConfigError(
+                f"{self.weather.source} has no {name}, which a simulated field needs",
+                fix="take a day of SURFRAD, whose stations measure it",
+            )
         start_ns = self.weather.time_ns[0]
         since, known_since = time_ns - start_ns, self.weather.time_ns[known] - start_ns
         return np.asarray(np.interp(since, known_since, column[known]), np.float64)

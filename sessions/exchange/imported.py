@@ -22,15 +22,20 @@ from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import Site
 
 
 @dataclass(frozen=True, slots=True)
 class Foreign:
-    """A recording of another program: its streams, its samples in order of time, remarks on it."""
+    """A recording of another program: its streams, its samples in order of time, remarks on it.
+
+    `site` is where it was made, if the recording itself knows.
+    """
 
     streams: tuple[StreamInfo, ...]
     samples: Iterable[Sample]
     remarks: tuple[tuple[Severity, str], ...] = ()
+    site: Site | None = None
 
 
 class StampedClock:
@@ -98,6 +103,13 @@ def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
 
 def _tell(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
     writer.event(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
+
+
+def usual_rate_hz(time_ns: Sequence[int] | NDArray[np.int64]) -> float:
+    """Samples a second by the median interval; 0 where there is none."""
+    intervals = np.diff(np.asarray(time_ns, np.int64))
+    usual = float(np.median(intervals)) if intervals.size else 0.0
+    return 1e9 / usual if usual > 0 else 0.0
 
 
 def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from datetime import tzinfo
 from pathlib import Path
 
-import numpy as np
-
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Reading, Severity
-from fieldkit.sessions.exchange.imported import Foreign
+from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
 from fieldkit.sessions.exchange.times import parse_time_ns
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
@@ -66,7 +64,7 @@ def read_log(
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
     info = StreamInfo(
         name, quantity, stored, (len(places),), channels=tuple(_label(head[place]) for place in places),
-        rate_hz=_rate(ordered), driver="import", raw_bytes=255,
+        rate_hz=usual_rate_hz([reading.time_ns for reading in ordered]), driver="import", raw_bytes=255,
     )  # fmt: skip
     said = f"{path.name}: {len(ordered)} rows, clock offset {offset_ns / 1e9:+g} s applied"
     return Foreign((info,), ordered, ((Severity.INFO, said),))
@@ -117,9 +115,3 @@ def _number(cell: str) -> float:
         return float(cell.strip().replace(",", "."))
     except ValueError:
         return float("nan")
-
-
-def _rate(readings: Sequence[Reading]) -> float:
-    intervals = np.diff(np.array([reading.time_ns for reading in readings], np.int64))
-    usual = float(np.median(intervals)) if intervals.size else 0.0
-    return 1e9 / usual if usual > 0 else 0.0

@@ -16,6 +16,21 @@ from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
 
+def cut_to(session: Session, foreign: Foreign) -> Foreign:
+    """What of a recording belongs to the session's time, and two intervals more on either side."""
+    margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in foreign.streams}
+    samples = list(foreign.samples)
+    kept = [
+        one for one in samples
+        if session.start_ns - margin_ns[one.stream] <= one.time_ns <= session.end_ns + margin_ns[one.stream]
+    ]  # fmt: skip
+    left_out = len(samples) - len(kept)
+    if not left_out or not kept:
+        return replace(foreign, samples=samples)
+    said = f"{left_out} samples from before or after the session were left out"
+    return replace(foreign, samples=kept, remarks=(*foreign.remarks, (Severity.INFO, said)))
+
+
 def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealReport:
     """Write `session` with the streams of `foreign` as a new session at `path`, and seal it.
 

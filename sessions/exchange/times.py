@@ -28,6 +28,11 @@ def parse_time_ns(text: str, zone: tzinfo | None, time_format: str | None = None
                 f"the time {text!r} has no zone", fix="say which: --zone Asia/Tokyo, or --zone UTC"
             )
         moment = moment.replace(tzinfo=zone)
+    return utc_ns(moment)
+
+
+def utc_ns(moment: datetime) -> int:
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
     return (moment - _EPOCH) // timedelta(microseconds=1) * 1000
 
 

@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import check, estimate, import_session, ls, recover, replay, report, show
+from fieldkit.commands import check, estimate, import_session, init, ls, recover, replay, report, show
 from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.marks import Mark, drop_mark, marks_folder
+from fieldkit.samples import Severity
+from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
@@ -148,15 +150,46 @@ def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path)
         cv2.imwrite(str(folder / f"20260512T01000{second}.tif"), np.full((5, 7), 29_500, np.uint16))
     out = tmp_path / "a.h5"
     place = ("--site=35.5,139.4,9", "-C", tmp_path)
-    without_site = run(import_session, folder, "-C", tmp_path)
-    assert isinstance(without_site.exception, ConfigError)
-    assert "--site" in (without_site.exception.fix or "")
     without_scale = run(import_session, folder, *place)
     assert isinstance(without_scale.exception, ConfigError)
     assert "--kelvin-per-count" in (without_scale.exception.fix or "")
-    moments = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC")
-    done = run(import_session, folder, *place, *moments, "--kelvin-per-count", "0.01", "-o", out, "--json")
+    said = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", "0.01")
+    without_site = run(import_session, folder, *said, "-C", tmp_path)
+    assert isinstance(without_site.exception, ConfigError)
+    assert "--site" in (without_site.exception.fix or "")
+    done = run(import_session, folder, *place, *said, "-o", out, "--json")
     assert done.exit_code == 0
     assert json.loads(done.stdout)["samples"] == {"camera": 3}
     assert "29500 K" not in run(show, out).stdout
     assert run(check, out, "--no-estimates").exit_code == 0
+
+
+def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for second in range(3):
+        cv2.imwrite(str(folder / f"20260512T01000{second}.tif"), np.full((5, 7), 29_500, np.uint16))
+    said = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", "0.01")
+    assert run(init, tmp_path / "fresh", "--quiet").exit_code == 0
+    done = run(import_session, folder, *said, "-C", tmp_path / "fresh", "-o", tmp_path / "a.h5")
+    assert "warning: no --site" in done.stderr
+    assert "the paper's" in done.stderr
+    with open_session(tmp_path / "a.h5") as session:
+        warned = [event for event in session.events() if event.severity is Severity.WARNING]
+        assert "import it again with --site" in warned[0].text
+        assert session.site.latitude_deg == 35.558675
+    run(init, tmp_path / "own", "--site", "47.1,8.5,400", "--quiet")
+    own = run(import_session, folder, *said, "-C", tmp_path / "own", "-o", tmp_path / "b.h5")
+    assert "47.1, 8.5; if it was elsewhere" in own.stderr
+    given = run(import_session, folder, *said, "--site=1,2", "-C", tmp_path / "own", "-o", tmp_path / "c.h5")
+    assert "no --site" not in given.stderr
+
+
+def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> None:
+    table = tmp_path / "log.csv"
+    table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
+    done = run(import_session, table, "--offset", "auto", "--site=1,2")
+    assert done.exit_code == 2
+    assert "--into SESSION" in done.stderr
+    wrong = run(import_session, table, "--offset", "soon", "--site=1,2")
+    assert "write +12s or -2m, or auto" in wrong.stderr

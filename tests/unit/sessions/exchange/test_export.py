@@ -16,8 +16,8 @@ from fieldkit.samples import Frame, Reading
 from fieldkit.sessions.exchange.mcap_out import export_mcap
 from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
+from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.tables_out import export_tables
-from fieldkit.sessions.exchange.tiffs import Scale, read_tiffs
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
@@ -92,7 +92,7 @@ def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> Non
     folder.mkdir()
     paths = export_tiffs(session, folder, every=4)
     assert len(paths) == FRAMES // 4 + 1
-    foreign = read_tiffs(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
+    foreign = read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
     frames = list(foreign.samples)
     originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
     assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]

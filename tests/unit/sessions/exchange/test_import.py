@@ -17,7 +17,7 @@ from fieldkit.errors import ConfigError
 from fieldkit.samples import EventKind, Frame, Quality
 from fieldkit.sessions.exchange.imported import bunched, write_foreign
 from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
-from fieldkit.sessions.exchange.tiffs import Scale, read_tiffs
+from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.times import parse_time_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
@@ -110,7 +110,7 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
     times.write_text(
         "file,time\na.tif,2026-05-12T10:00:01\nb.tiff,2026-05-12T10:00:02\nc.tif,2026-05-12T10:00:00.5\n"
     )
-    foreign = read_tiffs(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
+    foreign = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
     frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
     assert [int(frame.counts[0, 0]) for frame in frames] == [6900, 6901, 6902]
     assert frames[0].time_ns == 1_778_547_600_500_000_000  # 2026-05-12T01:00:00.5Z by date(1)
@@ -119,7 +119,7 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
 
 def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
-    foreign = read_tiffs(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
+    foreign = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
     assert [frame.time_ns for frame in foreign.samples] == [
         1_778_547_600_000_000_000,
         1_778_547_601_000_000_000,
@@ -133,26 +133,26 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
     times = tmp_path / "times.csv"
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
     with pytest.raises(ConfigError, match="no TIFF"):
-        read_tiffs(tmp_path / "empty", Scale(1.0), times=times)
+        read_stills(tmp_path / "empty", Scale(1.0), times=times)
     with pytest.raises(ConfigError, match=r"no time for 1 pictures, the first b\.tif"):
-        read_tiffs(folder, Scale(1.0), times=times)
+        read_stills(folder, Scale(1.0), times=times)
     with pytest.raises(ConfigError, match="one way"):
-        read_tiffs(folder, Scale(1.0))
+        read_stills(folder, Scale(1.0))
     with pytest.raises(ConfigError, match="no zone"):
-        read_tiffs(tiffs(tmp_path / "g", ["20260512.tif"]), Scale(1.0), time_format="%Y%m%d")
+        read_stills(tiffs(tmp_path / "g", ["20260512.tif"]), Scale(1.0), time_format="%Y%m%d")
     cv2.imwrite(str(folder / "b.tif"), np.zeros((5, 7, 3), np.uint8))
     times.write_text("a.tif,2026-05-12T10:00:01Z\nb.tif,2026-05-12T10:00:02Z\n")
     with pytest.raises(ConfigError, match="16-bit"):
-        list(read_tiffs(folder, Scale(1.0), times=times).samples)
+        list(read_stills(folder, Scale(1.0), times=times).samples)
     (folder / "b.tif").write_bytes(b"not a picture")
     with pytest.raises(ConfigError, match="cannot be read"):
-        list(read_tiffs(folder, Scale(1.0), times=times).samples)
+        list(read_stills(folder, Scale(1.0), times=times).samples)
 
 
 def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
     (folder / "20260512T010001.tif").write_bytes(b"not a picture")
-    foreign = read_tiffs(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    foreign = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     with pytest.raises(ConfigError):
         write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
     assert [path.name for path in tmp_path.iterdir()] == ["f"]

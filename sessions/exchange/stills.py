@@ -1,11 +1,12 @@
-"""A folder of 16-bit TIFF pictures with stamps in a table or in their names.
+"""Single pictures (16-bit TIFF, InfiRay IRG), of a folder or one alone, stamped in a table or in their names.
 
-What a count means is never guessed: the scale must be given, or said to be unknown.
+What a count means is never guessed: the file says it, or it must be given, or said to be unknown.
 """
 
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
-from fieldkit.samples import Frame, Quality
-from fieldkit.sessions.exchange.imported import Foreign, bunched
+from fieldkit.samples import Frame, Quality, Severity
+from fieldkit.sessions.exchange.imported import Foreign, bunched, usual_rate_hz
+from fieldkit.sessions.exchange.irg import read_irg
 from fieldkit.sessions.exchange.times import parse_time_ns
 
-SUFFIXES = (".tif", ".tiff")
+SUFFIXES = (".tif", ".tiff", ".irg")
+_SAY_SCALE = "--kelvin-per-count 0.01 (the maker's number), or --kelvin-per-count none for pictures only"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,25 +34,33 @@ class Scale:
     kelvin_at_zero: float = 0.0
 
 
-def pictures_in(folder: Path) -> list[Path]:
-    """The TIFF files of a folder, by name."""
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+def pictures_in(source: Path) -> list[Path]:
+    """The pictures of a folder, by name; or the one."""
+    if not source.is_dir():
+        return [source]
+    return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
-def read_tiffs(
-    folder: Path, scale: Scale, *, times: Path | None = None, time_format: str | None = None,
+def read_stills(
+    source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, name: str = "camera",
 ) -> Foreign:  # fmt: skip
-    """The pictures of a folder as a camera stream, in order of time.
+    """The pictures of a folder, or one, as a camera stream, in order of time.
 
-    Stamps come from a table `times` (file name, time; with a header line or without) or
-    from the file names by `time_format` (as for strptime, of the name without its ending).
-    Times without an offset are taken in `zone`. Raises `ConfigError`.
+    `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
+    time; with a header line or without) or from the file names by `time_format` (as for strptime, of
+    the name without its ending). Times without an offset are taken in `zone`. Raises `ConfigError`.
     """
-    paths = pictures_in(folder)
+    paths = pictures_in(source)
     if not paths:
         raise ConfigError(
-            f"{folder} has no TIFF pictures", fix="name the folder that has the .tif or .tiff files"
+            f"{source} has no TIFF or IRG pictures",
+            fix="name the folder that has the .tif, .tiff or .irg files",
+        )
+    first, own, remarks = _first(paths)
+    if scale is None and own is None:
+        raise ConfigError(
+            f"what one count of these {_kind(paths[0])} pictures means is not known", fix=_SAY_SCALE
         )
     if (times is None) == (time_format is None):
         raise ConfigError(
@@ -59,13 +70,32 @@ def read_tiffs(
     stamps = _from_table(paths, times, zone) if times else _from_names(paths, time_format or "", zone)
     ordered = sorted(paths, key=stamps.__getitem__)
     time_ns = [stamps[path] for path in ordered]
-    first = _picture(ordered[0])
+    known = scale or own or Scale(float("nan"))
     info = StreamInfo(
-        name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), scale.kelvin_per_count,
-        scale.kelvin_at_zero,
-        rate_hz=_rate_hz(time_ns), driver="import",
+        name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), known.kelvin_per_count,
+        known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
     )  # fmt: skip
-    return Foreign((info,), _Frames(ordered, time_ns, info))
+    return Foreign((info,), _Frames(ordered, time_ns, info), remarks)
+
+
+def _first(
+    paths: Sequence[Path],
+) -> tuple[NDArray[np.uint16], Scale | None, tuple[tuple[Severity, str], ...]]:
+    """A picture, what its file says of its counts, and what to remark."""
+    if len({_kind(path) for path in paths}) > 1:
+        raise ConfigError(
+            f"{paths[0].parent} has TIFF and IRG pictures", fix="import them from folders of their own"
+        )
+    if _kind(paths[0]) == "TIFF":
+        return _tiff(paths[0]), None, ()
+    picture = read_irg(paths[0])
+    own = None if math.isnan(picture.kelvin_per_count) else Scale(picture.kelvin_per_count)
+    said = f"the camera's emissivity was {picture.emissivity:g}; whether the counts allow for it is not known"
+    return picture.counts, own, ((Severity.WARNING, said),)
+
+
+def _kind(path: Path) -> str:
+    return "IRG" if path.suffix.lower() == ".irg" else "TIFF"
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +118,10 @@ class _Frames:
 
 
 def _picture(path: Path) -> NDArray[np.uint16]:
+    return _tiff(path) if _kind(path) == "TIFF" else read_irg(path).counts
+
+
+def _tiff(path: Path) -> NDArray[np.uint16]:
     import cv2
 
     found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -115,9 +149,3 @@ def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict
 
 def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:
     return {path: parse_time_ns(path.stem, zone, time_format) for path in paths}
-
-
-def _rate_hz(time_ns: Sequence[int]) -> float:
-    intervals = np.diff(np.array(time_ns, np.int64))
-    usual = float(np.median(intervals)) if intervals.size else 0.0
-    return 1e9 / usual if usual > 0 else 0.0

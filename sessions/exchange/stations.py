@@ -1,0 +1,50 @@
+"""A station's measured weather as streams: what an observatory nearby saw beside the experiment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.device import StreamInfo
+from fieldkit.samples import Reading, Severity
+from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
+from fieldkit.station_files import read_station_file
+from fieldkit.weather import Weather
+
+_COLUMNS = {
+    # our column: what the stream is called after the station's name, its quantity and unit
+    "dni": ("direct", "irradiance", "W m-2"),
+    "dhi": ("diffuse", "irradiance", "W m-2"),
+    "ghi": ("global", "irradiance", "W m-2"),
+    "longwave_down_w_m2": ("longwave-down", "longwave_irradiance", "W m-2"),
+    "longwave_up_w_m2": ("longwave-up", "longwave_irradiance", "W m-2"),
+    "air_temperature_k": ("air", "air_temperature", "K"),
+    "wind_m_s": ("wind", "wind_speed", "m s-1"),
+    "pressure_pa": ("pressure", "air_pressure", "Pa"),
+}  # direct first: an estimator without a light meter takes the first irradiance
+
+
+def read_station(path: Path, name: str) -> Foreign:
+    """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of minutes.
+
+    What was never measured is no stream. Raises `ConfigError`.
+    """
+    weather = read_station_file(path)
+    measured = {key: values for key in _COLUMNS if np.isfinite(values := getattr(weather, key)).any()}
+    streams = tuple(_stream(name, key, weather) for key in measured)
+    readings = [
+        Reading(info.name, int(stamp), int(stamp), (float(value),))
+        for stamp, *row in zip(weather.time_ns, *measured.values(), strict=True)
+        for info, value in zip(streams, row, strict=True)
+    ]
+    said = f"{weather.source}: {weather.time_ns.size} minutes, stamped in their middle"
+    return Foreign(streams, readings, ((Severity.INFO, said),), weather.site)
+
+
+def _stream(name: str, key: str, weather: Weather) -> StreamInfo:
+    word, quantity, unit = _COLUMNS[key]
+    return StreamInfo(
+        f"{name}-{word}", quantity, unit, (1,), rate_hz=usual_rate_hz(weather.time_ns), driver="import",
+        model=weather.source,
+    )  # fmt: skip

@@ -1,0 +1,157 @@
+"""What stations measured becomes streams, at the middle of what each value stands for."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.errors import ConfigError
+from fieldkit.samples import Reading, Severity
+from fieldkit.sessions.exchange.imported import Foreign
+from fieldkit.sessions.exchange.jma_obsdl import is_obsdl, read_obsdl
+from fieldkit.sessions.exchange.jma_tables import is_radiation_table, read_radiation_table
+from fieldkit.sessions.exchange.stations import read_station
+from fieldkit.weather import STATIONS
+from tests.shared_data import shared
+
+
+def readings(foreign: Foreign, stream: str) -> list[Reading]:
+    return [one for one in foreign.samples if isinstance(one, Reading) and one.stream == stream]
+
+
+def utc(reading: Reading) -> str:
+    return datetime.fromtimestamp(reading.time_ns / 1e9, UTC).isoformat()
+
+
+def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
+    """Expected: the extremes and the conventions in the README beside the file."""
+    foreign = read_station(shared("data/weather/slv16001.dat"), "slv")
+    assert foreign.site == STATIONS["alamosa"]
+    units = {info.name: (info.quantity, info.unit) for info in foreign.streams}
+    assert units["slv-direct"] == ("irradiance", "W m-2")
+    assert units["slv-air"] == ("air_temperature", "K")
+    assert len(units) == 8
+    direct = readings(foreign, "slv-direct")
+    assert len(direct) == 1440
+    assert max(one.values[0] for one in direct) == 1076.1
+    assert utc(direct[0]) == "2015-12-31T23:59:30+00:00"
+
+
+# --- obsdl
+
+HEAD = "ダウンロードした時刻：2024/10/13 09:28:46\r\n\r\n"
+
+
+def obsdl(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "data.csv"
+    path.write_bytes((HEAD + text).encode("cp932"))
+    return path
+
+
+def hourly(tmp_path: Path) -> Path:
+    """As JMA's help page lays hourly values out: values, quality (8 normal, 1 missing), homogeneity."""
+    return obsdl(
+        tmp_path,
+        ",つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば\r\n"
+        "年月日時,気温(℃),気温(℃),気温(℃),日射量(MJ/㎡),日射量(MJ/㎡),日射量(MJ/㎡),"
+        "風速(m/s),風速(m/s),風速(m/s),風速(m/s),風速(m/s)\r\n"
+        ",,,,,,,,,風向,風向,\r\n"
+        ",,品質情報,均質番号,,品質情報,均質番号,,品質情報,,品質情報,均質番号\r\n"
+        "2024/6/1 11:00:00,21.5,8,1,3.60,8,1,2.5,8,北,8,1\r\n"
+        "2024/6/1 12:00:00,22.0,8,1,2.88,4,1,3.0,8,北,8,1\r\n"
+        "2024/6/2 0:00:00,,1,1,0.00,8,1,1.0,8,北,8,2\r\n",
+    )
+
+
+def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) -> None:
+    path = hourly(tmp_path)
+    assert is_obsdl(path)
+    foreign = read_obsdl(path, "jma")
+    sums = readings(foreign, "jma-global")
+    assert sums[0].values == (1000.0,)  # 3.6 MJ/m² in an hour
+    assert utc(sums[0]) == "2024-06-01T01:30:00+00:00"  # 11 h of Japan is the end of the hour
+    assert np.isnan(sums[1].values[0])  # quality 4
+    air = readings(foreign, "jma-air")
+    assert (air[0].values, utc(air[0])) == ((294.65,), "2024-06-01T02:00:00+00:00")
+    assert [one.values for one in readings(foreign, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
+    times = [one.time_ns for one in foreign.samples if isinstance(one, Reading)]
+    assert times == sorted(times)
+    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were left out") in foreign.remarks
+    assert any("風速: station or instrument changed" in text for _, text in foreign.remarks)
+
+
+def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
+    """The other choice at the download page; 24 h is the next day's beginning."""
+    path = obsdl(tmp_path, ",,,,館野\r\n年,月,日,時,気温(℃)\r\n,,,,\r\n2024,6,1,24,20.0\r\n")
+    (air,) = readings(read_obsdl(path, "jma"), "jma-air")
+    assert utc(air) == "2024-06-01T15:00:00+00:00"
+
+
+def test_real_daily_download_is_read() -> None:
+    """Expected: the rows as they stand in the file."""
+    foreign = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
+    air = readings(foreign, "kyoto-air")
+    assert foreign.streams[1].channels == ("平均気温", "最高気温", "最低気温")
+    assert len(air) == 30
+    assert air[0].values == pytest.approx((27.4 + 273.15, 36.0 + 273.15, 19.1 + 273.15))
+    assert utc(air[0]) == "2014-06-01T03:00:00+00:00"  # noon in Japan
+    assert readings(foreign, "kyoto-pressure")[1].values == pytest.approx((101240.0,))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no row that begins with a date"),
+        (",京都\r\n年月日,降水量の合計(mm)\r\n2014/6/1,0\r\n", "no item that fieldkit takes"),
+        (",京都\r\n年月日時,気温(℃)\r\n2014/13/1 1:00:00,0\r\n", "not as the Japan Meteorological"),
+    ],
+)
+def test_downloads_without_what_is_needed_are_told(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_obsdl(obsdl(tmp_path, text), "jma")
+
+
+# --- radiation tables
+
+
+def row(day: int, hours: list[str], total: str) -> str:
+    return f"{day:3}" + "".join(f"{hour:>5}" for hour in hours) + f"{total:>6}"
+
+
+def table(tmp_path: Path, rows: list[str], name: str = "DR202406_tat.txt") -> Path:
+    """As JMA describes it: title, a heading of hours, days down and hours across, TOTAL and so on below."""
+    heading = "DAY" + "".join(f"{hour:5}" for hour in range(1, 25)) + "  TOTAL"
+    text = ["DIRECT SOLAR RADIATION  TATENO  JUNE 2024", "-" * 130, heading, "-" * 130, *rows, "-" * 130]
+    path = tmp_path / name
+    path.write_bytes("\r\n".join([*text, "TOTAL" + "  100" * 25]).encode("cp932"))
+    return path
+
+
+def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None:
+    hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
+    path = table(tmp_path, [row(1, hours, "504]"), row(2, ["XXX"] * 24, "XXXX")])
+    assert is_radiation_table(path)
+    foreign = read_radiation_table(path, "tat")
+    direct = readings(foreign, "tat-direct")
+    assert len(direct) == 48
+    assert direct[10].values == pytest.approx((900.0,))  # 3.24 MJ/m² from 10 to 11 h
+    assert utc(direct[10]) == "2024-06-01T01:30:00+00:00"
+    assert np.isnan(direct[11].values[0])
+    assert np.isnan([one.values[0] for one in direct[24:]]).all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([], "no rows of days"),
+        ([row(2, ["0"] * 24, "0")], "from the first of the month"),
+        ([row(1, ["0"] * 23, "0")], "has not 24 hours"),
+        ([row(1, ["100"] * 24, "1200")], "do not add up"),
+    ],
+)
+def test_tables_laid_out_otherwise_are_refused(tmp_path: Path, rows: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_radiation_table(table(tmp_path, rows), "tat")
