@@ -21,12 +21,24 @@ def refuse_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
             )
 
 
-def number(settings: DeviceSettings, key: str, default: float) -> float:
-    """The option `key` as a number; raises `ConfigError` if it is none."""
+def number(
+    settings: DeviceSettings, key: str, default: float, within: tuple[float, float] | None = None
+) -> float:
+    """The option `key` as a number, `within` two ends if given; raises `ConfigError`."""
     value = settings.options.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise _wrong(settings, key, value, "a number")
+    if within and key in settings.options and not within[0] <= value <= within[1]:
+        raise _wrong(settings, key, value, f"a number from {within[0]:g} to {within[1]:g}")
     return float(value)
+
+
+def flag(settings: DeviceSettings, key: str, default: bool) -> bool:
+    """The option `key` as true or false; raises `ConfigError`."""
+    value = settings.options.get(key, default)
+    if not isinstance(value, bool):
+        raise _wrong(settings, key, value, "true or false")
+    return value
 
 
 def text(settings: DeviceSettings, key: str, default: str, choices: Sequence[str] = ()) -> str:

@@ -23,7 +23,7 @@ from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, 
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.ports import serial_ports
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import ConfigError, DeviceError
+from fieldkit.errors import DeviceError
 from fieldkit.samples import Quality
 
 WANTED = Wanted(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640, 514), (320, 258)))
@@ -69,11 +69,7 @@ class Boson:
         """Open pictures and commands; a Boson without reachable commands still gives pictures."""
         options.refuse_unknown(settings, (*camera.OPTIONS, "radiometric", "kelvin_per_count"))
         scale = options.number(settings, "kelvin_per_count", math.nan)
-        radiometric = settings.options.get("radiometric", False)
-        if not isinstance(radiometric, bool):
-            raise ConfigError(
-                f"{settings.name}: radiometric = {radiometric!r}", fix="radiometric = true or false"
-            )
+        radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
         serial = serial_side(opened.usb, clock)
         try:

@@ -25,6 +25,7 @@ from fieldkit.drivers.cameras import camera, infiray
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.records import Decoded, Rejected
+from fieldkit.errors import DeviceError
 from fieldkit.samples import Quality
 
 WIDTH, HEIGHT = 256, 192
@@ -34,7 +35,7 @@ SCALE = 1 / 64
 RATE_HZ = 25.0
 GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
-OPTIONS = (*camera.OPTIONS, "gain")
+OPTIONS = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
 
 def decode(data: bytes) -> Picture | Rejected:
@@ -59,7 +60,8 @@ def flags(counts: NDArray[np.uint16]) -> Quality:
 class P2Pro:
     """Driver of the InfiRay 256x192 family.
 
-    Options: those of every camera, and `gain` (``high`` or ``low``), set and read back when opening.
+    Options: those of every camera, and what is set in the camera and read back when opening: `gain` (``high``
+    or ``low``), `emissivity` (1.0 leaves the correction to fieldkit), `distance_m`, `auto_shutter`.
     """
 
     name = "p2pro"
@@ -76,12 +78,16 @@ class P2Pro:
         return decode_frames(data, decode, (LENGTH,))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
-        """Open the camera, read back what its commands tell, set the gain if asked to."""
+        """Open the camera, set in it what the options ask for, record what its commands tell."""
         options.refuse_unknown(settings, OPTIONS)
-        gain = options.text(settings, "gain", "", ("", *infiray.GAINS))
+        wanted = infiray.wishes(settings)
         opened = open_source(settings, WANTED, clock)
         first = camera.first_picture(opened.source, decode, settings.name, clock)
-        commands, facts = infiray.connect(opened.usb, clock, gain)
+        try:
+            commands, facts = infiray.connect(opened.usb, clock, wanted)
+        except DeviceError:
+            opened.source.close()
+            raise
         info = describe(settings, opened, first, facts)
         return camera.ThermalCamera(
             info, opened.source, decode, clock, commands.calibrate if commands else None

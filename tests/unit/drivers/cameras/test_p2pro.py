@@ -10,7 +10,7 @@ from fieldkit.drivers.cameras.infiray import Commands
 from fieldkit.drivers.cameras.p2pro import LENGTH, P2Pro, decode
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DeviceError
+from fieldkit.errors import ConfigError, DeviceAccessError, DeviceError
 from fieldkit.samples import NO_COUNTER, Quality
 
 GREY = np.full((192, 256), 0x8020, "<u2")
@@ -75,8 +75,13 @@ class Camera:
     """The far end of the control endpoint, as the public program drives it."""
 
     def __init__(self):
-        self.written, self.statuses, self.properties = [], [], {5: 1}
+        self.written, self.statuses, self.tables = [], [], {0x8514: {5: 1}, 0x8214: {0: 1}}
+        self.refuses = ()
         self.answer = b""
+
+    @property
+    def properties(self):
+        return self.tables[0x8514]
 
     def ctrl_transfer(self, kind, request, value, index, data):
         assert value == 0x78
@@ -88,9 +93,10 @@ class Camera:
         self.written.append((index, bytes(data)))
         if index == 0x9D00:
             code, item, number = struct.unpack("<H", data[:2]) + struct.unpack(">HI", data[2:])
-            if code & 0x4000:
-                self.properties[item] = number
-            self.answer = self.properties.get(item, 0).to_bytes(2, "big")
+            table = self.tables.get(code & ~0x4000, {})
+            if code & 0x4000 and item not in self.refuses:
+                table[item] = number
+            self.answer = table.get(item, 0).to_bytes(2, "big")
         return None
 
 
@@ -132,20 +138,73 @@ def test_busy_camera_is_waited_for_and_a_refusal_is_an_error(far, commands):
         commands.calibrate()
 
 
+USB = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
+
+
+def connected(far, monkeypatch, **options):
+    monkeypatch.setattr(infiray, "usb_instruments", lambda kinds: [(far, USB)])
+    return infiray.connect(USB, HostClock(), infiray.wishes(DeviceSettings("ir", "p2pro", options=options)))
+
+
 def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):
-    usb = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
-    monkeypatch.setattr(infiray, "usb_instruments", lambda kinds: [(far, usb)])
-    channel, facts = infiray.connect(usb, HostClock(), "low")
+    channel, facts = connected(far, monkeypatch, gain="low")
     assert channel is not None
     assert (facts["gain"], far.properties[5]) == ("low", 0)
 
 
-def test_unreachable_commands_are_a_fact_unless_a_gain_is_wanted(reel):
+# Codes and byte orders as P2Pro-Viewer sends them (P2Pro_cmd.py: code little-endian with 0x4000 to
+# set, the rest big-endian); counts per metre and of emissivity 1 as in the maker's header.
+@pytest.mark.parametrize(
+    ("options", "sent"),
+    [
+        ({"gain": "high"}, "14c5 0005 00000001"),
+        ({"emissivity": 1.0}, "14c5 0003 00000080"),
+        ({"emissivity": 0.95}, "14c5 0003 0000007a"),
+        ({"distance_m": 25}, "14c5 0000 00000c80"),
+        ({"auto_shutter": True}, "14c2 0000 00000001"),
+    ],
+)
+def test_settings_are_written_as_the_public_program_does(far, monkeypatch, options, sent):
+    connected(far, monkeypatch, **options)
+    assert far.written[:2] == [(0x9D00, bytes.fromhex(sent)), (0x1D08, bytes(8))]
+
+
+def test_camera_whose_shutter_must_not_run_by_itself_is_calibrated_once(far, monkeypatch):
+    _, facts = connected(far, monkeypatch, auto_shutter=False)
+    assert far.written[0] == (0x9D00, bytes.fromhex("14c2 0000 00000000"))
+    assert (0x1D00, bytes.fromhex("0dc1 00000000 0000")) in far.written
+    assert facts["auto_shutter"] == 0
+
+
+def test_setting_the_firmware_ignores_is_an_error(far, monkeypatch):
+    far.refuses = (0,)
+    with pytest.raises(DeviceError, match=r"did not take distance_m = 3\.0: it was sent 384 and says 0"):
+        connected(far, monkeypatch, distance_m=3)
+
+
+def test_emissivity_may_be_read_back_one_count_lower(far, monkeypatch):
+    far.properties[3], far.refuses = 127, (3,)  # as by the reading that 127 is 1
+    assert connected(far, monkeypatch, emissivity=1.0)[1]["camera_emissivity_counts"] == 127
+
+
+@pytest.mark.parametrize(
+    "options", [{"gain": "medium"}, {"emissivity": 95}, {"distance_m": -1}, {"auto_shutter": "off"}]
+)
+def test_settings_no_camera_has_are_refused_before_it_is_opened(reel, options):
+    source = reel(frame())
+    with pytest.raises(ConfigError, match=next(iter(options))):
+        opened(source, **options)
+    assert len(source.buffers) == 1
+
+
+def test_unreachable_commands_are_a_fact_unless_a_setting_is_wanted(reel):
     camera = opened(reel(frame()))
     assert camera.info.settings["commands"] == "not reachable"
     assert camera.run_shutter() is False
-    with pytest.raises(DeviceError, match="gain cannot be set"):
-        opened(reel(frame()), gain="low")
+    source = reel(frame())
+    with pytest.raises(DeviceAccessError, match="gain cannot be set"):
+        opened(source, gain="low")
+    assert source.closed
 
 
 def test_kernels_error_flag_is_a_rejection(reel):
