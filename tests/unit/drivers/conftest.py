@@ -8,6 +8,8 @@ import tty
 
 import pytest
 
+from tests.harness.usb_bus import Bus
+
 
 class Wire:
     """`path` is what a driver opens; on the far end an instrument may say, talk on, or answer questions."""
@@ -71,3 +73,15 @@ def wire():
     wire.cut()
     for thread in wire.threads:
         thread.join(2)
+
+
+@pytest.fixture
+def usb_bus(monkeypatch):
+    """Plugs instruments of `tests.harness.usb_bus` into this computer."""
+
+    def plug(*instruments):
+        bus = Bus(*instruments)
+        monkeypatch.setattr("usb.backend.libusb1.get_backend", lambda *given, **more: bus)
+        return bus
+
+    return plug

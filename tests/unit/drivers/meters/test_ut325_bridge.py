@@ -1,0 +1,119 @@
+"""The UT325's driver and its HID bridge over real pyusb, against a CH9325 with the meter behind it.
+
+The bridge as sigrok describes it: a feature report of five bytes sets the speed, reports of eight bytes carry
+up to seven characters after F0 plus their number; one sent to it begins with the number alone.
+"""
+
+import pytest
+
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
+from fieldkit.drivers.conformance import check_driver
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.meters.ut325 import Ut325
+from fieldkit.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from tests.harness.usb_bus import Instrument
+
+T1 = bytes.fromhex(
+    "30 3A 32 35 33 31 30 30 30 30 30 30 30 30 30 30 31 0D 0A"
+)  # instruments' own layout: 25.3 °C
+T2 = bytes.fromhex("30 3B 3A 35 32 31 30 30 30 30 30 30 30 31 30 30 31 0D 0A")  # -5.2 °C
+
+
+class Ch9325(Instrument):
+    ids = (0x1A86, 0xE008)
+    strings = ("WCH", "HID", "")
+    endpoints = ((0, 0, ((0x82, 3), (0x02, 3))),)
+
+    def __init__(self, port=2):
+        super().__init__(port)
+        self.claimed_by_kernel = True  # usbhid takes it when it is plugged in
+        self.speed, self.live, self.turn, self.characters = 0, True, 0, b""
+
+    def control(self, kind, request, value, index, data):
+        if (kind, request, value, index) != (0x21, 0x09, 0x0300, 0):
+            return None
+        self.speed = int.from_bytes(data[:2], "little")
+        return b""
+
+    def written(self, endpoint, data):
+        assert (endpoint, len(data), data[0]) == (0x02, 8, 1)
+        self.live = {1: True, 2: False}[data[1]]
+
+    def pending(self, endpoint):
+        if self.speed != 2400 or not self.live:
+            return b""
+        if not self.characters:
+            self.characters = (T1, T2)[self.turn % 2]
+            self.turn += 1
+        said, self.characters = self.characters[:7], self.characters[7:]
+        return bytes([0xF0 + len(said)]) + said.ljust(7, b"\0")
+
+
+@pytest.fixture
+def bridge(usb_bus):
+    bridge = Ch9325()
+    usb_bus(bridge)
+    return bridge
+
+
+def opened(**given):
+    return Ut325().open(DeviceSettings("t", "ut325", **given), HostClock())
+
+
+def test_bridge_is_found_by_its_identity(bridge):
+    (found,) = Ut325().find()
+    assert (found.identity, found.port) == ("1a86:e008", "usb:1-2")
+    assert found.doubt
+
+
+def test_readings_come_through_the_bridge(bridge):
+    device = opened()
+    readings = [device.read(1.0) for _ in range(4)]
+    assert {reading.raw for reading in readings} == {T1, T2}
+    found = sorted(value for reading in readings for value in reading.values if value == value)
+    assert found == pytest.approx([273.15 - 5.2] * 2 + [273.15 + 25.3] * 2)
+    assert (device.info.serial_number, device.info.identity, bridge.speed) == ("", "1a86:e008", 2400)
+    device.close()
+    device.close()
+
+
+def test_two_alike_are_told_apart_by_their_socket(usb_bus):
+    usb_bus(Ch9325(2), Ch9325(3))
+    with pytest.raises(DeviceNotFoundError, match="2 USB instruments"):
+        opened()
+    device = opened(identity="1-3")
+    assert device.info.port == "usb:1-3"
+    device.close()
+
+
+def test_unplugged_bridge_is_lost_and_comes_back(bridge):
+    device = opened()
+    assert device.read(1.0) is not None
+    bridge.gone = True
+    with pytest.raises(DeviceLostError, match="is gone"):
+        device.read(1.0)
+    device.close()
+    bridge.gone, bridge.claimed_by_kernel = False, True
+    device = opened()
+    assert device.read(1.0) is not None
+    device.close()
+
+
+def test_bridge_without_permission_says_what_to_type(bridge):
+    bridge.forbidden = True
+    with pytest.raises(DeviceAccessError, match="no permission") as caught:
+        opened()
+    assert "doctor --udev" in caught.value.fix
+
+
+def test_silent_meter_is_a_timeout(bridge, monkeypatch):
+    monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
+    monkeypatch.setattr(Ch9325, "pending", lambda self, endpoint: b"")
+    with pytest.raises(DeviceTimeoutError, match="nothing heard"):
+        opened()
+
+
+def test_driver_conforms_on_its_bridge(bridge):
+    outcomes = list(check_driver(Ut325(), HostClock(), DeviceSettings("t", "ut325")))
+    assert {one.level for one in outcomes} == {"ok"}, outcomes
