@@ -55,7 +55,8 @@ class Bus(IBackend):
         names = [place * bool(text) for place, text in enumerate(one.strings, 1)]
         return SimpleNamespace(
             bLength=18, bDescriptorType=1, bcdUSB=0x0200,
-            bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0, bMaxPacketSize0=64, idVendor=one.ids[0], idProduct=one.ids[1], bcdDevice=0x0100,
+            bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0, bMaxPacketSize0=64,
+            idVendor=one.ids[0], idProduct=one.ids[1], bcdDevice=0x0100,
             iManufacturer=names[0], iProduct=names[1], iSerialNumber=names[2], bNumConfigurations=1,
             address=one.port + 1, bus=1, port_number=one.port, port_numbers=(one.port,), speed=3,
         )  # fmt: skip
@@ -63,7 +64,8 @@ class Bus(IBackend):
     def get_configuration_descriptor(self, one, config):
         interfaces = {number for number, _, _ in one.endpoints}
         return SimpleNamespace(
-            bLength=9, bDescriptorType=2, wTotalLength=9, bNumInterfaces=len(interfaces), bConfigurationValue=1,
+            bLength=9, bDescriptorType=2, wTotalLength=9, bNumInterfaces=len(interfaces),
+            bConfigurationValue=1,
             iConfiguration=0, bmAttributes=0x80, bMaxPower=250, extra_descriptors=[],
         )  # fmt: skip
 
