@@ -15,7 +15,7 @@ from fieldkit.commands.init import make_campaign
 from fieldkit.commands.record import live_views
 from fieldkit.commands.recording import instruments, preflight, record_session, session_path
 from fieldkit.commands.report import report_session
-from fieldkit.commands.slope_table import print_slopes
+from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.estimation.answers import answers_of
@@ -113,6 +113,7 @@ def _conclude(
         return
     common.say(f"done in {took_s:.0f} s")
     print_slopes(answers, regions)
+    explain_slopes(answers.values())
     click.echo(
         f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (paper model; the report says why)"
     )

@@ -11,7 +11,7 @@ import click
 from fieldkit.commands import common
 from fieldkit.commands.estimating import as_document
 from fieldkit.commands.session_paths import resolved
-from fieldkit.commands.slope_table import print_slopes
+from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.commands.types import FACET, SITE
 from fieldkit.errors import ConfigError, NoAnswerError
 from fieldkit.estimation.answers import ANSWERED, answers_of
@@ -118,6 +118,7 @@ def _estimate_table(
     else:
         targets = [Region(one.region, RegionKind.TARGET, ()) for one in slopes]
         print_slopes({one.region: one for one in slopes}, targets)
+        explain_slopes(slopes)
     _refuse_silence(slopes)
 
 
@@ -144,6 +145,7 @@ def _print(
         if len(slopes) > 1:
             click.echo(name)
         print_slopes(answers[name], estimates.regions)
+    explain_slopes(one for of_session in answers.values() for one in of_session.values())
 
 
 def _document(path: str, estimates: Estimates, answers: Mapping[str, SlopeEstimate]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from fieldkit.clock import HostClock
 from fieldkit.commands import common
 from fieldkit.commands.estimating import as_document, config_for, estimates_of, estimator_for, minutes_of
 from fieldkit.commands.session_paths import offer_recovery
-from fieldkit.commands.slope_table import print_slopes
+from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.answers import answers_of
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder import View
@@ -49,6 +49,7 @@ def command(
         common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
         return
     print_slopes(answers, estimator.regions)
+    explain_slopes(answers.values())
     common.say(f"next: fieldkit report {session}")
 
 

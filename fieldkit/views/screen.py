@@ -6,7 +6,6 @@ and time, picture beside the instruments, one line per region, the last events, 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
@@ -23,10 +22,10 @@ from rich.theme import Theme
 
 from fieldkit.device import StreamInfo
 from fieldkit.samples import Event, Frame, Severity
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.site import Region
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
+from fieldkit.views.regions_table import regions_table
 
 THEMES: Mapping[str, Theme] = {
     "dark": Theme(
@@ -71,7 +70,7 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     whole.split_column(
         Layout(_title(latest), size=1),
         Layout(top, size=top_rows),
-        Layout(_regions(latest, n_regions, wide=cols >= 100), size=n_regions + 1),
+        Layout(regions_table(latest, n_regions, wide=cols >= 100), size=n_regions + 1),
         Layout(_events(latest, n_events), size=n_events),
         Layout(_progress(latest), size=1),
     )
@@ -220,49 +219,7 @@ def _stream_words(latest: Latest, name: str) -> Text:
     return text.append(f"{age_s:.0f} s ago", "quiet") if age_s >= 3 else text.append("none lost", "good")
 
 
-# ---------------------------------------------------------------------- regions, events, progress
-
-
-def _regions(latest: Latest, count: int, *, wide: bool) -> RenderableType:
-    gap = 2 if wide else 1
-    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
-    table.add_column("region", no_wrap=True, max_width=12)
-    for name in ("°C", "spread", "tilt °", "azimuth °", "K per °"):
-        table.add_column(name, no_wrap=True, justify="right", min_width=len(name))
-    if wide:
-        table.add_column("given", no_wrap=True)
-    table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
-    for region in latest.regions[:count]:
-        cells = _region_cells(latest, region)
-        given = [words.given_slope(region)] if wide else []
-        table.add_row(region.name, *cells[:-1], *given, cells[-1])
-    return table
-
-
-def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
-    """Mean, spread, tilt, azimuth, kelvin per degree and state of one region."""
-    minute = latest.minute
-    nan = math.nan
-    mean = minute.temperature_k.get(region.name, nan) if minute else nan
-    spread = minute.spread_k.get(region.name, nan) if minute else nan
-    cells: list[str | Text] = [words.celsius(mean), words.number(spread, 2)]
-    if region.kind is RegionKind.REFERENCE:
-        azimuth = words.number(region.azimuth_deg) if region.tilt_deg else words.UNKNOWN
-        return [*cells, words.number(region.tilt_deg, 1), azimuth, "", Text("reference", "quiet")]
-    estimate = next((e for e in minute.estimates if e.region == region.name), None) if minute else None
-    if estimate is None:
-        return [*cells, words.UNKNOWN, words.UNKNOWN, words.UNKNOWN, Text("first minute", "quiet")]
-    return [
-        *cells,
-        words.tilt(estimate),
-        words.azimuth(estimate),
-        words.number(estimate.kelvin_per_degree, 2),
-        Text(words.state(estimate), _state_style(estimate)),
-    ]
-
-
-def _state_style(estimate: SlopeEstimate) -> str:
-    return "good" if estimate.state in (SlopeState.OK, SlopeState.FLAT) else "doubt"
+# ---------------------------------------------------------------------- events, progress
 
 
 def _events(latest: Latest, count: int) -> RenderableType:

@@ -16,6 +16,11 @@ from fieldkit.site import Region, RegionKind, Site
 from fieldkit.slope import SlopeEstimate, SlopeState
 
 UNKNOWN = "–"
+PAPER_LEAVES_OUT = (
+    "the paper's model leaves out sky light, its long wave and stored heat; outdoors, azimuth free, its "
+    "90 % regions hold the truth half to three quarters of the time"
+)
+"""By simulated sessions under measured weather (benchmarks, decision 0026)."""
 ZERO_CELSIUS_K = 273.15
 
 _LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
@@ -52,6 +57,13 @@ def plus_minus(value: float, low: float, high: float, digits: int = 1) -> str:
 def tilt(estimate: SlopeEstimate) -> str:
     """Tilt in degrees with its likelihood region."""
     return plus_minus(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
+
+
+def noise(estimate: SlopeEstimate) -> str:
+    """How far the tilt may be off by noise alone: ``±0.4°``, the larger half of that 90 % region."""
+    value, low, high = estimate.tilt_deg, estimate.noise_tilt_low_deg, estimate.noise_tilt_high_deg
+    half = max(high - value, value - low)
+    return f"±{half:.1f}°" if math.isfinite(half) else UNKNOWN
 
 
 def azimuth(estimate: SlopeEstimate) -> str:

@@ -31,6 +31,7 @@ def beds(material: Material) -> Html:
         "bed",
         "given",
         "tilt °",
+        "noise",
         "azimuth °",
         "also fits",
         "K per °",
@@ -41,10 +42,13 @@ def beds(material: Material) -> Html:
     )
     caption = (
         "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
-        f"region ({likelihood_words(material)}). Error is against the given tilt. MAE and SD are over the "
-        f"n minutes with an answer; slopes held over a cloud count for nothing. SD {sd_words(material.sd)}."
+        f"region ({likelihood_words(material)}); noise is the same by noise alone. Error is against "
+        "the given tilt. MAE and SD are over the n minutes with an answer; slopes held over a cloud count "
+        f"for nothing. SD {sd_words(material.sd)}."
     )
-    return section("Result", table(columns, rows, caption=caption))
+    doubt = paragraph(f"{words.PAPER_LEAVES_OUT[0].upper()}{words.PAPER_LEAVES_OUT[1:]}.")
+    paper = [doubt] if (material.settings.model, material.settings.azimuth) == ("paper", "free") else []
+    return section("Result", table(columns, rows, caption=caption), *paper)
 
 
 def likelihood_words(material: Material) -> str:
@@ -77,7 +81,7 @@ def _bed_row(bed: Bed, material: Material) -> list[object]:
     truth = np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
     mae = mean_absolute_error(bed.answered_tilt_deg, truth)
     sd = sd_of_absolute_error(bed.answered_tilt_deg, truth, material.sd)
-    found = _found(answer) if answer else [words.UNKNOWN] * 4
+    found = _found(answer) if answer else [words.UNKNOWN] * 5
     error = answer.tilt_deg - bed.region.tilt_deg if answer else float("nan")
     counted = int(np.isfinite(bed.answered_tilt_deg).sum())
     return [
@@ -94,6 +98,7 @@ def _bed_row(bed: Bed, material: Material) -> list[object]:
 def _found(answer: SlopeEstimate) -> list[object]:
     return [
         words.tilt(answer),
+        words.noise(answer),
         words.azimuth(answer),
         words.second_branch(answer) or words.UNKNOWN,
         words.number(answer.kelvin_per_degree, 2),

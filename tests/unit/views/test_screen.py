@@ -65,6 +65,17 @@ def test_tells_what_the_field_needs(latest, cols, rows):
         assert needed in text, needed
 
 
+def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
+    latest.minute = None
+    counts = latest.frame.counts.copy()
+    bed = next(region for region in latest.regions if region.name == "b15")
+    counts[bed.mask((counts.shape[0], counts.shape[1]))] = 30_215
+    latest.take(replace(latest.frame, counts=counts))
+    line = next(line for line in letters(latest, 80, 24) if line.startswith("b15"))
+    assert "29.00" in line  # 302.15 K
+    assert "first minute: as seen" in line
+
+
 def test_picture_grows_with_the_terminal(latest):
     small, large = ("\n".join(letters(latest, *size)).count("▀") for size in ((80, 24), (160, 50)))
     assert small > 300
