@@ -1,9 +1,9 @@
 """The conformance suite: what every driver, ours or a plug-in's, must do.
 
-Three groups. *Words*: name, title, quantity, and that looking for instruments raises nothing. *Bytes*: if
+Four groups. *Words*: name, title, quantity, and that looking for instruments raises nothing. *Bytes*: if
 the driver decodes, any bytes give values or reasons, never an exception. *Device*: if an instrument is
 given, it is opened, keeps its identity, meets its deadline, delivers what it declared, closes twice, and
-opens again.
+opens again. *Cable*: if somebody pulls it, the loss is told, and the instrument comes back as the same one.
 """
 
 from __future__ import annotations
@@ -11,17 +11,19 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from fieldkit.clock import Clock
 from fieldkit.device import Device, DeviceSettings, Driver, Found, StreamInfo
 from fieldkit.drivers.records import Decodes
-from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError
+from fieldkit.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.samples import Frame, Reading
 
 SECONDS = 10.0
 DEADLINE_S = 0.5
 SLACK_S = 1.0
+HAND_S = 60.0  # a person crawls under the table
+RETRY_S = 0.2
 NOBODY = "ffff:ffff:nobody"
 
 
@@ -34,6 +36,16 @@ class Outcome:
     text: str
 
 
+class Cable(Protocol):
+    """Somebody, or something, that pulls the instrument's cable."""
+
+    def unplug(self) -> None:
+        """Pull it, or ask for it; it may take `HAND_S` until it is done."""
+
+    def plug(self) -> None:
+        """Put it back, or ask for it."""
+
+
 class CheckError(Exception):
     """A check's complaint."""
 
@@ -42,8 +54,10 @@ class SkipError(Exception):
     """Why a check could not be made."""
 
 
-def check_driver(driver: Driver, clock: Clock, settings: DeviceSettings | None = None) -> Iterator[Outcome]:
-    """Run the suite; `settings` names an instrument to open, None leaves the device group out."""
+def check_driver(
+    driver: Driver, clock: Clock, settings: DeviceSettings | None = None, cable: Cable | None = None
+) -> Iterator[Outcome]:
+    """Run the suite; `settings` names an instrument to open, `cable` pulls it; None leaves that out."""
     for what, check in _words(driver):
         yield _outcome(what, check)
     yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
@@ -51,7 +65,7 @@ def check_driver(driver: Driver, clock: Clock, settings: DeviceSettings | None =
     if settings is None:
         yield Outcome("skip", "device", "no instrument was named; --port or --identity names one")
         return
-    yield from _device(driver, clock, settings)
+    yield from _device(driver, clock, settings, cable)
 
 
 def _outcome(what: str, check: Callable[[], str]) -> Outcome:
@@ -124,7 +138,7 @@ def _missing(driver: Driver, clock: Clock) -> str:
     raise CheckError(f"it opened an instrument of identity {NOBODY}")
 
 
-def _device(driver: Driver, clock: Clock, settings: DeviceSettings) -> Iterator[Outcome]:
+def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable | None) -> Iterator[Outcome]:
     opened: list[Device] = []
 
     def opens() -> str:
@@ -141,6 +155,12 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings) -> Iterator[
     yield _outcome("it delivers what it declared", lambda: _delivers(opened[0], clock))
     yield _outcome("it closes, twice", lambda: _closes(opened[0]))
     yield _outcome("it opens again as the same instrument", lambda: _again(driver, clock, settings, info))
+    if cable is None:
+        yield Outcome("skip", "cable", "nobody pulls it; --unplug asks you to")
+        return
+    yield _outcome("it tells when it is unplugged", lambda: _lost(driver, clock, settings, cable))
+    cable.plug()
+    yield _outcome("it comes back as the same instrument", lambda: _back(driver, clock, settings, info))
 
 
 def _declared(info: StreamInfo, settings: DeviceSettings) -> str:
@@ -196,9 +216,35 @@ def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: Strea
         for word in ("identity", "serial_number", "shape", "unit"):
             old, new = getattr(before, word), getattr(device.info, word)
             _need(old == new, f"{word} was {old!r}, is {new!r}")
+        _delivers(device, clock)
     finally:
         device.close()
     return before.identity or before.port
+
+
+def _lost(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable) -> str:
+    device = driver.open(settings, clock)
+    cable.unplug()
+    deadline_ns = clock.mono_ns() + int(HAND_S * 1e9)
+    try:
+        while clock.mono_ns() < deadline_ns:
+            device.read(DEADLINE_S)
+    except DeviceLostError as error:
+        _need(bool(error.fix), f"no fix is named: {error.message}")
+        return error.message
+    finally:
+        _closes(device)
+    raise CheckError(f"{HAND_S:g} s without its cable, and read() raised no DeviceLostError")
+
+
+def _back(driver: Driver, clock: Clock, settings: DeviceSettings, before: StreamInfo) -> str:
+    deadline_ns = clock.mono_ns() + int(HAND_S * 1e9)
+    while True:
+        try:
+            return _again(driver, clock, settings, before)
+        except DeviceError as error:  # not there yet, or still starting
+            _need(clock.mono_ns() < deadline_ns, f"not back after {HAND_S:g} s: {error.message}")
+            clock.sleep(RETRY_S)
 
 
 def settings_for(driver: Driver, port: str, identity: str, options: dict[str, Any]) -> DeviceSettings | None:

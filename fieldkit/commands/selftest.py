@@ -6,11 +6,23 @@ from dataclasses import asdict
 
 import click
 
-from fieldkit.commands.common import Verb, options, print_json
+from fieldkit.commands.common import Verb, options, print_json, say
 from fieldkit.commands.decode import parse_option
 from fieldkit.errors import DeviceError
 
 FAILED = DeviceError.exit_code
+
+
+class Hands:
+    """The user, who pulls the cable when asked."""
+
+    def unplug(self) -> None:
+        """Ask for it."""
+        say("pull the instrument's cable now")
+
+    def plug(self) -> None:
+        """Ask for it."""
+        say("put the cable back")
 
 
 @click.command(cls=Verb)
@@ -19,9 +31,12 @@ FAILED = DeviceError.exit_code
 @click.option(
     "--identity", default="", help="Identity of the instrument to try, as `fieldkit devices` shows it."
 )
+@click.option("--unplug", is_flag=True, help="Also ask for the cable to be pulled and put back.")
 @click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="An option of the driver.")
 @click.pass_context
-def command(ctx: click.Context, driver: str, port: str, identity: str, pairs: tuple[str, ...]) -> None:
+def command(
+    ctx: click.Context, driver: str, port: str, identity: str, unplug: bool, pairs: tuple[str, ...]
+) -> None:
     """Run the conformance suite on a driver; with an instrument at hand, on that too."""
     from fieldkit.clock import HostClock
     from fieldkit.drivers import registry
@@ -29,7 +44,8 @@ def command(ctx: click.Context, driver: str, port: str, identity: str, pairs: tu
 
     found = registry.get(driver)
     given = dict(parse_option(pair) for pair in pairs)
-    outcomes = list(check_driver(found, HostClock(), settings_for(found, port, identity, given)))
+    instrument = settings_for(found, port, identity, given)
+    outcomes = list(check_driver(found, HostClock(), instrument, Hands() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
     if options(ctx).json:
         print_json({"driver": driver, "passed": passed, "checks": [asdict(one) for one in outcomes]})

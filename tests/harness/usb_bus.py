@@ -30,6 +30,14 @@ class Instrument:
         self.port = port
         self.gone = self.forbidden = self.claimed_by_kernel = False
 
+    def unplug(self):
+        """Pull its cable."""
+        self.gone = True
+
+    def plug(self):
+        """Put it back: it begins anew."""
+        self.__init__(self.port)
+
     def control(self, kind, request, value, index, data):
         """Answer a control transfer: bytes for one that reads, None to stall."""
 

@@ -12,13 +12,28 @@ from tests.harness.usb_bus import Bus
 
 
 class Wire:
-    """`path` is what a driver opens; on the far end an instrument may say, talk on, or answer questions."""
+    """`path` is what a driver opens; on the far end an instrument may say, talk on, or answer questions.
 
-    def __init__(self):
+    It may be unplugged and plugged in again, under the same path, as udev names an instrument.
+    """
+
+    def __init__(self, path):
+        self.path = str(path)
+        self.roles, self.threads = [], []
+        self.plug()
+
+    def plug(self):
         self.far, self.near = pty.openpty()
         tty.setraw(self.near)
-        self.path = os.ttyname(self.near)
-        self.threads = []
+        os.symlink(os.ttyname(self.near), self.path)
+        for role, line in self.roles:
+            self._run(role, line)
+
+    def unplug(self):
+        os.unlink(self.path)
+        self.cut()
+        for thread in self.threads:
+            thread.join(2)
 
     def say(self, data):
         os.write(self.far, data)
@@ -42,8 +57,12 @@ class Wire:
         """Reply from `replies` (question: answer) until the wire is cut."""
         self._start(self._answer, replies)
 
-    def _start(self, role, *lines):
-        thread = threading.Thread(target=role, args=lines, daemon=True)
+    def _start(self, role, line):
+        self.roles.append((role, line))
+        self._run(role, line)
+
+    def _run(self, role, line):
+        thread = threading.Thread(target=role, args=(line,), daemon=True)
         thread.start()
         self.threads.append(thread)
 
@@ -67,8 +86,8 @@ class Wire:
 
 
 @pytest.fixture
-def wire():
-    wire = Wire()
+def wire(tmp_path):
+    wire = Wire(tmp_path / "instrument")
     yield wire
     wire.cut()
     for thread in wire.threads:

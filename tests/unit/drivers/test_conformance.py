@@ -1,5 +1,6 @@
 """Every driver passes the suite, the sample plug-in too; a driver that breaks a rule is caught."""
 
+import contextlib
 import importlib
 import sys
 import tomllib
@@ -9,10 +10,11 @@ import pytest
 
 from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
-from fieldkit.drivers import registry
+from fieldkit.drivers import conformance, registry
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.meters.center_309 import Center309
 from fieldkit.drivers.meters.lutron import Lutron
+from fieldkit.errors import DeviceLostError
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 TEMPERATURES = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
@@ -31,14 +33,14 @@ def test_every_driver_of_ours_conforms(name):
 
 def test_meter_that_talks_conforms_on_its_port(wire):
     wire.talk(LUX)
-    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
+    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path), wire))
     assert set(levels(outcomes).values()) == {"ok"}, outcomes
 
 
 def test_meter_that_answers_conforms_on_its_port(wire):
     wire.answer({b"K": b"309\r", b"A": TEMPERATURES})
     settings = DeviceSettings("t", "center-309", port=wire.path, every_s=0.05)
-    outcomes = list(check_driver(Center309(), HostClock(), settings))
+    outcomes = list(check_driver(Center309(), HostClock(), settings, wire))
     assert set(levels(outcomes).values()) == {"ok"}, outcomes
 
 
@@ -63,7 +65,9 @@ def test_sample_plug_in_is_short_and_conforms(sample_package, wire):
     assert lines <= 60
     wire.talk(b"LUX 98760\r\n")
     driver = registry.get("sample-lux")
-    outcomes = list(check_driver(driver, HostClock(), DeviceSettings("t", "sample-lux", port=wire.path)))
+    outcomes = list(
+        check_driver(driver, HostClock(), DeviceSettings("t", "sample-lux", port=wire.path), wire)
+    )
     assert set(levels(outcomes).values()) == {"ok"}, outcomes
 
 
@@ -109,3 +113,33 @@ def test_samples_that_were_not_declared_are_caught(wire):
     wire.talk(LUX)
     outcomes = list(check_driver(Overdue(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
     assert levels(outcomes)["it delivers what it declared"] == "fail"
+
+
+class Clinging(Lutron):
+    """Takes a cut cable for silence."""
+
+    def open(self, settings, clock):
+        device = super().open(settings, clock)
+        read = device.read
+
+        def forgiving(timeout_s):
+            with contextlib.suppress(DeviceLostError):
+                return read(timeout_s)
+
+        device.read = forgiving
+        return device
+
+
+def test_driver_that_does_not_tell_a_pulled_cable_is_caught(wire, monkeypatch):
+    monkeypatch.setattr(conformance, "HAND_S", 0.3)
+    wire.talk(LUX)
+    settings = DeviceSettings("t", "lutron", port=wire.path)
+    found = levels(check_driver(Clinging(), HostClock(), settings, wire))
+    assert found["it tells when it is unplugged"] == "fail"
+    assert found["it comes back as the same instrument"] == "ok"
+
+
+def test_without_somebody_to_pull_it_the_cable_is_left_out(wire):
+    wire.talk(LUX)
+    outcomes = list(check_driver(Lutron(), HostClock(), DeviceSettings("t", "lutron", port=wire.path)))
+    assert levels(outcomes)["cable"] == "skip"

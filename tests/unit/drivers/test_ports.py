@@ -143,7 +143,8 @@ def test_identity_finds_the_port_whatever_its_number(monkeypatch, wire):
 
 
 def test_other_instrument_at_the_configured_port_is_refused(monkeypatch, wire):
-    monkeypatch.setattr(ports, "serial_ports", lambda: [(wire.path, UsbIdentity(0x10C4, 0xEA60, "X"))])
+    real = os.path.realpath(wire.path)
+    monkeypatch.setattr(ports, "serial_ports", lambda: [(real, UsbIdentity(0x10C4, 0xEA60, "X"))])
     with pytest.raises(DeviceNotFoundError, match="is 10c4:ea60:X, not 0403:6001"):
         open_port(settings(port=wire.path, identity="0403:6001"), Line(), HostClock())
 

@@ -110,7 +110,7 @@ def test_shutter_is_run_by_its_command(camera):
 
 def test_unplugged_camera_is_lost(camera):
     device = opened()
-    camera.gone = True
+    camera.unplug()
     with pytest.raises(DeviceLostError, match="is gone"):
         device.read(1.0)
     device.close()
@@ -140,5 +140,7 @@ def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
 
 
 def test_driver_conforms_on_its_camera(camera):
-    outcomes = list(check_driver(ThermalMaster(), HostClock(), DeviceSettings("ir", "thermal-master")))
+    outcomes = list(
+        check_driver(ThermalMaster(), HostClock(), DeviceSettings("ir", "thermal-master"), camera)
+    )
     assert {one.level for one in outcomes} == {"ok"}, outcomes

@@ -90,11 +90,11 @@ def test_two_alike_are_told_apart_by_their_socket(usb_bus):
 def test_unplugged_bridge_is_lost_and_comes_back(bridge):
     device = opened()
     assert device.read(1.0) is not None
-    bridge.gone = True
+    bridge.unplug()
     with pytest.raises(DeviceLostError, match="is gone"):
         device.read(1.0)
     device.close()
-    bridge.gone, bridge.claimed_by_kernel = False, True
+    bridge.plug()
     device = opened()
     assert device.read(1.0) is not None
     device.close()
@@ -115,5 +115,5 @@ def test_silent_meter_is_a_timeout(bridge, monkeypatch):
 
 
 def test_driver_conforms_on_its_bridge(bridge):
-    outcomes = list(check_driver(Ut325(), HostClock(), DeviceSettings("t", "ut325")))
+    outcomes = list(check_driver(Ut325(), HostClock(), DeviceSettings("t", "ut325"), bridge))
     assert {one.level for one in outcomes} == {"ok"}, outcomes
