@@ -188,8 +188,8 @@ def _os_write(path: Path, data: Frames) -> None:
     os.close(descriptor)
 
 
-def _plain_pack(tile: Frames) -> bytes:
-    return tile.tobytes()
+def _plain_pack(tile: Frames) -> memoryview:
+    return tile.data.cast("B")
 
 
 def _bricks(path: Path, info: StreamInfo, data: Frames) -> None:

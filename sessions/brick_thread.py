@@ -47,18 +47,21 @@ class BrickThread(threading.Thread):
         self._keeper = Keeper(journal.folder, identity)
         self.file = SessionFile(path, identity, self._pool)
         self.error: Exception | None = None
-        self._offers: queue.SimpleQueue[tuple[int, Record] | None] = queue.SimpleQueue()
+        self._offers: queue.SimpleQueue[tuple[int, Record, int | None] | None] = queue.SimpleQueue()
         self._handed_bytes = 0
         self._taken_bytes = 0
         self._next_id = 0
         self._at_once = False
         self._flushed_at = self._synced_at = time.monotonic()
 
-    def offer(self, number: int, record: Record) -> None:
-        """Hand over a record, unless too much is waiting: then the journal will give it later."""
+    def offer(self, number: int, record: Record, crc32: int | None) -> None:
+        """Hand over a record (a sample with its checksum), unless too much is waiting.
+
+        Then the journal will give it later.
+        """
         if not self.is_behind() and self.error is None:
             self._handed_bytes += _size(record)
-            self._offers.put((number, record))
+            self._offers.put((number, record, crc32))
 
     def is_behind(self) -> bool:
         """Whether as much is waiting as may wait."""
@@ -106,9 +109,9 @@ class BrickThread(threading.Thread):
             return True
         if offer is None or self._at_once:
             return False
-        number, record = offer
+        number, record, crc32 = offer
         self._catch_up(number)
-        self._put(record)
+        self._put(record, crc32)
         self._taken_bytes += _size(record)
         if time.monotonic() - self._flushed_at >= FLUSH_EVERY_S:
             self._flush()
@@ -120,7 +123,7 @@ class BrickThread(threading.Thread):
             return
         with JournalReader(self._journal.folder) as reader:
             for row in reader.rows(after=self._next_id - 1, before=number):
-                self._put(self._record(row))
+                self._put(self._record(row), row.crc32 if isinstance(row, SampleRow) else None)
 
     def _record(self, row: SampleRow | Entry) -> Record:
         if not isinstance(row, SampleRow):
@@ -130,8 +133,8 @@ class BrickThread(threading.Thread):
             raise OSError(f"record {row.number} cannot be read back from the journal")
         return sample
 
-    def _put(self, record: Record) -> None:
-        chunks = self.file.put(record)
+    def _put(self, record: Record, crc32: int | None) -> None:
+        chunks = self.file.put(record, crc32)
         self._next_id += 1
         if chunks:
             self._note(chunks + self.file.flush())

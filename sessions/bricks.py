@@ -23,6 +23,7 @@ from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 
 _LEVEL = 1
+_TAIL = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +80,15 @@ class BrickWriter:
 
     def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:
         self._dataset = dataset
+        self._file = h5py.h5i.get_file_id(dataset.id)
         self._pool = pool
-        self.depth, self._rows, self._cols = dataset.chunks
+        self.depth, rows, cols = dataset.chunks
         self._corners = corners(dataset)
-        fill = int(dataset.fillvalue)
-        self._brick = np.full((self.depth, *dataset.shape[1:]), fill, "<u2")
-        self._fill = fill
+        self._fill = int(dataset.fillvalue)
+        grid = dataset.shape[1] // rows, dataset.shape[2] // cols
+        self._tiles = np.empty(
+            (*grid, self.depth, rows, cols), "<u2"
+        )  # as they are packed, one after the other
         self.length = 0
         self.bytes_written = 0
 
@@ -95,22 +99,22 @@ class BrickWriter:
 
     def put(self, picture: NDArray[np.uint16]) -> None:
         """Take one frame; write the brick before the next when it is full."""
-        self._brick[self.length % self.depth] = picture
+        down, across, _, rows, cols = self._tiles.shape
+        cut = picture.reshape(down, rows, across, cols).swapaxes(1, 2)
+        self._tiles[:, :, self.length % self.depth] = cut
         self.length += 1
 
     def write(self) -> list[Chunk]:
         """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
-        tiles = [self._brick[:, y : y + self._rows, x : x + self._cols] for y, x in self._corners]
+        self._tiles[:, :, self.length - start :] = self._fill
+        tiles = self._tiles.reshape(-1, *self._tiles.shape[2:])
         packed = self._pool.map(_packed, tiles)  # the first are written while the last are being packed
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        chunks = [
+        return [
             self._write_chunk((start, y, x), data, crc32)
             for (y, x), (data, crc32) in zip(self._corners, packed, strict=True)
         ]
-        if self.is_full:
-            self._brick[:] = self._fill
-        return chunks
 
     def copy(self, tiles: Iterable[Tile]) -> None:
         """Write those of the tiles that are of this dataset; the brick before them must be complete."""
@@ -122,7 +126,7 @@ class BrickWriter:
                 self.bytes_written += len(tile.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
-        end = self._dataset.file.id.get_filesize()
+        end = self._file.get_filesize()
         self._dataset.id.write_direct_chunk(corner, data)
         self.bytes_written += len(data)
         return Chunk(self._dataset.name, *corner, self._place(corner, data, end), len(data), crc32)
@@ -130,10 +134,11 @@ class BrickWriter:
     def _place(self, corner: tuple[int, int, int], data: bytes, end: int) -> int:
         """Where a chunk just written lies: nearly always at what was the `end` of the file.
 
-        The library itself looks through all chunks there are to answer that, longer and longer.
+        The library itself looks through all chunks there are to answer that, longer and longer. That
+        the chunk ends there is enough to know: whoever reads it there compares its checksum.
         """
-        descriptor: int = self._dataset.file.id.get_vfd_handle()
-        if os.pread(descriptor, len(data), end) == data:
+        tail = bytes(data[-_TAIL:])
+        if os.pread(self._file.get_vfd_handle(), len(tail), end + len(data) - len(tail)) == tail:
             return end
         return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
 

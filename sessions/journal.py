@@ -97,13 +97,13 @@ class Journal:
         """The number of the part that takes the rows now."""
         return self._number
 
-    def append(self, record: Record) -> int:
-        """Commit one record and return its number, from 0 without gaps."""
+    def append(self, record: Record) -> tuple[int, int | None]:
+        """Commit one record; its number, from 0 without gaps, and a sample's checksum."""
         if self.bytes_written - self._part_start >= self.part_bytes:
             with contextlib.suppress(sqlite3.Error, OSError):  # better a part too long than a record lost
                 self._rotate()
         try:
-            size = self._insert(record)
+            size, crc32 = self._insert(record)
         except sqlite3.Error as error:
             raise StorageError(
                 f"the journal {self.folder} did not take a record: {error}",
@@ -111,22 +111,23 @@ class Journal:
             ) from error
         self.bytes_written += size
         self.next_id += 1
-        return self.next_id - 1
+        return self.next_id - 1, crc32
 
-    def _insert(self, record: Record) -> int:
+    def _insert(self, record: Record) -> tuple[int, int | None]:
         if not isinstance(record, Frame | Reading):
             kind, body = encode_entry(record)
             self._database.execute("INSERT INTO entry VALUES (?, ?, ?)", (self.next_id, kind, body))
-            return len(body)
+            return len(body), None
         data, more = sample_bytes(record)
+        crc32 = sample_crc32(record, data, more)
         row = (
             self.next_id, self._streams[record.stream], record.seq, record.mono_ns, record.time_ns,
             record.device_time, record.device_seq, int(record.quality),
             record.fpa_temperature_k if isinstance(record, Frame) else None,
-            sample_crc32(record, data, more), data, more,
+            crc32, data, more,
         )  # fmt: skip
         self._database.execute(_INSERT_SAMPLE, row)
-        return len(data) + len(more) + 128
+        return len(data) + len(more) + 128, crc32
 
     def prepare(self) -> None:
         """Make the next database ready before it is needed: its syncs must not hold up a sample.

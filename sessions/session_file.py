@@ -71,10 +71,11 @@ class SessionFile:
         """Samples so far, per stream."""
         return {name: stream.count for name, stream in self._streams.items()}
 
-    def put(self, record: Record) -> list[Chunk]:
-        """Take a record; says which chunks were written for it."""
+    def put(self, record: Record, crc32: int | None = None) -> list[Chunk]:
+        """Take a record, with its checksum where that is known; says which chunks were written for it."""
         if isinstance(record, Frame | Reading):
-            return self._streams[record.stream].put(record)
+            known = sample_crc32(record, *sample_bytes(record)) if crc32 is None else crc32
+            return self._streams[record.stream].put(record, known)
         if isinstance(record, RegionRecord):
             self._latest[record.region.name] = record.region
         for table, row in self._entry_rows.rows(record):
@@ -142,15 +143,16 @@ class _Stream:
     def count(self) -> int:
         return self._table.length + len(self._waiting)
 
-    def put(self, sample: Sample) -> list[Chunk]:
+    def put(self, sample: Sample, crc32: int) -> list[Chunk]:
+        row = self._row(sample, crc32)
         if isinstance(sample, Reading):
-            self._table.append(self._row(sample))
+            self._table.append(row)
             return []
         if not self._waiting:
             self._waiting_since = time.monotonic()
         for brick, picture in zip(self._bricks, (sample.counts, sample.metadata_rows), strict=False):
             brick.put(picture)
-        self._waiting.append(self._row(sample))
+        self._waiting.append(row)
         return self.write(force=True) if self._bricks[0].is_full else []
 
     def put_packed(self, brick: PackedBrick) -> None:
@@ -171,11 +173,11 @@ class _Stream:
         self._table.write()
         return chunks
 
-    def _row(self, sample: Sample) -> dict[str, Any]:
+    def _row(self, sample: Sample, crc32: int) -> dict[str, Any]:
         row: dict[str, Any] = {
             "time": sample.time_ns // 1000, "mono_ns": sample.mono_ns, "device_time": sample.device_time,
             "seq": sample.seq, "device_seq": sample.device_seq, "flags": int(sample.quality),
-            "crc32": sample_crc32(sample, *sample_bytes(sample)),
+            "crc32": crc32,
         }  # fmt: skip
         if isinstance(sample, Frame):
             return {**row, "fpa_temperature": sample.fpa_temperature_k}

@@ -150,7 +150,8 @@ class SessionWriter:
     def _store(self, record: Record) -> None:
         if self.is_closed:
             raise SessionError(f"{self.path} is closed")
-        self._bricks.offer(self._journal.append(record), record)
+        number, crc32 = self._journal.append(record)
+        self._bricks.offer(number, record, crc32)
 
     def _check(self, sample: Sample) -> None:
         """A sample must be as its stream was declared; that is the driver's promise."""
@@ -202,8 +203,8 @@ class SessionWriter:
         with self._lock:
             self.is_closed = True
         self._bricks.stop(at_once=at_once)
+        self._syncer.stop()  # while the file catches up
         self._bricks.join()
-        self._syncer.stop()
         self._journal.close()
 
     def _seal(self) -> SealReport:

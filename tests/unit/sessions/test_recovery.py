@@ -109,7 +109,7 @@ def test_whole_bricks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.
     recorded(path, 95, sealed=False)
     unpacked: list[int] = []
     put = SessionFile.put
-    monkeypatch.setattr(SessionFile, "put", lambda self, record: (unpacked.append(1), put(self, record))[1])
+    monkeypatch.setattr(SessionFile, "put", lambda self, *record: (unpacked.append(1), put(self, *record))[1])
     report = recover(path)
     assert report.lost_samples == 0
     assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last brick
