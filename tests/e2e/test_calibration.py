@@ -5,10 +5,16 @@ Truth is the simulated field's: sand of emissivity 0.80 where the configuration 
 
 from __future__ import annotations
 
+import hashlib
 import json
+import socket
+import threading
+import time
 import tomllib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +30,8 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.samples import Frame, Reading, Sample
 from fieldkit.sessions.exchange.imported import Foreign, write_foreign
 from fieldkit.sessions.reader import open_session
+from fieldkit.weather import packaged
+from tests.shared_data import shared
 
 TRUE_EMISSIVITY = 0.80
 FAST = ("--set", "simulation.speed=max", "--set", f"simulation.emissivity={TRUE_EMISSIVITY}")
@@ -123,8 +131,6 @@ def test_a_shutter_correction_runs_before_each_burst(emissivity_day: Path) -> No
 def test_the_script_on_the_recording_says_the_same_and_names_its_session(
     emissivity_day: Path, record: dict[str, Any], tmp_path: Path
 ) -> None:
-    import hashlib
-
     copy = tmp_path / emissivity_day.name
     copy.write_bytes(emissivity_day.read_bytes())
     again = json.loads(fieldkit("calibrate", "emissivity", copy, "--sample", "dry-sand", "--json").stdout)
@@ -304,6 +310,102 @@ def test_the_light_meters_factor_from_the_station(three_beds: Path) -> None:
     assert found["unit"] == "W/m2/lx"
 
 
+def with_logger(session: Path, to: Path, name: str, times_ns: np.ndarray, watts: np.ndarray) -> Path:
+    """The session with the table of a logger that ran beside it, brought in as a user does."""
+    with open_session(session) as opened:
+        beside = (opened.start_ns < times_ns) & (times_ns < opened.end_ns)
+    rows = [
+        f"{datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat()},{watt:.1f}"
+        for time_ns, watt in zip(times_ns[beside].tolist(), watts[beside].tolist(), strict=True)
+    ]
+    table = to.with_suffix(".csv")
+    table.write_text("\n".join(["time,light [W/m2]", *rows]) + "\n", encoding="utf-8")
+    fieldkit("import", table, "--into", session, "--as", name, "-o", to)
+    return to
+
+
+def watts_per_lux(session: Path, *options: str | Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(
+        fieldkit("calibrate", "irradiance", session, *options, "--json").stdout
+    )
+    return found
+
+
+BOTH_LM_W = 109.0
+"""The scene's meter answers 108 lm/W to the beam, 130 to the sky (its own constants): together, that day."""
+
+
+def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
+    three_beds: Path, tmp_path: Path
+) -> None:
+    """Alamosa's own instruments on that day, whose sky the scene has, logged beside the beds."""
+    weather = packaged()
+    global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi)
+    found = watts_per_lux(global_, "--pyranometer", "cmp11")
+    assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, rel=0.04)  # three instruments close to 4 % there
+    assert "pyranometer cmp11" in found["method"]
+    beam = with_logger(three_beds, tmp_path / "beam.h5", "chp1", weather.time_ns, weather.dni)
+    with_sky = watts_per_lux(beam, "--pyrheliometer", "chp1", "--name", "with-sky")
+    assert with_sky["value"] == pytest.approx(1.0 / BOTH_LM_W, abs=2 * with_sky["expanded_uncertainty"])
+    alone = ("--name", "alone", "--set", "irradiance.diffuse=none")
+    assert watts_per_lux(beam, "--pyrheliometer", "chp1", *alone)["value"] < with_sky["value"]
+    refused = fieldkit("calibrate", "irradiance", beam, "--pyranometer", "cmp11", code=3)
+    assert "no irradiance stream 'cmp11'" in refused.output
+    assert "it has chp1" in refused.output
+
+
+def test_the_light_meters_factor_from_the_stations_own_file(
+    three_beds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SURFRAD, Alamosa, 2016-01-01, as published; the record names the file and its checksum."""
+    file = shared("data/weather/slv16001.dat")
+    monkeypatch.chdir(file.parent)
+    found = watts_per_lux(three_beds, "--station", file.name)
+    assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, abs=1.5)
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (three_beds, file)]
+    assert [source["sha256"] for source in found["sources"]] == sums
+    other_day = fieldkit("calibrate", "irradiance", three_beds, "--station", "slv15365.dat", code=3)
+    assert "of another day" in other_day.output
+    elsewhere = fieldkit("calibrate", "irradiance", three_beds, "--station", "tbl17005.dat", code=3)
+    assert "40.125, -105.237" in elsewhere.output  # where Table Mountain stands
+
+
+@pytest.fixture
+def receiver() -> Iterator[str]:
+    """A gpsd whose receiver is 27.5 s ahead of this computer; the address it listens at."""
+
+    def serve() -> None:
+        with suppress(OSError), server.accept()[0] as connection:  # until the recording hangs up
+            while True:
+                ahead = datetime.now(UTC) + timedelta(seconds=27.5)
+                place = {"class": "TPV", "mode": 3, "lat": 37.7, "lon": -105.92, "alt": 2317.0}
+                connection.sendall(json.dumps({**place, "time": ahead.isoformat()}).encode() + b"\n")
+                time.sleep(0.2)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"127.0.0.1:{server.getsockname()[1]}"
+
+
+def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path) -> None:
+    gps = f'[device.gps]\ndriver = "gpsd"\nport = "{receiver}"\n'
+    (tmp_path / "fieldkit.toml").write_text(
+        campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
+    )
+    fieldkit("record", "-C", tmp_path, "--for", "4s", "--name", "fix")
+    session = next(tmp_path.glob("recordings/*fix.h5"))
+    found = json.loads(fieldkit("calibrate", "clock", session, "--gps", "gps", "--apply", "--json").stdout)
+    assert found["value"] == pytest.approx(27.5, abs=0.5)
+    assert found["expanded_uncertainty"] == pytest.approx(
+        0.8, abs=0.1
+    )  # a receiver's sentences: 0.4 s, k = 2
+    with open_session(session) as opened:
+        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns()
+    assert moved_ns == pytest.approx(found["value"] * 1e9, abs=1e6)
+    refused = fieldkit("calibrate", "clock", session, "--gps", "watch", code=3)
+    assert "watch" in refused.output
+
+
 def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:
     """An hour wrong, as a forgotten daylight saving time would be."""
     wrong = rewritten(
@@ -319,8 +421,6 @@ def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path)
 
 
 def test_a_phones_time(beds: Path) -> None:
-    from datetime import UTC, datetime, timedelta
-
     told = (datetime.now(UTC) + timedelta(seconds=90)).isoformat()
     found = json.loads(fieldkit("calibrate", "clock", "-C", beds, "--told", told, "--json").stdout)
     assert found["value"] == pytest.approx(90.0, abs=5.0)
