@@ -105,7 +105,9 @@ def _bsrn(path: Path, text: str) -> Weather:
         warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
         table, about = read_bsrn(io.StringIO(text), logical_records=records)
     if table.empty or not about:
-        raise ConfigError(f"{path} has no basic radiation (logical record 0100)")
+        raise ConfigError(
+            f"{path} has no basic radiation (logical record 0100)", fix="fetch the whole month from BSRN"
+        )
     site = Site(float(about["latitude"]), float(about["longitude"]), float(about["altitude"]), "UTC")
     return _weather(table, site, f"BSRN, {path.name}")
 

@@ -11,6 +11,7 @@ import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -47,9 +48,9 @@ class FlirPicture:
         return planck_table(self.constants).take(self.counts)
 
 
-def pictures(data: bytes) -> Iterator[FlirPicture]:
+def pictures(data: bytes | mmap) -> Iterator[FlirPicture]:
     """Every picture of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
-    if data.startswith(b"\xff\xd8"):
+    if data[:2] == b"\xff\xd8":
         data = embedded(data)
     start = 0
     while start < len(data):
@@ -58,7 +59,7 @@ def pictures(data: bytes) -> Iterator[FlirPicture]:
         start += length
 
 
-def embedded(jpeg: bytes) -> bytes:
+def embedded(jpeg: bytes | mmap) -> bytes:
     """The FFF inside a radiometric JPEG: its APP1 segments "FLIR", joined in order."""
     parts: dict[int, bytes] = {}
     start = 2
@@ -75,7 +76,7 @@ def embedded(jpeg: bytes) -> bytes:
     return b"".join(parts[number] for number in sorted(parts))
 
 
-def frame_length(data: bytes, start: int = 0) -> int:
+def frame_length(data: bytes | mmap, start: int = 0) -> int:
     """Bytes of the FFF at `start`: the end of its last record."""
     order, directory, count = _header(data, start)
     ends = [directory + count * ENTRY]
@@ -95,7 +96,7 @@ def read_picture(data: bytes) -> FlirPicture:
     return _with_information(_pixels(records[RAW_PICTURE]), records[CAMERA_INFORMATION])
 
 
-def _header(data: bytes, start: int) -> tuple[str, int, int]:
+def _header(data: bytes | mmap, start: int) -> tuple[str, int, int]:
     """(byte order, directory offset, number of records); the version tells the byte order."""
     if data[start : start + 4] != MAGIC or len(data) < start + HEADER:
         raise DecodeError(f"no FFF file at byte {start}", data[start : start + 32])
@@ -106,7 +107,9 @@ def _header(data: bytes, start: int) -> tuple[str, int, int]:
     raise DecodeError(f"the FFF header at byte {start} makes no sense", data[start : start + HEADER])
 
 
-def _entries(data: bytes, start: int, order: str, directory: int, count: int) -> list[tuple[int, int, int]]:
+def _entries(
+    data: bytes | mmap, start: int, order: str, directory: int, count: int
+) -> list[tuple[int, int, int]]:
     """(type, offset, length) of every record, offsets from the start of the FFF."""
     found = []
     for number in range(count):
@@ -146,6 +149,8 @@ def _png(body: bytes, height: int, width: int) -> NDArray[np.uint16]:
     """A picture stored as PNG, whose samples FLIR writes in the other byte order."""
     import cv2
 
+    if width * height > MOST_PIXELS or body[16:24] != struct.pack(">II", width, height):
+        raise DecodeError(f"the raw picture's PNG is not of {width}x{height} pixels", body[:32])
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.shape != (height, width):
         raise DecodeError("the raw picture's PNG does not decode", body[:32])

@@ -80,7 +80,7 @@ def write_foreign(path: Path, header: SessionHeader, foreign: Foreign, source: s
     samples = iter(foreign.samples)
     first = next(samples, None)
     if first is None:
-        raise ConfigError(f"{source} has no samples")
+        raise ConfigError(f"{source} has no samples", fix="check that it is the right file, and whole")
     clock = StampedClock(first.time_ns)
     writer = SessionWriter(path, header, clock)
     try:
@@ -123,14 +123,27 @@ def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     return late
 
 
-def flag_bunched(frames: Sequence[Frame]) -> tuple[list[Frame], tuple[tuple[Severity, str], ...]]:
-    """The frames, those that came in bunches flagged `STALE`, and what to say about it."""
-    late = bunched(np.array([frame.time_ns for frame in frames], np.int64))
-    flagged = [
-        replace(frame, quality=frame.quality | Quality.STALE) if is_late else frame
-        for frame, is_late in zip(frames, late, strict=True)
-    ]
+@dataclass(frozen=True, slots=True)
+class _Flagged:
+    """Pictures that are read again whenever they are asked for, the late ones flagged."""
+
+    read: Callable[[], Iterable[Frame]]
+    late: NDArray[np.bool_]
+
+    def __iter__(self) -> Iterator[Frame]:
+        for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was left out
+            yield replace(frame, quality=frame.quality | Quality.STALE) if is_late else frame
+
+
+def flag_bunched(
+    read: Callable[[], Iterable[Frame]], time_ns: Sequence[int]
+) -> tuple[Iterable[Frame], tuple[tuple[Severity, str], ...]]:
+    """The pictures that `read` gives, never all in memory; those that came in bunches flagged `STALE`.
+
+    `time_ns` are their stamps, known from a look before; also what to say about bunches.
+    """
+    late = bunched(np.array(time_ns, np.int64))
     if not late.any():
-        return flagged, ()
-    text = f"{int(late.sum())} of {len(frames)} pictures came in bunches: stamps of arrival, flagged stale"
-    return flagged, ((Severity.WARNING, text),)
+        return _Flagged(read, late), ()
+    text = f"{int(late.sum())} of {late.size} pictures came in bunches: stamps of arrival, flagged stale"
+    return _Flagged(read, late), ((Severity.WARNING, text),)

@@ -40,7 +40,7 @@ def read_irg(path: Path) -> IrgPicture:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_PIXELS)
     except OSError as error:
-        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        raise ConfigError(f"cannot read {path}: {error.strerror}", fix="check the path") from error
     if len(data) < _HEAD.size or data[:2] not in _KELVIN_PER_COUNT:
         raise _refusal(path, "it does not begin as one")
     magic, length, preview, rows, cols = _HEAD.unpack_from(data)

@@ -17,7 +17,7 @@ from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
-from fieldkit.sessions.exchange.times import parse_time_ns
+from fieldkit.sessions.exchange.times import parse_time_ns, plausible_ns
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
 _UNITS = {
@@ -25,7 +25,7 @@ _UNITS = {
     "K": (*_TEMPERATURE, 0.0), "lx": (*_LIGHT, 0.0), "lux": (*_LIGHT, 0.0),
     "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
 }  # fmt: skip
-_MAX_BYTES = 500_000_000
+_MAX_BYTES = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +57,8 @@ def read_log(
     stored, quantity, add = _UNITS[units[0]]
     readings = []
     for row in rows:
-        time_ns = parse_time_ns(row[time_at].strip(), zone, time_format) + offset_ns
-        values = tuple(_number(row[place]) + add if place < len(row) else float("nan") for place in places)
+        time_ns = plausible_ns(parse_time_ns(_cell(row, time_at), zone, time_format) + offset_ns)
+        values = tuple(_number(_cell(row, place)) + add for place in places)
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
@@ -77,12 +77,15 @@ def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]]]:
         text = path.read_text(encoding=encoding)
         dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
         rows = [row for row in csv.reader(text.splitlines(), dialect) if any(cell.strip() for cell in row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, LookupError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(
             f"{path} cannot be read as a table: {error}", fix="save it as CSV, UTF-8"
         ) from error
     if len(rows) < 2 or len(rows[0]) < 2:
-        raise ConfigError(f"{path} has no table with a header line and rows")
+        raise ConfigError(
+            f"{path} has no table with a header line and rows",
+            fix="keep the header line, with the unit of each column in brackets",
+        )
     return [cell.strip() for cell in rows[0]], rows[1:]
 
 
@@ -110,8 +113,12 @@ def _label(cell: str) -> str:
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", cell) or cell
 
 
+def _cell(row: Sequence[str], place: int) -> str:
+    return row[place].strip() if place < len(row) else ""
+
+
 def _number(cell: str) -> float:
     try:
-        return float(cell.strip().replace(",", "."))
+        return float(cell.replace(",", "."))
     except ValueError:
         return float("nan")

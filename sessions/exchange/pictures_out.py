@@ -17,6 +17,7 @@ from fieldkit.sessions.schema import iso_utc
 
 TIFF_KELVIN_PER_COUNT = 0.01
 _WIDTH, _BAR = 640, 36
+_ROOM = "make room, or name another folder: -o DIR"
 _WHITE = (255, 255, 255)
 Image = NDArray[np.uint8]
 
@@ -35,7 +36,7 @@ def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, e
         counts = np.rint(convert(frame.counts) / TIFF_KELVIN_PER_COUNT) if known else frame.counts
         path = folder / f"{session.path.stem}-{frame.seq:07}.tiff"
         if not cv2.imwrite(str(path), np.clip(counts, 0, 65535).astype(np.uint16)):
-            raise StorageError(f"cannot write {path}")
+            raise StorageError(f"cannot write {path}", fix=_ROOM)
         paths.append(path)
         rows.append((path.name, iso_utc(frame.time_ns)))
     table = folder / "times.csv"
@@ -52,7 +53,7 @@ def export_pngs(session: Session, folder: Path, *, stream: str | None = None, ev
     for frame, image in _drawn(session, stream, every):
         path = folder / f"{session.path.stem}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
-            raise StorageError(f"cannot write {path}")
+            raise StorageError(f"cannot write {path}", fix=_ROOM)
         paths.append(path)
     return paths
 
@@ -70,7 +71,7 @@ def export_mp4(session: Session, folder: Path, *, stream: str | None = None, eve
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
     if film is None:
-        raise ConfigError(f"{session.path} has no pictures")
+        raise ConfigError(f"{session.path} has no pictures", fix="export --to csv, for what it has")
     film.release()
     return [path]
 
@@ -96,7 +97,7 @@ def _range(session: Session, camera: str) -> tuple[int, int]:
     """One colour scale for the whole session: the 1st and 99th percentile of about fifty pictures."""
     counts, length = session.raw(camera), session.count(camera)
     if not length:
-        raise ConfigError(f"{session.path} has no pictures")
+        raise ConfigError(f"{session.path} has no pictures", fix="export --to csv, for what it has")
     some = np.concatenate([counts[n].ravel() for n in range(0, length, max(1, length // 50))])
     low, high = np.percentile(some, [1, 99])
     return int(low), max(int(high), int(low) + 1)

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import gzip
 import json
+import math
 import struct
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Frame, Severity
 from fieldkit.sessions.exchange.imported import Foreign, flag_bunched
+from fieldkit.sessions.exchange.times import plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")
@@ -39,20 +42,19 @@ def is_purethermal(path: Path) -> bool:
 def read_purethermal(path: Path, name: str = "camera") -> Foreign:
     """A recording as a camera stream; a last frame that is cut off is left out and told.
 
-    Raises `ConfigError` where the file is not such a recording.
+    It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
+    file is not such a recording.
     """
-    frames: list[Frame] = []
     remarks: list[tuple[Severity, str]] = []
-    with gzip.open(path) as file:
-        shape, rate_hz = _header(path, file)
-        try:
-            while (frame := _frame(file, name, shape)) is not None:
-                frames.append(frame)
-        except (EOFError, OSError, zlib.error):
-            remarks.append(
-                (Severity.WARNING, f"{path.name} ends within frame {len(frames)}: it was left out")
-            )
-    median = float(np.median(frames[0].counts)) / 100.0 if frames else float("nan")
+    time_ns: list[int] = []
+    median = float("nan")
+    try:
+        for frame in _frames(path, name):
+            if not time_ns:
+                median = float(np.median(frame.counts)) / 100.0
+            time_ns.append(frame.time_ns)
+    except (EOFError, OSError, zlib.error):
+        remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was left out"))
     scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
     if scale == scale:
         remarks.append(
@@ -60,12 +62,22 @@ def read_purethermal(path: Path, name: str = "camera") -> Foreign:
         )
     else:
         remarks.append((Severity.WARNING, "the counts are no K/100 (TLinear off): temperatures unknown"))
-    flagged, bunches = flag_bunched(frames)
+    with gzip.open(path) as file:
+        shape, rate_hz = _header(path, file)
+    flagged, bunches = flag_bunched(lambda: _frames(path, name), time_ns)
     info = StreamInfo(
         name, "brightness_temperature", "K", shape, scale,
         rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
     )  # fmt: skip
     return Foreign((info,), flagged, (*remarks, *bunches))
+
+
+def _frames(path: Path, name: str) -> Iterator[Frame]:
+    """The frames; raises `EOFError`, `OSError` or `zlib.error` where the file ends within one."""
+    with gzip.open(path) as file:
+        shape, _ = _header(path, file)
+        while (frame := _frame(file, name, shape)) is not None:
+            yield frame
 
 
 def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
@@ -95,7 +107,9 @@ def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | No
     if len(record) < _RECORD.size or len(data) < size:
         raise EOFError
     number, seconds, milliseconds = _RECORD.unpack(record)
-    time_ns = round(seconds * 1e6) * 1000
+    if not math.isfinite(seconds):
+        raise ConfigError(f"frame {number} was taken at {seconds} s", fix="import the part before it")
+    time_ns = plausible_ns(round(seconds * 1e6) * 1000)
     counts = np.frombuffer(data, "<u2").reshape(shape)
     rows = np.empty((0, 0), "<u2")
     return Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import math
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
@@ -17,13 +18,18 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
-from fieldkit.samples import Frame, Quality, Severity
-from fieldkit.sessions.exchange.imported import Foreign, bunched, usual_rate_hz
+from fieldkit.samples import Frame, Severity
+from fieldkit.sessions.exchange.imported import Foreign, flag_bunched, usual_rate_hz
 from fieldkit.sessions.exchange.irg import read_irg
 from fieldkit.sessions.exchange.times import parse_time_ns
 
 SUFFIXES = (".tif", ".tiff", ".irg")
-_SAY_SCALE = "--kelvin-per-count 0.01 (the maker's number), or --kelvin-per-count none for pictures only"
+_SIDES, _LONG, _MOST_PIXELS = (256, 257), 4, 1 << 24  # TIFF 6.0: ImageWidth, ImageLength, type LONG
+_OR_NONE = "or --kelvin-per-count none for pictures only"
+_SAY_SCALE = {
+    "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
+    "IRG": f"--kelvin-per-count 0.0625 (InfiRay C200) or 0.1 (others), {_OR_NONE}",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +66,8 @@ def read_stills(
     first, own, remarks = _first(paths)
     if scale is None and own is None:
         raise ConfigError(
-            f"what one count of these {_kind(paths[0])} pictures means is not known", fix=_SAY_SCALE
+            f"what one count of these {_kind(paths[0])} pictures means is not known",
+            fix=_SAY_SCALE[_kind(paths[0])],
         )
     if (times is None) == (time_format is None):
         raise ConfigError(
@@ -75,7 +82,8 @@ def read_stills(
         name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), known.kelvin_per_count,
         known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
     )  # fmt: skip
-    return Foreign((info,), _Frames(ordered, time_ns, info), remarks)
+    flagged, bunches = flag_bunched(lambda: _frames(ordered, time_ns, info), time_ns)
+    return Foreign((info,), flagged, (*remarks, *bunches))
 
 
 def _first(
@@ -98,23 +106,17 @@ def _kind(path: Path) -> str:
     return "IRG" if path.suffix.lower() == ".irg" else "TIFF"
 
 
-@dataclass(frozen=True, slots=True)
-class _Frames:
+def _frames(paths: Sequence[Path], time_ns: Sequence[int], info: StreamInfo) -> Iterator[Frame]:
     """The pictures, read when they are asked for."""
-
-    paths: Sequence[Path]
-    time_ns: Sequence[int]
-    info: StreamInfo
-
-    def __iter__(self) -> Iterator[Frame]:
-        late = bunched(np.array(self.time_ns, np.int64))
-        for number, (path, stamp) in enumerate(zip(self.paths, self.time_ns, strict=True)):
-            counts = _picture(path)
-            if counts.shape != self.info.shape:
-                raise ConfigError(f"{path} has {counts.shape} pixels, the first picture {self.info.shape}")
-            quality = Quality.STALE if late[number] else Quality.GOOD
-            empty = np.empty((0, 0), np.uint16)
-            yield Frame(self.info.name, stamp, stamp, counts, empty, quality, device_seq=number)
+    empty = np.empty((0, 0), np.uint16)
+    for number, (path, stamp) in enumerate(zip(paths, time_ns, strict=True)):
+        counts = _picture(path)
+        if counts.shape != info.shape:
+            raise ConfigError(
+                f"{path} has {counts.shape} pixels, the first picture {info.shape}",
+                fix="import pictures of different sizes from folders of their own",
+            )
+        yield Frame(info.name, stamp, stamp, counts, empty, device_seq=number)
 
 
 def _picture(path: Path) -> NDArray[np.uint16]:
@@ -124,9 +126,18 @@ def _picture(path: Path) -> NDArray[np.uint16]:
 def _tiff(path: Path) -> NDArray[np.uint16]:
     import cv2
 
-    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if _claimed_pixels(path) > _MOST_PIXELS:
+        raise ConfigError(
+            f"{path} says that it has more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
+        )
+    try:
+        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # larger than OpenCV allows
+        found = None
     if found is None:
-        raise ConfigError(f"{path} cannot be read as a picture")
+        raise ConfigError(
+            f"{path} cannot be read as a picture", fix="export it again, or take it out of the folder"
+        )
     if found.dtype != np.uint16 or found.ndim != 2:
         raise ConfigError(
             f"{path} has {found.dtype} values of shape {found.shape}, not one 16-bit number per pixel",
@@ -135,15 +146,37 @@ def _tiff(path: Path) -> NDArray[np.uint16]:
     return found.astype(np.uint16)
 
 
+def _claimed_pixels(path: Path) -> int:
+    """Width times height as the first directory says, before room is made for them; 0 if it does not."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+            order = ">" if head.startswith(b"MM") else "<"
+            file.seek(struct.unpack_from(f"{order}I", head, 4)[0])
+            (count,) = struct.unpack(f"{order}H", file.read(2))
+            entries = [struct.unpack(f"{order}HHI4s", file.read(12)) for _ in range(count)]
+    except (OSError, struct.error):
+        return 0
+    sides = [
+        struct.unpack_from(f"{order}{'I' if kind == _LONG else 'H'}", value)[0]
+        for tag, kind, _, value in entries
+        if tag in _SIDES
+    ]
+    return math.prod(sides) if sides else 0
+
+
 def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:
     try:
         with times.open(newline="", encoding="utf-8-sig") as file:
             rows = {row[0].strip(): row[1].strip() for row in csv.reader(file) if len(row) >= 2}
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"cannot read {times}: {error}") from error
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"cannot read {times}: {error}", fix="save it as CSV, UTF-8") from error
     missing = [path.name for path in paths if path.name not in rows]
     if missing:
-        raise ConfigError(f"{times} has no time for {len(missing)} pictures, the first {missing[0]}")
+        raise ConfigError(
+            f"{times} has no time for {len(missing)} pictures, the first {missing[0]}",
+            fix="add a line for each, or take them out of the folder",
+        )
     return {path: parse_time_ns(rows[path.name], zone) for path in paths}
 
 

@@ -20,7 +20,7 @@ def parse_time_ns(text: str, zone: tzinfo | None, time_format: str | None = None
     """
     if time_format is None and re.fullmatch(r"\d{9,11}(\.\d+)?", text):
         seconds, _, fraction = text.partition(".")
-        return int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0"))
+        return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
     moment = _parsed(text, time_format)
     if moment.tzinfo is None:
         if zone is None:
@@ -32,8 +32,18 @@ def parse_time_ns(text: str, zone: tzinfo | None, time_format: str | None = None
 
 
 def utc_ns(moment: datetime) -> int:
-    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
-    return (moment - _EPOCH) // timedelta(microseconds=1) * 1000
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond; raises `ConfigError`."""
+    return plausible_ns((moment - _EPOCH) // timedelta(microseconds=1) * 1000)
+
+
+def plausible_ns(time_ns: int) -> int:
+    """The same; raises `ConfigError` before 1970, and after 2262, where 64 bits end."""
+    if not 0 <= time_ns < 2**63:
+        raise ConfigError(
+            f"a time {time_ns / 1e9:.0f} s after 1970 is none of a recording",
+            fix="check its clock and format",
+        )
+    return time_ns
 
 
 def _parsed(text: str, time_format: str | None) -> datetime:
@@ -44,7 +54,10 @@ def _parsed(text: str, time_format: str | None) -> datetime:
         return datetime.strptime(text, pattern)
     except ValueError as error:
         expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
-        raise ConfigError(f"{text!r} is not a time as expected: {expected}") from error
+        raise ConfigError(
+            f"{text!r} is not a time as expected: {expected}",
+            fix='say how times are written: --time-format "%d.%m.%Y %H:%M:%S"',
+        ) from error
 
 
 def _plain(words: str) -> str:

@@ -11,34 +11,12 @@ import pytest
 from fieldkit import weather
 from fieldkit.errors import ConfigError
 from fieldkit.station_files import is_station_file, read_station_file
+from tests.harness import foreign_files
 from tests.shared_data import shared
-
-MINUTES = 3
 
 
 def bsrn(path: Path, *, longwave_up: bool = False) -> Path:
-    """A month of BSRN as GCOS-174 lays it out (fixed columns; Tateno's place: 36.058 N, 140.126 E)."""
-    lines = [
-        "*U0001", f" 16  6 2024  1{'':20}", "        2        3        4        5       21       23",
-        "*U0004", " -1 -1 -1", "  1  1", "Tateno", f"{'':20} {'':20}", f"{'':15} {'':50}",
-        " 126.058 320.126   25 47646", " -1 -1 -1", "    0  5  90  4",
-        "*C0100",
-    ]  # fmt: skip
-    for minute in range(MINUTES):
-        dni = -999 if minute == 1 else 800 + minute
-        lines.append(
-            f"  1 {minute:4}   {600:4} {1.0:5.1f} {599:4} {601:4}   {dni:4} {1.0:5.1f} {799:4} {801:4}"
-        )
-        lines.append(
-            f"           {90:4} {0.5:5.1f} {89:4} {91:4}   {350:4} {0.2:5.1f} {349:4} {351:4}    "
-            f"{21.5:5.1f} {55.0:5.1f} {1012:4}"
-        )
-    if longwave_up:
-        lines.append("*C0300")
-        zeros = f"{0:4} {0.0:5.1f} {0:4} {0:4}"
-        lines += [f"  1 {minute:4}   {zeros}   {450 + minute:4} {0.1:5.1f} {449:4} {451:4}   {zeros}"
-                  for minute in range(MINUTES)]  # fmt: skip
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+    path.write_bytes(foreign_files.bsrn(longwave_up=longwave_up))
     return path
 
 

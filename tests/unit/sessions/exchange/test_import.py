@@ -22,20 +22,15 @@ from fieldkit.sessions.exchange.times import parse_time_ns
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.site import Site
+from tests.harness.foreign_files import FFF_CONSTANTS, fff, irg, purethermal, radiometric_jpeg
 from tests.shared_data import shared
 
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
 
 
-def written(
-    path: Path, stamps_s: list[float], shape: tuple[int, int] = (4, 6), cut: int = 0, count: int = 29_500
-) -> Path:
+def written(path: Path, stamps_s: list[float], cut: int = 0, count: int = 29_500) -> Path:
     """A recording in the PureThermal recorder's format, its end cut off by some bytes."""
-    header = json.dumps({"width": shape[1], "height": shape[0], "fps": 9.0}).encode()
-    data = b"PTY16V1\n" + struct.pack("<I", len(header)) + header
-    for number, stamp in enumerate(stamps_s):
-        picture = np.full(shape, count + number, "<u2")
-        data += struct.pack("<Qdq", number, stamp, round(stamp * 1000)) + picture.tobytes()
+    data = purethermal(stamps_s, count=count)
     path.write_bytes(gzip.compress(data[: len(data) - cut]))
     return path
 
@@ -63,6 +58,7 @@ def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
     path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
     foreign = read_purethermal(path)
     assert len(list(foreign.samples)) == 4
+    assert len(list(foreign.samples)) == 4, "read again whenever asked for"
     assert "ends within frame 4" in foreign.remarks[0][1]
 
 
@@ -210,3 +206,102 @@ def test_flir_files_keep_their_law(tmp_path: Path) -> None:
         assert session.streams["camera"].law == "planck"
         kelvin = session.kelvin()
         assert 290.0 < kelvin.min() < kelvin.max() < 310.0
+
+
+COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
+
+
+def test_flir_sequence_keeps_every_picture_and_the_cameras_times(tmp_path: Path) -> None:
+    """Times are of the camera's clock, also where pictures hold the bytes of a file's beginning."""
+    from fieldkit.commands.import_flir import read_flir
+
+    disguised = COUNTS.copy()
+    disguised[2, 2:4] = np.frombuffer(b"FFF\0", "<u2")
+    pictures = [COUNTS, disguised, COUNTS + 3]
+    source = tmp_path / "a.seq"
+    source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
+    foreign = read_flir(source, "camera")
+    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    with open_session(tmp_path / "a.h5") as session:
+        assert np.array_equal(session.raw("camera")[:], np.array(pictures))
+        expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]
+        assert session.times_ns("camera").tolist() == expected
+        info = session.streams["camera"]
+        assert (info.model, info.rate_hz) == ("T420", 9.0)
+        assert info.settings["r1"] == pytest.approx(FFF_CONSTANTS[0x58])
+        # T = B / ln(R1 / (R2 (S + O)) + F), Minkina & Dudzik, for the path is of no length
+        law = 1420.1 / np.log(16125.788 / (0.0109034 * (18_000 - 5588)) + 1.0)
+        assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
+
+
+def test_radiometric_jpeg_is_one_picture_of_the_same(tmp_path: Path) -> None:
+    from fieldkit.commands.import_flir import read_flir
+
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (frame,) = read_flir(tmp_path / "a.jpg", "camera").samples
+    assert isinstance(frame, Frame)
+    assert np.array_equal(frame.counts, COUNTS)
+    assert frame.time_ns == 1_480_000_000_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "cannot mmap an empty file"),
+        (fff(COUNTS, 0), "does not say when"),
+        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "picture 1 has another size"),
+        (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
+    ],
+)
+def test_trouble_with_flir_files_is_told(tmp_path: Path, data: bytes, words: str) -> None:
+    from fieldkit.commands.import_flir import read_flir
+
+    (tmp_path / "a.seq").write_bytes(data)
+    with pytest.raises(ConfigError, match=words) as caught:
+        read_flir(tmp_path / "a.seq", "camera")
+    assert caught.value.fix
+
+
+def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
+    for second, magic in enumerate((b"\xba\xab", b"\xb0\x0b")):
+        (tmp_path / f"23020115291{second}.irg").write_bytes(irg(COUNTS // 6, magic))
+    foreign = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    assert all(np.array_equal(frame.counts, COUNTS // 6) for frame in frames)
+    assert frames[0].time_ns == 1_675_261_750_000_000_000  # 2023-02-01T14:29:10Z by date(1)
+    assert foreign.streams[0].scale == 0.1
+    assert "emissivity was 0.95" in foreign.remarks[0][1]
+
+
+def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "20230201.irg"
+    path.write_bytes(irg(COUNTS, b"\xca\xac"))
+    with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
+        read_stills(path, None, time_format="%Y%m%d", zone=UTC)
+    assert "0.0625" in (caught.value.fix or "")
+    foreign = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
+    assert foreign.streams[0].scale == 0.0625
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"JFIF" * 40, "does not begin as one"),
+        (irg(COUNTS)[:100], "header does not end"),
+        (irg(COUNTS)[:-1], "5 x 7 pixels are not in it"),
+        (irg(COUNTS)[:4] + b"\xff" * 8 + irg(COUNTS)[12:], "pixels are not in it"),
+    ],
+)
+def test_other_irg_files_are_refused(tmp_path: Path, data: bytes, words: str) -> None:
+    (tmp_path / "1.irg").write_bytes(data)
+    with pytest.raises(ConfigError, match=words):
+        read_stills(tmp_path / "1.irg", None, time_format="%y", zone=UTC)
+
+
+def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path: Path) -> None:
+    """The first directory of a TIFF (TIFF 6.0, section 2), and no pixels at all."""
+    sides = struct.pack("<HHII", 256, 4, 1, 16_000) + struct.pack("<HHII", 257, 4, 1, 16_000)
+    path = tmp_path / "2026.tif"
+    path.write_bytes(b"II*\0" + struct.pack("<IH", 8, 2) + sides + bytes(4))
+    with pytest.raises(ConfigError, match="million pixels"):
+        read_stills(path, Scale(0.01), time_format="%Y", zone=UTC)

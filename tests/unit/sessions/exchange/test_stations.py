@@ -15,6 +15,7 @@ from fieldkit.sessions.exchange.jma_obsdl import is_obsdl, read_obsdl
 from fieldkit.sessions.exchange.jma_tables import is_radiation_table, read_radiation_table
 from fieldkit.sessions.exchange.stations import read_station
 from fieldkit.weather import STATIONS
+from tests.harness import foreign_files
 from tests.shared_data import shared
 
 
@@ -51,23 +52,9 @@ def obsdl(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def hourly(tmp_path: Path) -> Path:
-    """As JMA's help page lays hourly values out: values, quality (8 normal, 1 missing), homogeneity."""
-    return obsdl(
-        tmp_path,
-        ",つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば\r\n"
-        "年月日時,気温(℃),気温(℃),気温(℃),日射量(MJ/㎡),日射量(MJ/㎡),日射量(MJ/㎡),"
-        "風速(m/s),風速(m/s),風速(m/s),風速(m/s),風速(m/s)\r\n"
-        ",,,,,,,,,風向,風向,\r\n"
-        ",,品質情報,均質番号,,品質情報,均質番号,,品質情報,,品質情報,均質番号\r\n"
-        "2024/6/1 11:00:00,21.5,8,1,3.60,8,1,2.5,8,北,8,1\r\n"
-        "2024/6/1 12:00:00,22.0,8,1,2.88,4,1,3.0,8,北,8,1\r\n"
-        "2024/6/2 0:00:00,,1,1,0.00,8,1,1.0,8,北,8,2\r\n",
-    )
-
-
 def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) -> None:
-    path = hourly(tmp_path)
+    path = tmp_path / "data.csv"
+    path.write_bytes(foreign_files.obsdl())
     assert is_obsdl(path)
     foreign = read_obsdl(path, "jma")
     sums = readings(foreign, "jma-global")
@@ -117,22 +104,15 @@ def test_downloads_without_what_is_needed_are_told(tmp_path: Path, text: str, wo
 # --- radiation tables
 
 
-def row(day: int, hours: list[str], total: str) -> str:
-    return f"{day:3}" + "".join(f"{hour:>5}" for hour in hours) + f"{total:>6}"
-
-
-def table(tmp_path: Path, rows: list[str], name: str = "DR202406_tat.txt") -> Path:
-    """As JMA describes it: title, a heading of hours, days down and hours across, TOTAL and so on below."""
-    heading = "DAY" + "".join(f"{hour:5}" for hour in range(1, 25)) + "  TOTAL"
-    text = ["DIRECT SOLAR RADIATION  TATENO  JUNE 2024", "-" * 130, heading, "-" * 130, *rows, "-" * 130]
-    path = tmp_path / name
-    path.write_bytes("\r\n".join([*text, "TOTAL" + "  100" * 25]).encode("cp932"))
+def table(tmp_path: Path, rows: list[tuple[int, list[str], str]]) -> Path:
+    path = tmp_path / "DR202406_tat.txt"
+    path.write_bytes(foreign_files.radiation_table(rows))
     return path
 
 
 def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None:
     hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
-    path = table(tmp_path, [row(1, hours, "504]"), row(2, ["XXX"] * 24, "XXXX")])
+    path = table(tmp_path, [(1, hours, "504]"), (2, ["XXX"] * 24, "XXXX")])
     assert is_radiation_table(path)
     foreign = read_radiation_table(path, "tat")
     direct = readings(foreign, "tat-direct")
@@ -147,9 +127,9 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
     ("rows", "words"),
     [
         ([], "no rows of days"),
-        ([row(2, ["0"] * 24, "0")], "from the first of the month"),
-        ([row(1, ["0"] * 23, "0")], "has not 24 hours"),
-        ([row(1, ["100"] * 24, "1200")], "do not add up"),
+        ([(2, ["0"] * 24, "0")], "from the first of the month"),
+        ([(1, ["0"] * 23, "0")], "has not 24 hours"),
+        ([(1, ["100"] * 24, "1200")], "do not add up"),
     ],
 )
 def test_tables_laid_out_otherwise_are_refused(tmp_path: Path, rows: list[str], words: str) -> None:

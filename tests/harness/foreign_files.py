@@ -1,0 +1,171 @@
+"""Files of other programs in their public layouts, small, and a function of nothing but their arguments."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+FFF_CONSTANTS = {
+    # offset in the camera information: value; the numbers of the README beside the recorded T420 frame
+    0x20: 0.95, 0x24: 0.0, 0x28: 295.15, 0x2C: 292.15, 0x30: 293.15, 0x34: 1.0, 0x3C: 0.5, 0x58: 16125.788,
+    0x5C: 1420.1, 0x60: 1.0, 0x70: 0.006569, 0x74: 0.01262, 0x78: -0.002276, 0x7C: -0.00667, 0x80: 1.9,
+    0x30C: 0.0109034,
+}  # fmt: skip
+_FFF_HEADER, _FFF_ENTRY = 64, 32
+
+
+def fff(counts: np.ndarray, seconds: int, milliseconds: int = 0) -> bytes:
+    """One FLIR FFF, little-endian: 64-byte header, two directory entries, camera information, raw picture.
+
+    Layout: ExifTool's FLIR.pm (FFF header and directory, CameraInfo, RawData).
+    """
+    information = bytearray(0x470)
+    struct.pack_into("<H", information, 0, 2)
+    for offset, value in FFF_CONSTANTS.items():
+        struct.pack_into("<f", information, offset, value)
+    struct.pack_into("<i", information, 0x308, -5588)
+    struct.pack_into("<II", information, 0x384, seconds, milliseconds)
+    struct.pack_into("<H", information, 0x464, 9)
+    information[0xD4:0xD8] = b"T420"
+    rows, cols = counts.shape
+    raw = struct.pack("<HHH", 2, cols, rows).ljust(32, b"\0") + counts.astype("<u2").tobytes()
+    first = _FFF_HEADER + 2 * _FFF_ENTRY
+    records = ((0x20, first, len(information)), (0x01, first + len(information), len(raw)))
+    directory = b"".join(
+        struct.pack("<HHIIII", kind, 0, 0, 0, offset, length).ljust(_FFF_ENTRY, b"\0")
+        for kind, offset, length in records
+    )
+    header = b"FFF\0".ljust(0x14, b"\0") + struct.pack("<III", 101, _FFF_HEADER, len(records))
+    return header.ljust(_FFF_HEADER, b"\0") + directory + bytes(information) + raw
+
+
+def radiometric_jpeg(data: bytes, size: int = 700) -> bytes:
+    """An FFF in APP1 segments "FLIR" of a JPEG, in parts of `size` bytes (ExifTool: part and last part)."""
+    parts = [data[start : start + size] for start in range(0, len(data), size)]
+    segments = [b"FLIR\0\x01" + bytes([number, len(parts) - 1]) + part for number, part in enumerate(parts)]
+    body = b"".join(b"\xff\xe1" + struct.pack(">H", len(one) + 2) + one for one in segments)
+    return b"\xff\xd8" + body + b"\xff\xda"
+
+
+def irg(counts: np.ndarray, magic: bytes = b"\xba\xab", emissivity: float = 0.95) -> bytes:
+    """One InfiRay picture: header of 128 bytes, picture of bytes, picture of 16-bit numbers.
+
+    Layout: jelle737/Vevor-Thermal-Utilities README, jaseg/infiray_irg.
+    """
+    rows, cols = counts.shape
+    size = struct.pack("<IHH", rows * cols, rows, cols)
+    header = magic + struct.pack("<H", 128) + size
+    header = header.ljust(0x1E, b"\0") + struct.pack("<I", round(emissivity * 1e4))
+    preview = (counts >> 8).astype(np.uint8).tobytes()
+    return header.ljust(126, b"\0") + b"\xac\xca" + preview + counts.astype("<u2").tobytes()
+
+
+def purethermal(stamps_s: list[float], shape: tuple[int, int] = (4, 6), count: int = 29_500) -> bytes:
+    """A recording of the PureThermal Y16 recorder, unpacked (its README; the file in shared/)."""
+    header = json.dumps({"width": shape[1], "height": shape[0], "fps": 9.0}).encode()
+    data = b"PTY16V1\n" + struct.pack("<I", len(header)) + header
+    for number, stamp in enumerate(stamps_s):
+        picture = np.full(shape, count + number, "<u2")
+        data += struct.pack("<Qdq", number, stamp, round(stamp * 1000)) + picture.tobytes()
+    return data
+
+
+BSRN_MINUTES = 3
+
+
+def bsrn(*, longwave_up: bool = False) -> bytes:
+    """A month of BSRN as GCOS-174 lays it out (fixed columns; Tateno's place: 36.058 N, 140.126 E)."""
+    lines = [
+        "*U0001", f" 16  6 2024  1{'':20}", "        2        3        4        5       21       23",
+        "*U0004", " -1 -1 -1", "  1  1", "Tateno", f"{'':20} {'':20}", f"{'':15} {'':50}",
+        " 126.058 320.126   25 47646", " -1 -1 -1", "    0  5  90  4",
+        "*C0100",
+    ]  # fmt: skip
+    for minute in range(BSRN_MINUTES):
+        dni = -999 if minute == 1 else 800 + minute
+        lines.append(
+            f"  1 {minute:4}   {600:4} {1.0:5.1f} {599:4} {601:4}   {dni:4} {1.0:5.1f} {799:4} {801:4}"
+        )
+        lines.append(
+            f"           {90:4} {0.5:5.1f} {89:4} {91:4}   {350:4} {0.2:5.1f} {349:4} {351:4}    "
+            f"{21.5:5.1f} {55.0:5.1f} {1012:4}"
+        )
+    if longwave_up:
+        zeros = f"{0:4} {0.0:5.1f} {0:4} {0:4}"
+        lines += ["*C0300"] + [
+            f"  1 {minute:4}   {zeros}   {450 + minute:4} {0.1:5.1f} {449:4} {451:4}   {zeros}"
+            for minute in range(BSRN_MINUTES)
+        ]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def surfrad() -> bytes:
+    """Three minutes of Alamosa as SURFRAD_README lays a daily file out."""
+    values = [0.0] * 20
+    values[0], values[2], values[3], values[4], values[7] = 500.0, 900.0, 50.0, 210.0, 380.0
+    values[15], values[17], values[19] = -5.0, 1.5, 770.0
+    pairs = " ".join(f"{value:.1f} 0" for value in values)
+    rows = [f" 2016   1  1  1 19 {minute:2} 19.{minute:03}  61.0 {pairs}" for minute in range(3)]
+    return ("\n".join([" Alamosa", "  37.70  105.92 2317 m version 1", *rows]) + "\n").encode()
+
+
+def obsdl() -> bytes:
+    """Hourly values as JMA's help pages lay a download out: values, quality (8 normal), homogeneity."""
+    text = (
+        "ダウンロードした時刻：2024/10/13 09:28:46\r\n\r\n"
+        ",つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば,つくば\r\n"
+        "年月日時,気温(℃),気温(℃),気温(℃),日射量(MJ/㎡),日射量(MJ/㎡),日射量(MJ/㎡),"
+        "風速(m/s),風速(m/s),風速(m/s),風速(m/s),風速(m/s)\r\n"
+        ",,,,,,,,,風向,風向,\r\n"
+        ",,品質情報,均質番号,,品質情報,均質番号,,品質情報,,品質情報,均質番号\r\n"
+        "2024/6/1 11:00:00,21.5,8,1,3.60,8,1,2.5,8,北,8,1\r\n"
+        "2024/6/1 12:00:00,22.0,8,1,2.88,4,1,3.0,8,北,8,1\r\n"
+        "2024/6/2 0:00:00,,1,1,0.00,8,1,1.0,8,北,8,2\r\n"
+    )
+    return text.encode("cp932")
+
+
+def radiation_table(rows: list[tuple[int, list[str], str]]) -> bytes:
+    """A month as JMA describes it: heading of hours, days down and hours across, TOTAL and more below."""
+    heading = "DAY" + "".join(f"{hour:5}" for hour in range(1, 25)) + "  TOTAL"
+    days = [
+        f"{day:3}" + "".join(f"{hour:>5}" for hour in hours) + f"{total:>6}" for day, hours, total in rows
+    ]
+    rule = "-" * 130
+    text = ["DIRECT SOLAR RADIATION  TATENO  JUNE 2024", rule, heading, rule, *days, rule]
+    return "\r\n".join([*text, "TOTAL" + "  100" * 25]).encode("cp932")
+
+
+def tiff(value: int = 29_500) -> bytes:
+    """A 16-bit picture of one value."""
+    _, data = cv2.imencode(".tif", np.full((5, 7), value, np.uint16))
+    return data.tobytes()
+
+
+def one_of_each(folder: Path) -> dict[Path, tuple[str, ...]]:
+    """A sound file of every kind that import reads, and the options it takes beside ``--site``."""
+    counts = np.arange(14_000, 14_035, dtype=np.uint16).reshape(5, 7)
+    sequence = b"".join(fff(counts, 1_480_000_000, 111 * n) for n in range(3))
+    moment = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC")
+    hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
+    kinds: dict[str, tuple[bytes, tuple[str, ...]]] = {
+        "a.raw.y16.gz": (gzip.compress(purethermal([1.7e9 + n / 9 for n in range(4)])), ()),
+        "a.fff": (fff(counts, 1_480_000_000), ()),
+        "a.seq": (sequence, ()),
+        "a.jpg": (radiometric_jpeg(fff(counts, 1_480_000_000)), ()),
+        "20260512T010000.irg": (irg(counts // 5), moment),
+        "20260512T010001.tif": (tiff(), (*moment, "--kelvin-per-count", "0.01")),
+        "log.csv": (b"time,T1 [C],T2 [C]\n2026-05-12T01:00:00Z,20.5,21\n2026-05-12T01:00:10Z,20.6,\n", ()),
+        "slv16001.dat": (surfrad(), ()),
+        "tat0624.dat": (bsrn(longwave_up=True), ()),
+        "obsdl.csv": (obsdl(), ()),
+        "DR202406_tat.txt": (radiation_table([(1, hours, "504]")]), ()),
+    }
+    for name, (data, _) in kinds.items():
+        (folder / name).write_bytes(data)
+    return {folder / name: options for name, (_, options) in kinds.items()}
