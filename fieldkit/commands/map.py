@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +12,7 @@ import click
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import newest
-from fieldkit.errors import StorageError
+from fieldkit.errors import NoAnswerError, StorageError
 
 if TYPE_CHECKING:
     from fieldkit.commands.mapping import MappedSession
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
 ENDINGS = (".png", ".nc")
+_POLL_S = 1.0
 
 
 @click.command(cls=common.Verb)
@@ -34,6 +37,7 @@ ENDINGS = (".png", ".nc")
 @click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
+@click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.set_option
 @click.pass_context
 def command(
@@ -42,24 +46,67 @@ def command(
     out: Path | None,
     window: str | None,
     present: bool,
+    follow: bool,
     settings: tuple[str, ...],
 ) -> None:
     """Map the slopes of SESSION (default: the newest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as strength of colour, shaded like a relief; NAME.nc
-    (netCDF) has the arrays with the state of every pixel.
+    (netCDF) has the arrays with the state of every pixel. Both are replaced whole with --follow, so a
+    picture viewer or a browser may keep them open; the recording does not notice.
     """
+    path = newest(ctx, session)
+    base = _base(out, path)
+    print_json = common.print_json_line if follow else common.print_json
+
+    def map_now() -> None:
+        _map(path, base, window, settings, print_json, present=present)
+
+    if follow:
+        _follow(path, map_now)
+    map_now()
+
+
+def _follow(path: Path, map_now: Callable[[], None]) -> None:
+    """Map at each new minute of a recording until it ends; a minute that makes no map yet is said."""
+    from fieldkit.estimation.bins import MINUTE_NS
+    from fieldkit.sessions.layout import journal_path
+    from fieldkit.sessions.lock import is_locked
+    from fieldkit.sessions.reader import open_session
+
+    mapped = -1
+    while is_locked(journal_path(path)):
+        with open_session(path) as opened:
+            minute = opened.end_ns // MINUTE_NS
+        if minute > mapped:
+            mapped = minute
+            try:
+                map_now()
+            except NoAnswerError as error:
+                common.say(error.message)
+        time.sleep(_POLL_S)
+    common.say("the recording has ended")
+
+
+def _map(
+    path: Path,
+    base: Path,
+    window: str | None,
+    settings: tuple[str, ...],
+    print_json: Callable[[Mapping[str, Any]], None],
+    *,
+    present: bool,
+) -> None:
     from fieldkit.commands.estimating import config_for
     from fieldkit.commands.mapping import map_of
     from fieldkit.sessions.reader import open_session
 
-    path = newest(ctx, session)
     with open_session(path) as opened:
         config = config_for(opened, settings, present=present)
         found = map_of(opened, config, _window_s(window, config), present=present)
         _say_what_differs(found)
-        files = _write(_base(out, path), found, opened, settings)
-    _tell(path, found, files)
+        files = _write(base, found, opened, settings)
+    _tell(path, found, files, print_json)
 
 
 def _say_what_differs(found: MappedSession) -> None:
@@ -100,23 +147,31 @@ def _write(base: Path, found: MappedSession, session: Session, settings: tuple[s
     begin, end = (words.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
     day = words.local_time(found.start_ns, found.site).date()
     under = f"{day} {begin}-{end} {words.zone_name(found.start_ns, found.site)}, {found.minutes} min"
-    picture, arrays = (base.with_name(base.name + ending) for ending in ENDINGS)
+    files = [base.with_name(base.name + ending) for ending in ENDINGS]
+    picture, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
         picture.write_bytes(slope_map_picture.png(found.slopes, found.regions, session.path.stem, under))
         write_map(arrays, found, session, settings)
+        for part, file in zip(parts, files, strict=True):
+            part.replace(file)  # whole at once: somebody may be looking at the one before
     except OSError as error:
         raise StorageError(
             f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
         ) from error
-    return [picture, arrays]
+    return files
 
 
-def _tell(path: Path, found: MappedSession, files: list[Path]) -> None:
+def _tell(
+    path: Path,
+    found: MappedSession,
+    files: list[Path],
+    print_json: Callable[[Mapping[str, Any]], None],
+) -> None:
     beds = [_bed(found, index) for index in range(len(found.regions))]
     if common.options().json:
         states = _shares(found.slopes.state)
-        common.print_json(
+        print_json(
             {
                 "session": str(path), "files": [str(file) for file in files], "minutes": found.minutes,
                 "start_ns": found.start_ns, "end_ns": found.end_ns, "states": states,
