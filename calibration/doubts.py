@@ -20,6 +20,11 @@ def instrument_of(info: StreamInfo) -> Instrument:
 
 def doubts(record: CalibrationRecord, streams: Sequence[StreamInfo], now: datetime) -> list[str]:
     """Sentences, each a warning; empty if the record fits. `now` is aware."""
+    return [*doubts_of_date(record, now), *_other_instrument(record, streams)]
+
+
+def doubts_of_date(record: CalibrationRecord, now: datetime) -> list[str]:
+    """Of them, those that need no instrument."""
     said = []
     if record.expires is not None and now > record.expires:
         days = (now - record.date).days
@@ -28,7 +33,6 @@ def doubts(record: CalibrationRecord, streams: Sequence[StreamInfo], now: dateti
         )
     if now < record.date - timedelta(days=1):  # the same day counts as now
         said.append(f"{record.name} was made on {record.date:%Y-%m-%d}, after now: is the clock right?")
-    said.extend(_other_instrument(record, streams))
     return said
 
 

@@ -245,8 +245,9 @@ UDEV_FIX = "fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rule
 
 
 def permission_fix(group: str) -> str:
-    """What to type when a node may not be opened."""
-    return f"{UDEV_FIX}, then unplug and plug it; or: sudo usermod -aG {group} $USER, then log in again"
+    """What to type when a node may not be opened; nobody should join the group root for it."""
+    rules = f"{UDEV_FIX}, then unplug and plug it"
+    return rules if group == "root" else f"{rules}; or: sudo usermod -aG {group} $USER, then log in again"
 
 
 def _group(path: str) -> str:

@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict
+from datetime import UTC, datetime
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from fieldkit.drivers.access import Fact, is_plugged_in, look
 from fieldkit.errors import DeviceError, FieldkitError
 
 if TYPE_CHECKING:
+    from fieldkit.config import Config
     from fieldkit.device import DeviceSettings
 
 FAILED = DeviceError.exit_code
@@ -152,9 +154,26 @@ def _configuration(ctx: click.Context) -> Iterator[Fact]:
         level = "warn" if "no fieldkit.toml" in error.message else "fail"
         yield Fact(level, "configuration", error.message, error.fix or "")
         return
-    yield Fact("ok", "configuration", f"{len(found.devices)} instruments, {len(found.regions)} regions")
+    counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
+    if found.devices:
+        yield Fact("ok", "configuration", counted)
+    else:
+        fix = "write [camera], [lux] ... into fieldkit.toml; fieldkit devices shows what is plugged in"
+        yield Fact("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in found.devices:
         yield from _configured(device)
+    yield from _calibrations(found)
+
+
+def _calibrations(config: Config) -> Iterator[Fact]:
+    """Which calibration records are in use, and whether they are too old; no instrument is opened here."""
+    from fieldkit.calibration.doubts import doubts_of_date
+
+    for key, record in config.calibrations().items():
+        if said := doubts_of_date(record, datetime.now(UTC)):
+            yield Fact("warn", key, "; ".join(said), f"fieldkit calibrate {record.kind}")
+        else:
+            yield Fact("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
 
 def _configured(device: DeviceSettings) -> Iterator[Fact]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from fieldkit.config.lines import Path
 from fieldkit.config.mistakes import Mistake
+from fieldkit.drivers import registry
 
 INSTRUMENTS = ("camera", "lux", "thermometer")
 """The tables of instruments that have a name of their own."""
@@ -23,6 +24,20 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
     """Mistakes between keys: time zone, names, the reference, regions off the picture, halves of pairs."""
     checks = (_timezone, _device_names, _region_names, _reference, _off_the_picture, _irradiance, _half_pairs)
     return [mistake for check in checks for mistake in check(document)]
+
+
+def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Drivers that are not installed here; a session from elsewhere may name them, a campaign may not."""
+    others = _table(document, "device")
+    tables: list[tuple[Path, Mapping[str, Any]]] = [((name,), _table(document, name)) for name in INSTRUMENTS]
+    tables += [(("device", name), _table(others, name)) for name in others]
+    for path, table in tables:
+        name = table.get("driver")
+        if not isinstance(name, str) or name in registry.BUILT_IN or name in (known := registry.names()):
+            continue
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        yield Mistake((*path, "driver"), f"no driver is called {name!r}; {hint}")
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:

@@ -11,7 +11,7 @@ import logging
 import operator
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import platformdirs
 from pydantic import ValidationError
 
 from fieldkit.config import lines
-from fieldkit.config.checks import cross_check
+from fieldkit.config.checks import cross_check, unknown_drivers
 from fieldkit.config.config import Config
 from fieldkit.config.mistakes import ConfigMistakesError, Mistake, explain
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
@@ -75,7 +75,7 @@ def read_config(
             document.add(_read(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
-    return document.check(path)
+    return document.check(path, unknown_drivers)
 
 
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:
@@ -155,8 +155,13 @@ class _Document:
                     del functools.reduce(operator.getitem, tables, self.values)[key]  # type: ignore[arg-type]
                     yield ".".join(str(part) for part in one["loc"])
 
-    def check(self, path: Path) -> tuple[Config | None, list[tuple[str, Mistake]]]:
-        """The configuration, if there can be one, and every mistake with its place, in file order."""
+    def check(
+        self, path: Path, *more: Callable[[Mapping[str, Any]], Iterable[Mistake]]
+    ) -> tuple[Config | None, list[tuple[str, Mistake]]]:
+        """The configuration, if there can be one, and every mistake with its place, in file order.
+
+        `more` are checks that only some configurations must pass.
+        """
         values, mistakes = resolve(self.values, path)
         tables, told = None, {mistake.path for mistake in mistakes}
         try:
@@ -164,7 +169,8 @@ class _Document:
         except ValidationError as error:
             mistakes += [mistake for mistake in explain(error, values) if mistake.path not in told]
         told = {mistake.path for mistake in mistakes}
-        mistakes += [mistake for mistake in cross_check(values) if mistake.path not in told]
+        between = [*cross_check(values), *(mistake for check in more for mistake in check(values))]
+        mistakes += [mistake for mistake in between if mistake.path not in told]
         located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
 

@@ -1,10 +1,12 @@
 """The verbs about instruments: devices, doctor, decode, selftest."""
 
 import json
+from datetime import UTC, datetime
 
 import pytest
 from click.testing import CliRunner
 
+from fieldkit.calibration.record import CalibrationRecord, save
 from fieldkit.commands import main
 from fieldkit.drivers import access, survey
 from fieldkit.drivers.identity import UsbIdentity
@@ -154,6 +156,41 @@ def test_doctor_knows_the_campaign(tmp_path):
     folder = str(tmp_path / "hill")
     checks = json.loads(run("doctor", "--json", "-C", folder).stdout)["checks"]
     assert next(one for one in checks if one["what"] == "configuration")["level"] == "ok"
+
+
+def configuration_checks(folder, text):
+    folder.mkdir(exist_ok=True)
+    (folder / "fieldkit.toml").write_text("[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n" + text)
+    checks = json.loads(run("doctor", "--json", "-C", str(folder)).stdout)["checks"]
+    return {one["what"]: one for one in checks}
+
+
+def test_doctor_warns_of_a_campaign_without_instruments(tmp_path):
+    found = configuration_checks(tmp_path / "hill", "")["configuration"]
+    assert (found["level"], found["text"][:13]) == ("warn", "0 instruments")
+    assert "fieldkit devices" in found["fix"]
+
+
+def test_doctor_tells_a_wrong_driver_beside_the_other_mistakes(tmp_path):
+    text = '\n[lux]\ndriver = "lutrn"\n[record]\nevery_s = -1\n'
+    found = configuration_checks(tmp_path / "hill", text)["configuration"]
+    assert found["level"] == "fail"
+    assert "did you mean lutron?" in found["text"]
+    assert "record.every_s" in found["text"]
+
+
+def test_doctor_doubts_an_old_calibration(tmp_path):
+    made, until = datetime(2020, 1, 1, tzinfo=UTC), datetime(2021, 1, 1, tzinfo=UTC)
+    for name, expires in (("sand", until), ("roof", datetime(9999, 1, 1, tzinfo=UTC))):
+        kind = "emissivity" if name == "sand" else "irradiance"
+        record = CalibrationRecord(kind, name, made, 0.93, 0.01, "1", "test", expires=expires)
+        save(record, tmp_path / "hill/calibration")
+    text = '\n[surface]\nemissivity = "@sand"\n[irradiance]\nmodel = "calibrated"\nfactor = "@roof"\n'
+    checks = configuration_checks(tmp_path / "hill", text)
+    assert checks["surface.emissivity"]["level"] == "warn"
+    assert "was good until 2021-01-01" in checks["surface.emissivity"]["text"]
+    assert checks["surface.emissivity"]["fix"] == "fieldkit calibrate emissivity"
+    assert checks["irradiance.factor"]["level"] == "ok"
 
 
 def test_doctor_misses_an_instrument_of_the_campaign_and_names_the_others(plugged, tmp_path):

@@ -47,6 +47,8 @@ def test_every_mistake_is_told_at_once_with_its_line(campaign):
         'albedo = "0.2"\n'
         "[estimator]\n"
         'methode = "unit-norm"\n'
+        "[lux]\n"
+        'driver = "lutrn"\n'
         "[[region]]\n"
         'name = "flat"\n'
         "points_px = [[0, 0], [9, 9]]\n"
@@ -58,13 +60,22 @@ def test_every_mistake_is_told_at_once_with_its_line(campaign):
         ["fieldkit.toml:4", "site.timezone"],
         ["fieldkit.toml:6", "surface.albedo"],
         ["fieldkit.toml:8", "estimator.methode"],
-        ["fieldkit.toml:11", "region[0].points_px"],
+        ["fieldkit.toml:10", "lux.driver"],
+        ["fieldkit.toml:13", "region[0].points_px"],
     ]
     assert "expected a number from -90 to 90" in told[0]
     assert "did you mean Asia/Tokyo?" in told[1]
     assert "expected a number at least 0 and below 1" in told[2]
     assert "did you mean method?" in told[3]
-    assert "expected a list of at least 3 values" in told[4]
+    assert "no driver is called 'lutrn'; did you mean lutron?" in told[4]
+    assert "expected a list of at least 3 values" in told[5]
+
+
+def test_a_session_may_name_a_driver_that_is_not_installed_here(campaign):
+    text = SITE + '[device.net]\ndriver = "of-another-package"\n'
+    (told,) = mistakes(campaign(text))
+    assert "device.net.driver: no driver is called 'of-another-package'; there are purethermal," in told
+    assert config_from_text(text, Path("session.h5")).devices[0].driver == "of-another-package"
 
 
 @pytest.mark.parametrize(

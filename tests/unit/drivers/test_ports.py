@@ -2,6 +2,7 @@ import errno
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
@@ -112,11 +113,13 @@ def test_missing_port_lists_what_is_there(monkeypatch):
         SerialPort("/dev/ttyUSB-none", Line(), HostClock())
 
 
-def test_permission_says_what_to_type(tmp_path):
+@pytest.mark.parametrize(("group", "joins"), [("dialout", True), ("root", False)])
+def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypatch, group, joins):
+    monkeypatch.setattr(ports.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
-    assert "usermod -aG" in failure.fix
     assert "doctor --udev" in failure.fix
+    assert (f"usermod -aG {group}" in failure.fix) == joins
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
