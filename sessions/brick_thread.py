@@ -59,13 +59,13 @@ class BrickThread(threading.Thread):
 
         Then the journal will give it later.
         """
-        if not self.is_behind() and self.error is None:
+        if self.error is None and not self.is_behind():
             self._handed_bytes += _size(record)
             self._offers.put((number, record, crc32))
 
     def is_behind(self) -> bool:
-        """Whether as much is waiting as may wait."""
-        return self._handed_bytes - self._taken_bytes > HANDOVER_BYTES
+        """Whether as much is waiting as may wait; after a failure nothing is."""
+        return self.error is None and self._handed_bytes - self._taken_bytes > HANDOVER_BYTES
 
     def stop(self, *, at_once: bool = False) -> None:
         """Let the thread take everything up to now from hand-over and journal (or leave that), and end."""

@@ -12,6 +12,7 @@ journal go. A process that dies before leaves both, and `recover` finishes the s
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import logging
 import os
@@ -64,6 +65,7 @@ class SessionWriter:
         self._report: SealReport | None = None
         self._folder = journal_path(path)
         self._open()
+        atexit.register(self.abandon)
         clock.hold_while(self._bricks.is_behind)
         for region in header.regions:
             self.region(region, self._identity.start_ns)
@@ -187,8 +189,12 @@ class SessionWriter:
         return self._report
 
     def abandon(self) -> None:
-        """Stop at once and leave the session interrupted, for `fieldkit recover`."""
-        if not self.is_closed:
+        """Stop at once and leave the session interrupted, for `fieldkit recover`; a sealed one is left alone.
+
+        Also what becomes of a session when its process ends without closing it: a thread inside the
+        HDF5 library would keep the process from ending.
+        """
+        if self._report is None:
             self._stop(at_once=True)
             self._bricks.close()
             self._session_lock.release()
@@ -200,6 +206,7 @@ class SessionWriter:
         self.path.unlink(missing_ok=True)
 
     def _stop(self, *, at_once: bool = False) -> None:
+        atexit.unregister(self.abandon)
         with self._lock:
             self.is_closed = True
         self._bricks.stop(at_once=at_once)

@@ -9,6 +9,7 @@ import shlex
 import shutil
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -118,15 +119,16 @@ def open_all(
 ) -> tuple[Device, ...]:
     """Open every instrument before complaining, so that one look tells which cables are out.
 
-    With `allow_missing` what is not plugged in is left out. Raises `DeviceError`.
+    With `allow_missing` what is not plugged in is left out. Raises `DeviceError`, or `ConfigError` for a
+    single instrument whose options are wrong.
     """
     opened: list[Device] = []
-    failed: list[DeviceError] = []
+    failed: list[ConfigError | DeviceError] = []
     with clock.taking_part():
         for one in settings:
             try:
                 opened.append(registry.open_device(one, clock))
-            except DeviceError as error:
+            except (ConfigError, DeviceError) as error:
                 if not (allow_missing and isinstance(error, DeviceNotFoundError)):
                     failed.append(error)
     if failed:
@@ -136,7 +138,7 @@ def open_all(
     return tuple(opened)
 
 
-def _together(failed: Sequence[DeviceError]) -> DeviceError:
+def _together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | DeviceError:
     if len(failed) == 1:
         return failed[0]
     lines = "".join(f"\n  {error}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed)
@@ -174,26 +176,29 @@ def record_session(
 
     Raises `StorageError` when nothing can be stored.
     """
-    start_ns = tools.clock.mono_ns()
-    recorder = Recorder(
-        devices=tools.devices,
-        reopen=tools.reopen,
-        writer=SessionWriter(path, header_of(config, title, tools.streams), tools.clock),
-        estimator=Estimator(config.site, config.regions, tools.streams, config.estimator_settings()),
-        clock=tools.clock,
-        free_bytes=tools.free_bytes,
-        sampling=sampling_of(config),
-        views=views,
-        end_ns=None if duration_s is None else start_ns + round(duration_s * SECOND_NS),
-        marks=lambda: read_marks(marks_folder(path), tools.clock),
-        disk_reserve_bytes=disk_reserve_bytes(config),
-    )
-    with _stop_on_signals(recorder):
+    with _stop_on_signals() as stopping:  # from before there is anything that must be sealed
+        start_ns = tools.clock.mono_ns()
+        writer = SessionWriter(path, header_of(config, title, tools.streams), tools.clock)
         try:
-            return recorder.run()
+            return Recorder(
+                devices=tools.devices,
+                reopen=tools.reopen,
+                writer=writer,
+                estimator=Estimator(config.site, config.regions, tools.streams, config.estimator_settings()),
+                clock=tools.clock,
+                free_bytes=tools.free_bytes,
+                sampling=sampling_of(config),
+                views=views,
+                end_ns=None if duration_s is None else start_ns + round(duration_s * SECOND_NS),
+                marks=lambda: read_marks(marks_folder(path), tools.clock),
+                disk_reserve_bytes=disk_reserve_bytes(config),
+                stopping=stopping,
+            ).run()
         except KeyboardInterrupt:
             common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {path}")
             raise
+        finally:
+            writer.abandon()  # whatever ended the recording without sealing it
 
 
 def check_regions(config: Config, streams: Sequence[StreamInfo]) -> None:
@@ -271,19 +276,20 @@ def header_of(config: Config, title: str, streams: Sequence[StreamInfo]) -> Sess
 
 
 @contextmanager
-def _stop_on_signals(recorder: Recorder) -> Iterator[None]:
-    """Ctrl-C, SIGTERM and SIGHUP seal the session; a second Ctrl-C stops at once."""
+def _stop_on_signals() -> Iterator[threading.Event]:
+    """Ctrl-C, SIGTERM and SIGHUP ask to seal the session; a second Ctrl-C stops at once."""
+    stopping = threading.Event()
 
     def stop(number: int, frame: object) -> None:
         if number == signal.SIGINT:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        recorder.stop()
+        stopping.set()
 
     before = {
         number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
-        yield
+        yield stopping
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -57,8 +57,8 @@ class Recorder:
     """Records opened devices into a session until `stop`, the planned end, or a full disk.
 
     `reopen(name)` opens a device again by its identity; `free_bytes` tells the disk's free
-    space; `marks` yields events that people dropped in meanwhile. `end_ns` is monotonic.
-    Call `run` once.
+    space; `marks` yields events that people dropped in meanwhile. `end_ns` is monotonic; `stopping`
+    may be set before the recorder exists. Call `run` once.
     """
 
     devices: Sequence[Device]
@@ -72,6 +72,7 @@ class Recorder:
     end_ns: int | None = None
     marks: Callable[[], Iterable[Event]] = tuple
     disk_reserve_bytes: int = 64_000_000
+    stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
         self._inbox = Inbox({device.info.name: _queue_limit(device.info) for device in self.devices})
@@ -83,7 +84,6 @@ class Recorder:
         self._views = list(self.views)
         self._estimator: Estimator | None = self.estimator
         self._flags = FlagWatch()
-        self._stopping = threading.Event()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
         self._is_refused = False
@@ -91,7 +91,7 @@ class Recorder:
 
     def stop(self) -> None:
         """Ask for an orderly end; safe from any thread and from signal handlers."""
-        self._stopping.set()
+        self.stopping.set()
 
     def run(self) -> Summary:
         """Record; returns when the session is sealed.
@@ -134,7 +134,7 @@ class Recorder:
                 feed.ready.wait()
 
     def _goes_on(self) -> bool:
-        if self._stopping.is_set() or self._failure is not None:
+        if self.stopping.is_set() or self._failure is not None:
             return False
         return self._inbox.is_busy() or any(feed.is_running for feed in self._feeds)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -26,6 +28,7 @@ from tests.harness.recording import (
 
 RATE_HZ = 200.0
 FEW, MANY = range(20), range(20, 200)
+PROJECT = Path(__file__).parents[2]
 
 
 def trials(few: range, many: range) -> list[object]:
@@ -98,3 +101,31 @@ def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int
     report = recover(path)
     assert report.lost_samples == 0
     check_complete(path, {"camera": 40, "lux": 4, "thermometer": 4})
+
+
+UNCLOSED = """
+import sys, time
+from pathlib import Path
+from fieldkit.sessions import brick_thread
+from tests.harness.recording import HostClock, SessionWriter, header, sample
+brick_thread.FLUSH_EVERY_S = 0.0  # the file's thread is nearly always inside the HDF5 library
+head, clock = header(), HostClock()
+writer = SessionWriter(Path(sys.argv[1]), head, clock)
+until = time.monotonic() + float(sys.argv[2])
+while time.monotonic() < until:
+    writer.append(sample(head.streams[0], 0, clock.mono_ns()))
+raise KeyboardInterrupt
+"""
+
+
+@pytest.mark.parametrize("trial", trials(range(6), range(6, 60)))
+def test_process_that_ends_without_closing_ends_and_leaves_the_session_to_recovery(
+    tmp_path: Path, trial: int
+) -> None:
+    path, delay_s = tmp_path / "field.h5", random.Random(trial).uniform(0.05, 0.3)
+    command = [sys.executable, "-c", UNCLOSED, str(path), str(delay_s)]
+    done = subprocess.run(command, cwd=PROJECT, timeout=60, capture_output=True, check=False)
+    assert b"KeyboardInterrupt" in done.stderr
+    report = recover(path)
+    assert report.lost_samples == 0
+    assert not report.damage
