@@ -13,6 +13,7 @@ import pytest
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
+from usblab.campaign import CAMERA_BY_ID  # noqa: E402
 from usblab.field import START, Field  # noqa: E402
 from usblab.guest.machine import Guest  # noqa: E402
 from usblab.guest.missing import MissingPartError  # noqa: E402
@@ -40,7 +41,8 @@ def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
 
     try:
         with Guest(CACHE, START, plug_early) as guest:
-            lab = Lab(guest)
+            lab = Lab(guest, field.scene.site)
+            lab.wait_for(CAMERA_BY_ID)
             found = dict(lab.nodes())
             early[-1].unplug()
             lab.wait_for_empty_sockets()

@@ -2,7 +2,7 @@
 # What the virtual USB lab needs from the distribution; installs nothing where it is already there.
 set -euo pipefail
 
-packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libselinux1)
+packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libcap2 libselinux1)
 
 missing=()
 for package in "${packages[@]}"; do

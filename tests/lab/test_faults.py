@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import re
 import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,6 +19,7 @@ from usblab.models.purethermal import BULK, PureThermal
 from usblab.recording import Recording, events
 
 CYCLES = 20
+LOST, BACK, GAP = "camera: lost", "camera: back", "camera: the device or its driver lost samples"
 
 
 @dataclass
@@ -56,29 +57,31 @@ def troubled(lab: Lab, field: Field) -> Troubled:
     port, lux = lab.camera(PureThermal(field.lepton, endpoint=BULK)), lab.meter(LightMeter(field), 0)
 
     @contextmanager
-    def trouble(name: str) -> Iterator[None]:
+    def trouble(name: str, told: str, times: int = 1) -> Iterator[None]:
         begin = lab.mono_ns()
-        yield
-        recording.flows()
+        with recording.telling(told, times):
+            yield
         spans[name] = (begin, lab.mono_ns())
 
     with port, lux, lab.meter(Thermometer(field), 1):
         lab.wait_for(CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID)
         recording = Recording(lab, field)
         recording.flows()
-        for name, lasting_s in (("silent", 3.0), ("stuck", 5.0), ("stall", 2.0)):
-            with trouble(name):
-                setattr(port.faults, name, True)
-                time.sleep(lasting_s)
+        for name in ("silent", "stall"):
+            with trouble(name, BACK):
+                with recording.telling(LOST):
+                    setattr(port.faults, name, True)
                 setattr(port.faults, name, False)
-        with trouble("short"):
+        with trouble("short", GAP, times=3):
             port.faults.short_every = 5
-            recording.until(port, 20)
-            port.faults.short_every = 0
-        with trouble("garbled"):
+        port.faults.short_every = 0
+        with trouble("garbled", "garbled"):
             lux.garbled = True
-            time.sleep(4.0)
-            lux.garbled = False
+        lux.garbled = False
+        with trouble("stuck", BACK):
+            port.faults.stuck = True
+        recording.until(port, 5)  # opened again and still stuck
+        port.faults.stuck = False
         session = recording.stop()
     checked = recording.fieldkit("check", "--no-estimates", "--json", recording.session)
     assert checked.code == 0, checked
@@ -99,6 +102,10 @@ def test_a_camera_that_falls_silent_is_named_and_opened_again(troubled: Troubled
 def test_a_picture_that_stands_still_is_flagged_and_named(troubled: Troubled):
     assert {"DUPLICATE", "FROZEN"} <= troubled.flags("stuck", "camera")
     assert any("frozen" in text for text in troubled.events("stuck", "LOST", "camera"))
+
+
+def test_no_picture_comes_twice_unflagged_even_when_the_camera_was_opened_again(troubled: Troubled):
+    assert troubled.session["streams"]["camera"]["unflagged_duplicates"] == 0
 
 
 def test_a_stalled_endpoint_is_a_lost_camera_that_comes_back(troubled: Troubled):
@@ -130,19 +137,20 @@ def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab
         recording = Recording(lab, field)
         recording.flows()
         for cycle in range(CYCLES):
-            port.unplug()
+            with recording.telling(LOST):
+                port.unplug()
             lab.wait_for(CAMERA_BY_ID, present=False)
             if cycle == CYCLES // 2:
                 decoy.unplug()  # frees the first node, which the camera will now get
-            port.plug()
-            lab.wait_for(CAMERA_BY_ID)
+            with recording.telling(BACK):
+                port.plug()
             nodes.add(lab.nodes()[CAMERA_BY_ID]["to"])
-            recording.wait(lambda: port.camera.streaming)
-            recording.until(port, 5)
         session = recording.stop()
         port.unplug()
     assert len(nodes) > 1
-    assert len(events(session, "LOST", "camera")) == len(events(session, "BACK", "camera")) == CYCLES
+    lost, back = (events(session, kind, "camera") for kind in ("LOST", "BACK"))
+    assert len(lost) == len(back) >= CYCLES  # a slow computer may lose it once more
+    assert all(re.search(r"back after [\d.]+ s", text) for text in back)
     assert session["streams"]["camera"]["info"]["identity"] == "1e4e:0100:8007000b-5113-3037-3231"
     assert session["state"] == "sealed"
 

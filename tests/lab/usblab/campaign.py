@@ -23,7 +23,7 @@ sampling = "all"
 
 [estimator]
 azimuth = "known"
-min_minutes = 3
+min_minutes = 2
 """
 
 

@@ -11,12 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fieldkit.site import Site
 from usblab.guest.machine import Guest
 from usblab.meters import Meter, SerialPort
 from usblab.port import UsbPort
 from usblab.uvc.camera import UvcCamera
 
 OBSERVER, STRANGER = "observer", "stranger"
+PATIENCE_S = 120.0
+"""A slow computer is no failure; only what hangs is ended."""
 
 
 @dataclass(frozen=True)
@@ -48,22 +51,28 @@ class Job:
         answer = self._guest.ask("ended", process=self._process)
         return Ended(**answer) if answer else None
 
-    def wait(self, timeout_s: float = 60.0) -> Ended:
+    def told(self) -> str:
+        """What it has written to standard error so far."""
+        said: str = self._guest.ask("told", process=self._process)
+        return said
+
+    def wait(self, timeout_s: float = PATIENCE_S) -> Ended:
         """Wait for its end; after `timeout_s` it is aborted, and the error tells where it was."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             if (ended := self.poll()) is not None:
                 return ended
-            time.sleep(0.2)
+            time.sleep(0.1)
         self.signal(signal.SIGABRT)
         raise TimeoutError(f"not done after {timeout_s} s: {self.wait(10)}")
 
 
 class Lab:
-    """A booted guest with its sockets for instruments."""
+    """A booted guest with its sockets for instruments, at a place on the Earth."""
 
-    def __init__(self, guest: Guest) -> None:
+    def __init__(self, guest: Guest, site: Site) -> None:
         self.guest = guest
+        self._place = (site.latitude_deg, site.longitude_deg, site.elevation_m)
         self._numbers = itertools.count()
         self._warm = False
         self.set_clock(None)
@@ -113,14 +122,12 @@ class Lab:
     def start(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Job:
         """Start a program in the guest; one called ``fieldkit`` starts warm, see the command loop."""
         if arguments[0] == "fieldkit" and not self._warm:
-            self.guest.ask("warm", timeout_s=120)
+            self.guest.ask("warm", timeout_s=300, place=self._place)
             self._warm = True
         output = f"/tmp/job-{next(self._numbers)}"
         process = self.guest.ask("start", arguments=arguments, user=user, folder=folder, output=output)
         return Job(self.guest, process)
 
-    def run(
-        self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp", timeout_s: float = 60.0
-    ) -> Ended:
+    def run(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Ended:
         """Run a program in the guest to its end."""
-        return self.start(*arguments, user=user, folder=folder).wait(timeout_s)
+        return self.start(*arguments, user=user, folder=folder).wait()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import json
+import re
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from usblab.campaign import ALL, toml
@@ -20,42 +21,32 @@ _folders = itertools.count(1)
 class Recording:
     """``fieldkit record`` in a campaign folder of its own, as the observer.
 
-    `prepare` is called just before it starts.
+    What it tells while it runs, an event a line, is what tests wait for: never for a time.
     """
 
-    def __init__(
-        self,
-        lab: Lab,
-        field: Field,
-        devices: Mapping[str, Mapping[str, object]] = ALL,
-        prepare: Callable[[], None] = lambda: None,
-    ) -> None:
+    def __init__(self, lab: Lab, field: Field, devices: Mapping[str, Mapping[str, object]] = ALL) -> None:
         self.lab = lab
         self.folder = f"/home/observer/campaign{next(_folders)}"
         lab.put(f"{self.folder}/fieldkit.toml", toml(field.scene, devices))
-        prepare()
-        self.job = lab.start("fieldkit", "record", "--json", folder=self.folder)
+        self.job = lab.start("fieldkit", "record", folder=self.folder)
 
-    def until(self, port: UsbPort, pictures: int, timeout_s: float = 20.0) -> None:
-        """Wait until a camera has delivered this many more pictures."""
-        self.wait(lambda goal=port.count.pictures + pictures: port.count.pictures >= goal, timeout_s)
+    def until(self, port: UsbPort, pictures: int) -> None:
+        """Wait until a camera has sent this many more pictures."""
+        self.wait(lambda goal=port.count.pictures + pictures: port.count.pictures >= goal, 0.05)
 
     def flows(self, stream: str = "camera") -> None:
         """Wait until a sample taken after now is stored, seen by a second reader of the live session."""
         now_ns = self.lab.mono_ns()
-        self.wait(lambda: self._newest_ns(stream) > now_ns, 40.0, every_s=0.5)
+        self.wait(lambda: self._newest_ns(stream) > now_ns, 0.5)
 
-    def remove(self) -> None:
-        """Delete the campaign: the guest's disk is memory."""
-        self.lab.run("rm", "-rf", self.folder, user="root")
+    @contextmanager
+    def telling(self, text: str, times: int = 1) -> Iterator[None]:
+        """What happens inside makes it tell of an event that often; wait until it has."""
+        goal = self.job.told().count(text) + times
+        yield
+        self.wait(lambda: self.job.told().count(text) >= goal, 0.1)
 
-    def _newest_ns(self, stream: str) -> int:
-        newest: int = self.lab.guest.call(
-            "usblab.inside.session:newest_ns", folder=self.folder, stream=stream
-        )
-        return newest
-
-    def wait(self, done: Callable[[], bool], timeout_s: float = 20.0, every_s: float = 0.05) -> None:
+    def wait(self, done: Callable[[], bool], every_s: float, timeout_s: float = 120.0) -> None:
         """Wait for something while the recording runs; what asks the guest should do so seldom."""
         deadline = time.monotonic() + timeout_s
         look = time.monotonic() + 2.0
@@ -70,27 +61,33 @@ class Recording:
                 raise TimeoutError(f"waited {timeout_s} s in vain: {self.job.wait(10)}")
 
     def stop(self) -> dict[str, Any]:
-        """Stop it as Ctrl-C does, and look at the session."""
+        """Stop it as Ctrl-C does, see that it sealed a session, and look at that."""
         self.job.signal(signal.SIGINT)
-        return self.finish()
-
-    def finish(self, timeout_s: float = 30.0) -> dict[str, Any]:
-        """Wait for its end, see that it sealed a session, and look at that."""
-        ended = self.job.wait(timeout_s)
+        ended = self.job.wait()
         assert ended.code == 0, ended
-        return self.look(json.loads(ended.out)["session"])
+        sealed = re.search(r"^sealed (\S+)", ended.err, re.MULTILINE)
+        assert sealed is not None, ended
+        return self.look(sealed[1])
 
     def look(self, session: str) -> dict[str, Any]:
         """The session's contents, see `usblab.inside.session.summary`."""
         self.session = session if session.startswith("/") else f"{self.folder}/{session}"
-        found: dict[str, Any] = self.lab.guest.call(
-            "usblab.inside.session:summary", path=self.session, timeout_s=60
-        )
+        found: dict[str, Any] = self.lab.guest.call("usblab.inside.session:summary", path=self.session)
         return found
 
     def fieldkit(self, *arguments: str) -> Ended:
         """Another verb in the same campaign folder."""
         return self.lab.run("fieldkit", *arguments, folder=self.folder, user=OBSERVER)
+
+    def remove(self) -> None:
+        """Delete the campaign: the guest's disk is memory."""
+        self.lab.run("rm", "-rf", self.folder, user="root")
+
+    def _newest_ns(self, stream: str) -> int:
+        newest: int = self.lab.guest.call(
+            "usblab.inside.session:newest_ns", folder=self.folder, stream=stream
+        )
+        return newest
 
 
 def events(session: Mapping[str, Any], kind: str, stream: str = "") -> list[str]:

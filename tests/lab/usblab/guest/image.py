@@ -25,9 +25,10 @@ from usblab.guest.missing import MissingPartError
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 SITE_PACKAGES = f"opt/fieldkit/lib/{PYTHON}/site-packages"
 LIBRARIES = "usr/lib/x86_64-linux-gnu"
-NOT_NEEDED = shutil.ignore_patterns(
-    "test", "tests", "idlelib", "ensurepip", "site-packages", "config-*", "*.a"
-)
+NOT_NEEDED = shutil.ignore_patterns(  # tkinter asks for libraries that small installations lack
+    "test", "tests", "idlelib", "ensurepip", "lib2to3", "tkinter", "turtledemo", "_tkinter.*",
+    "site-packages", "config-*", "*.a",
+)  # fmt: skip
 ACCOUNTS = {"root": 0, "observer": 1000, "stranger": 1001}
 GROUPS = {
     "root": 0, "tty": 5, "disk": 6, "lp": 7, "kmem": 15, "dialout": 20, "cdrom": 24, "tape": 26, "audio": 29,

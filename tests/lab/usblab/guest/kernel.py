@@ -30,8 +30,7 @@ class Kernel:
 
 def prepare(cache: Path) -> Kernel:
     """The newest kernel of the distribution, unpacked once and kept under its version."""
-    package = packages.kernel_package()
-    version = packages.version(package)
+    package, version = packages.kernel_package()
     home = cache / f"{package}_{version}"
     if not home.exists():
         for old in cache.glob("linux-image-*"):

@@ -17,7 +17,7 @@ from usblab.guest import image, initramfs, kernel, packages
 
 CAMERA_PORTS = 3
 SERIAL_NUMBERS = ("LUX0001", "TMP0001", "LUX0002")
-SOFTWARE = ("tcg,thread=multi", "max", 90.0)
+SOFTWARE = ("tcg,thread=multi", "max", 180.0)
 HARDWARE = ("kvm", "host,-arch-capabilities", 15.0)
 
 
@@ -69,7 +69,7 @@ class Guest:
         """Where a meter is plugged in; `SERIAL_NUMBERS` names its adapter."""
         return self.home / f"ser{number}"
 
-    def ask(self, operation: str, timeout_s: float = 60.0, **arguments: Any) -> Any:
+    def ask(self, operation: str, timeout_s: float = 120.0, **arguments: Any) -> Any:
         """One operation of the guest's command loop, see `usblab.inside.agent.Agent`."""
         if self._channel is None:
             raise GuestError("the guest is not running")
@@ -80,7 +80,7 @@ class Guest:
             raise GuestError(answer["error"])
         return answer["result"]
 
-    def call(self, function: str, timeout_s: float = 60.0, **arguments: Any) -> Any:
+    def call(self, function: str, timeout_s: float = 120.0, **arguments: Any) -> Any:
         """Call a function inside the guest: ``module:name`` with JSON arguments."""
         return self.ask("call", timeout_s, function=function, arguments=arguments)
 

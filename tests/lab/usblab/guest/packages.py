@@ -7,10 +7,12 @@ import re
 import shutil
 import subprocess
 import tempfile
+from functools import cache
 from pathlib import Path
 
 from usblab.guest.missing import INSTALL, MissingPartError
 
+KERNEL = "linux-image-amd64"
 USERLAND = ("udev", "busybox-static", "libusb-1.0-0")
 
 
@@ -21,23 +23,30 @@ def _ask(*command: str) -> str:
         raise MissingPartError(f"`{' '.join(command)}` failed ({error}); run: {INSTALL}") from error
 
 
-def kernel_package() -> str:
-    """The concrete kernel package behind ``linux-image-amd64``; it changes with every security update."""
-    depends = _ask("apt-cache", "depends", "linux-image-amd64")
-    found = re.search(r"Depends: (linux-image-\S+)", depends)
+@cache
+def _lists() -> str:
+    """What the package lists say about all packages of the guest; asking costs half a second each time."""
+    return _ask("apt-cache", "show", "--no-all-versions", KERNEL, *USERLAND)
+
+
+def _told(package: str, pattern: str) -> re.Match[str]:
+    paragraphs = _lists().split("\n\n")
+    about = next((text for text in paragraphs if text.startswith(f"Package: {package}\n")), "")
+    found = re.search(pattern, about, re.MULTILINE)
     if found is None:
-        raise MissingPartError(f"the package lists know no linux-image-amd64; run: {INSTALL}")
-    return found[1]
+        raise MissingPartError(f"the package lists know no {package}; run: {INSTALL}")
+    return found
+
+
+def kernel_package() -> tuple[str, str]:
+    """Name and version of the kernel behind ``linux-image-amd64``; they change with every security update."""
+    found = _told(KERNEL, r"^Depends: .*?(linux-image-\S+) \(= (\S+)\)")
+    return found[1], found[2]
 
 
 def version(package: str) -> str:
-    """The version the package lists offer."""
-    found = re.search(
-        r"^Version: (\S+)$", _ask("apt-cache", "show", "--no-all-versions", package), re.MULTILINE
-    )
-    if found is None:
-        raise MissingPartError(f"the package lists know no {package}; run: {INSTALL}")
-    return found[1]
+    """The version of one of `USERLAND` the package lists offer."""
+    return _told(package, r"^Version: (\S+)$")[1]
 
 
 def unpack(package: str, into: Path) -> None:

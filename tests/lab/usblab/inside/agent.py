@@ -18,12 +18,16 @@ import pkgutil
 import pwd
 import signal
 import sys
+import time
 import traceback
 from pathlib import Path
 from typing import Any
 
 PORT = "/dev/vport0p1"
-HEAVY = ("numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live")
+HEAVY = (
+    "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live",
+    "serial", "usb.backend.libusb1", "fieldkit.views.terminal", "fieldkit.commands.estimating",
+)  # fmt: skip
 ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
 VERBS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
 
@@ -35,15 +39,15 @@ class Agent:
         self._running: dict[int, Path] = {}
         self._ended: dict[int, int] = {}
 
-    def warm(self) -> None:
-        """Import what the verbs will need, once for all of their forks."""
+    def warm(self, place: tuple[float, float, float]) -> None:
+        """Import what the verbs will need, and find the day's suns, once for all of their forks."""
         rooms = [importlib.import_module(f"fieldkit.{room}") for room in ROOMS]
         inside = (m.name for room in rooms for m in pkgutil.iter_modules(room.__path__, f"{room.__name__}."))
         verbs = (f"fieldkit.commands.{verb}" for verb in VERBS)
         for name in (*HEAVY, *inside, *verbs):
             with contextlib.suppress(ImportError):  # needs an extra the guest lacks, such as matplotlib
                 importlib.import_module(name)
-        _read_earth_rotation_tables()
+        _find_suns(*place)
 
     def call(self, function: str, arguments: dict[str, Any]) -> Any:
         """Call ``module:name`` in this process."""
@@ -89,9 +93,9 @@ class Agent:
         target.write_bytes(base64.b64decode(content))
         os.chown(target, account.pw_uid, account.pw_gid)
 
-    def get(self, path: str) -> str:
-        """A file in base64."""
-        return base64.b64encode(Path(path).read_bytes()).decode()
+    def told(self, process: int) -> str:
+        """What a process started here has written to standard error so far."""
+        return self._running[process].with_suffix(".err").read_text(errors="replace")
 
     def _become(self, arguments: list[str], user: str, folder: str, output: str) -> None:
         code = 1
@@ -113,14 +117,12 @@ class Agent:
             os._exit(code)
 
 
-def _read_earth_rotation_tables() -> None:
+def _find_suns(latitude_deg: float, longitude_deg: float, elevation_m: float) -> None:
     """The first position of the sun makes astropy parse a large text file, seven seconds of emulated time."""
-    import numpy as np
-
     from fieldkit.physics.sun import sun_vectors
     from fieldkit.site import Site
 
-    sun_vectors(np.array([1_451_674_800_000_000_000]), Site(0.0, 0.0, 0.0))
+    sun_vectors(time.time_ns(), Site(latitude_deg, longitude_deg, elevation_m))
 
 
 def _log_in(user: str) -> None:

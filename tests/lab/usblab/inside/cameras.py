@@ -14,6 +14,7 @@ from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.errors import DeviceError
 from fieldkit.samples import Quality
 
+PATIENCE_S = 20.0
 SOURCES = {"v4l2": V4l2Source, "opencv": OpenCvSource}
 
 
@@ -23,39 +24,28 @@ def stream(
     fourcc: str,
     width: int,
     height: int,
-    seconds: float,
-    actions: list[list[Any]] = [],  # noqa: B006
+    pictures: int,
+    actions: list[list[Any]],
 ) -> dict[str, Any]:
-    """Read pictures for a while; their checksums, sequence numbers, stamps, and how it ended.
+    """Read that many pictures; their checksums, sequence numbers, stamps and ages.
 
-    `actions` are [after this many pictures, method of the source, its arguments, bytes in hexadecimal].
+    `actions` are [after this many pictures, method of the source, its arguments, bytes in hexadecimal];
+    `said` holds their answers. Raises `TimeoutError` if pictures stop coming.
     """
     source: FrameSource = SOURCES[backend](path, fourcc, [(width, height)], HostClock())
-    report: dict[str, Any] = {
-        "sums": [],
-        "sequences": [],
-        "stamps_ns": [],
-        "ages_ns": [],
-        "errors": 0,
-        "said": [],
-    }
-    todo = [list(action) for action in actions]
+    report: dict[str, Any] = {"sums": [], "sequences": [], "stamps_ns": [], "ages_ns": [], "said": []}
+    todo = list(actions)
     try:
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
+        while len(report["sums"]) < pictures:
             while todo and len(report["sums"]) >= todo[0][0]:
                 report["said"].append(_act(source, *todo.pop(0)[1:]))
-            buffer = source.read(0.5)
+            buffer = source.read(PATIENCE_S)
             if buffer is None:
-                report["said"].append("nothing within 0.5 s")
-                continue
-            report["errors"] += buffer.error
+                raise TimeoutError(f"no picture within {PATIENCE_S} s after {len(report['sums'])}")
             report["sums"].append(zlib.crc32(buffer.data))
             report["sequences"].append(buffer.sequence)
             report["stamps_ns"].append(buffer.mono_ns)
             report["ages_ns"].append(time.monotonic_ns() - buffer.mono_ns)
-    except DeviceError as error:
-        report["lost"] = f"{type(error).__name__}: {error}"
     finally:
         source.close()
     return report
@@ -73,7 +63,7 @@ def drive(
         while len(frames) < pictures:
             if len(frames) == shutter_after and ran is None:
                 ran = device.run_shutter()
-            frame = device.read(2.0)
+            frame = device.read(PATIENCE_S)
             assert frame is not None
             frames.append(frame)
     finally:

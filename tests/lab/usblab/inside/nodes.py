@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 FOLDERS = ("/dev/fieldkit", "/dev/v4l/by-id", "/dev/serial/by-id")
 
 

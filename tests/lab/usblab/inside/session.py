@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,6 @@ def summary(path: str) -> dict[str, Any]:
             "start_ns": session.start_ns,
             "end_ns": session.end_ns,
             "streams": streams,
-            "cpu_percent": [round(health.cpu_percent) for health in session.health()],
             "events": [
                 {
                     "kind": e.kind.name,
@@ -55,12 +55,7 @@ def summary(path: str) -> dict[str, Any]:
 
 
 def _info(info: Any) -> dict[str, Any]:
-    names = ("driver", "identity", "serial_number", "shape", "scale", "settings", "firmware")
-    return {name: _plain(getattr(info, name)) for name in names}
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, str | int | float | tuple) else dict(value)
+    return {"identity": info.identity, "settings": dict(info.settings)}
 
 
 def _samples(session: Any, name: str) -> dict[str, Any]:
@@ -71,6 +66,9 @@ def _samples(session: Any, name: str) -> dict[str, Any]:
         "count": len(samples),
         "stamps_ns": [sample.mono_ns for sample in samples],
         "counters": [picture.device_seq for picture in pictures],
+        "sums": [
+            zlib.crc32(picture.counts.tobytes() + picture.metadata_rows.tobytes()) for picture in pictures
+        ],
         "values": [list(sample.values) for sample in samples if isinstance(sample, Reading)],
         "flags": [[flag.name for flag in Quality if flag and flag in sample.quality] for sample in samples],
         "unflagged_duplicates": sum(Quality.DUPLICATE not in picture.quality for picture in repeats),
