@@ -62,8 +62,8 @@ def command(
             duration_s = seconds_until(until, config.site.timezone, tools.clock)
         preflight(config, tools, duration_s)
         path = session_path(config, name, tools.clock.to_utc_ns(tools.clock.mono_ns()))
-        common.say(f"recording {path.stem}     Ctrl-C stops and seals")
         views = live_views(config, tools, path.stem, duration_s, theme)
+        common.say(f"recording {path.stem}     Ctrl-C stops and seals")
         summary = record_session(config, tools, path, title=name, duration_s=duration_s, views=views)
     tell(path, summary)
     if summary.failure is not None:
