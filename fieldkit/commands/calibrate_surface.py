@@ -93,7 +93,7 @@ def rows_of(estimator: Estimator) -> tuple[Rows, History]:
     """Rows of all clear minutes of a session for all its targets, with their history."""
     from fieldkit.estimation import balance
     from fieldkit.estimation.bins import History
-    from fieldkit.estimation.slopes import Field
+    from fieldkit.estimation.window import Field
     from fieldkit.samples import Quality
 
     history, field, settings = History.of(estimator.bins), Field(estimator.regions), estimator.settings
@@ -148,7 +148,7 @@ def identified(
 ) -> Identified:
     """What the known beds tell of alpha and beta of eq. (6)."""
     from fieldkit.estimation.scale import identify
-    from fieldkit.estimation.slopes import Field
+    from fieldkit.estimation.window import Field
     from fieldkit.physics.facet import normal
 
     field, surface = Field(estimator.regions), estimator.settings.surface

@@ -22,7 +22,7 @@ from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slope_map import MapSums, SlopeMap
-from fieldkit.estimation.slopes import Field
+from fieldkit.estimation.window import Field
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k

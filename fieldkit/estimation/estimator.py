@@ -18,8 +18,9 @@ from fieldkit.device import StreamInfo
 from fieldkit.estimation.bins import MINUTE_NS, Bin, Camera, History, OpenMinute
 from fieldkit.estimation.instruments import Instruments, Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import Field, slopes
+from fieldkit.estimation.slopes import slopes
 from fieldkit.estimation.watch import Watch, end_of
+from fieldkit.estimation.window import Field
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.samples import Event, EventKind, Quality, Reading, Sample, Severity

@@ -11,7 +11,7 @@ from fieldkit.estimation.instruments import Light, mean_of
 from fieldkit.estimation.light import GUST_SD_K, Cusum, Jump, LightWatch, ShadeWatch
 from fieldkit.estimation.picture import PictureWatch
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import Field
+from fieldkit.estimation.window import Field
 from fieldkit.samples import Event, EventKind, Frame, Quality, Reading, Severity
 
 

@@ -322,3 +322,37 @@ def test_window_is_halved_until_one_slope_explains_it(yard):
     last = run(turned, [*before, *after], EstimatorSettings(azimuth="known"))[-1].estimates[0]
     assert last.tilt_deg == pytest.approx(20.0, abs=0.3)
     assert last.window_start_ns >= yard.start_ns + 40 * MINUTE_NS
+
+
+def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
+    """One bed grows warmer by 2 K an hour from the 70th minute on: seen within half an hour."""
+    mask, samples = yard.beds[2].mask((60, 80)), replace(yard, noise_k=0.05).samples(105)
+    creeping = []
+    for sample in samples:
+        minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
+        if isinstance(sample, Frame) and minutes > 0.0:
+            warmer = np.where(mask, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
+            sample = replace(sample, counts=warmer.astype(np.uint16))
+        creeping.append(sample)
+    minutes = run(yard, creeping)
+    told = [by_name(minute)["b17"] for minute in minutes]
+    first = next(index for index, one in enumerate(told) if "alone left" in one.reason)
+    assert 70 < first <= 100
+    assert told[first].state == SlopeState.NO_INTERSECTION
+    assert "+0.5 K" in told[first].reason or "+0.6 K" in told[first].reason
+    for minute in minutes:
+        assert "alone left" not in by_name(minute)["b08"].reason + by_name(minute)["b25"].reason
+
+
+def test_no_drift_is_told_where_all_regions_leave_together(yard):
+    """The same drift on every bed is the reference's or the camera's, not one region's."""
+    beds = np.any([bed.mask((60, 80)) for bed in yard.beds[1:]], axis=0)
+    drifting = []
+    for sample in replace(yard, noise_k=0.05).samples(105):
+        minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
+        if isinstance(sample, Frame) and minutes > 0.0:
+            warmer = np.where(beds, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
+            sample = replace(sample, counts=warmer.astype(np.uint16))
+        drifting.append(sample)
+    reasons = [one.reason for minute in run(yard, drifting) for one in minute.estimates]
+    assert not any("alone left" in reason for reason in reasons)
