@@ -257,6 +257,23 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
     }
 
 
+TIME_MAP_COLUMNS = (
+    Column("time", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
+    Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": "holds from here on"}),
+    Column("add_ns", "<i8", attributes={"units": "ns", "long_name": "to be added to the time"}),
+    Column("version", "<u2", attributes={"units": "1"}),
+    Column("reason", "S256"),
+)
+"""Corrections of the clock, written afterwards."""
+
+INTEGRITY_COLUMNS = (
+    Column("count", "<i8", attributes={"units": "1"}),
+    Column("first_time", "<i8", attributes={"units": TIME_UNITS}),
+    Column("last_time", "<i8", attributes={"units": TIME_UNITS}),
+    Column("crc_of_crcs", "<u4", attributes={"units": "1"}),
+)
+"""What is written down of each stream when a session is sealed."""
+
 ESTIMATE_ANGLES = tuple(item.name for item in fields(SlopeEstimate) if item.name.endswith("_deg"))
 """Columns of the estimates that are angles, named as in `SlopeEstimate`."""
 
@@ -339,7 +356,7 @@ def decode_text(data: bytes) -> str:
 
 def journal_path(path: Path) -> Path:
     """The folder beside a session file where its journal stands while it is recorded."""
-    return path.with_name(path.name + ".journal")
+    return path.parent / f"{path.name}.journal"  # also of a folder without a name
 
 
 def exact_time_ns(

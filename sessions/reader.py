@@ -10,6 +10,7 @@ from __future__ import annotations
 import heapq
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
@@ -30,8 +31,11 @@ from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import (
     FORMAT_NAME,
     FORMAT_VERSION,
+    INTEGRITY_COLUMNS,
     RECOVERED,
     SEALED,
+    TIME_MAP_COLUMNS,
+    Column,
     SessionHeader,
     decode_text,
     entry_columns,
@@ -40,8 +44,8 @@ from fieldkit.sessions.layout import (
 )
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stream_reader import StreamReader, column_dataset, whole_rows
-from fieldkit.sessions.superblock import MendedFile, is_clean
+from fieldkit.sessions.stream_reader import StreamReader, column_dataset, stored_here, whole_rows
+from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
 from fieldkit.sessions.time_map import TimeStep, mapped, mapped_ns
 from fieldkit.site import Region, Site
 from fieldkit.slope import SlopeEstimate
@@ -94,7 +98,7 @@ class Session:
             reader.refresh()
         for name, columns in entry_columns(self.header).items():
             for column in columns:
-                self._file[name][column.name].refresh()
+                self.group(name)[column.name].refresh()
 
     # --- what was declared
 
@@ -237,17 +241,19 @@ class Session:
 
     def time_map(self) -> list[TimeStep]:
         """The corrections of the clock in force, written afterwards; usually none."""
-        group = self._file["time_map"]
-        newest = group["version"][:].max(initial=0)
-        rows = zip(
-            group["version"][:], group["mono_ns"][:], group["add_ns"][:], group["reason"][:], strict=True
-        )
+        with self._explaining():
+            group = self.group("time_map")
+            columns = {column.name: column_dataset(group, column)[:] for column in TIME_MAP_COLUMNS}
+        newest = columns["version"].max(initial=0)
+        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
 
     def integrity(self) -> dict[str, NDArray[Any]]:
         """What was written down when the session was sealed, per stream and per table."""
-        names = ("count", "first_time", "last_time", "crc_of_crcs", "table_crc32")
-        return {name: self._file["integrity"][name][:] for name in names}
+        columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
+        with self._explaining():
+            group = self.group("integrity")
+            return {column.name: column_dataset(group, column)[:] for column in columns}
 
     def minutes(self) -> list[MinuteRecord]:
         """What the estimator said while recording, minute by minute."""
@@ -271,10 +277,19 @@ class Session:
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
-        group = self._file.get(name)
-        if not isinstance(group, h5py.Group):
-            raise SessionError(f"{self.path}: the group {name} is missing")
-        return group
+        with self._explaining():
+            group = stored_here(self._file, name)
+            if not isinstance(group, h5py.Group):
+                raise SessionError(f"the group {name} is missing")
+            return group
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        """What is found wrong while reading names the session, and what to do next."""
+        try:
+            yield
+        except SessionError as error:
+            raise _explained(self.path, error) from error
 
     def table(self, name: str) -> dict[str, NDArray[Any]]:
         """The columns of a table of entries as stored, as many rows as all of them have.
@@ -283,7 +298,8 @@ class Session:
         """
         group = self.group(name)
         known = [column for column in self._columns[name] if column.name in group]
-        columns = {column.name: column_dataset(group, column, salvage=self._salvage) for column in known}
+        with self._explaining():
+            columns = {column.name: column_dataset(group, column, salvage=self._salvage) for column in known}
         length = min((dataset.shape[0] for dataset in columns.values()), default=0)
         if self._salvage:
             length = self._whole(name, columns, length)
@@ -353,14 +369,19 @@ def _session(
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
-        if isinstance(error, SessionError):
-            raise
-        raise SessionError(f"{path} is damaged: {error}", fix=f"fieldkit recover {path}") from error
+        raise _explained(path, error) from error
+
+
+def _explained(path: Path, error: Exception) -> SessionError:
+    """What is wrong, with which session, and what to do next."""
+    known = isinstance(error, SessionError) and str(path) in str(error)
+    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
+    return SessionError(str(error) if known else f"{path} is damaged: {error}", fix=fix)
 
 
 def _check_format(path: Path, file: h5py.File) -> None:
     if _attribute(file, "fieldkit_format") != FORMAT_NAME:
-        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session")
+        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
     version = str(_attribute(file, "fieldkit_format_version"))
     if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
         raise SessionError(
@@ -375,10 +396,12 @@ def _attribute(file: h5py.File, name: str) -> str | None:
 
 
 def _scalar(file: h5py.File, name: str) -> Any:
-    dataset = file.get(name)
+    dataset = stored_here(file, name)
     if (
         not isinstance(dataset, h5py.Dataset)
         or dataset.shape != ()
+        or dataset.is_virtual
+        or dataset.external
         or dataset.dtype.itemsize > _MAX_HEADER_BYTES
     ):
         raise SessionError(f"{file.filename}: {name} is missing")

@@ -72,11 +72,16 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
     if is_locked(folder):
         fix = "wait until the recording has ended, or stop it: fieldkit stop"
         raise RefusedError(f"{path} is in use: it is being recorded", fix=fix)
+    is_ours = not folder.exists()  # only for the lock: a file of which nothing is left is not interrupted
     folder.mkdir(exist_ok=True)
     lock = SessionLock(folder, RECOVERY)
     try:
         complete = _complete(path)
         report = complete or _recover(path, notes)
+    except SessionError:
+        if is_ours:
+            remove_journal(folder)
+        raise
     finally:
         lock.release()
     remove_journal(folder)

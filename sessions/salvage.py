@@ -131,7 +131,10 @@ class Salvage:
         if self._session is not None:
             return self._session.identity
         self._stack.close()
-        raise SessionError(f"nothing can be read of {self._path}: {'; '.join(self.damage)}")
+        raise SessionError(
+            f"nothing can be read of {self._path}: {'; '.join(self.damage)}",
+            fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
+        )
 
     def samples(self, stream: str) -> Iterator[Sample | PackedBrick]:
         """Every sample of a stream that can be had, by number; whole bricks of pictures in one piece."""

@@ -23,8 +23,9 @@ from fieldkit.sessions.layout import (
     FILL_COUNT,
     FORMAT_NAME,
     FORMAT_VERSION,
+    INTEGRITY_COLUMNS,
     RECORDING,
-    TIME_UNITS,
+    TIME_MAP_COLUMNS,
     Column,
     SessionHeader,
     brick_shape,
@@ -312,12 +313,9 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
     group = _group(file, "integrity", "NXcollection")
     streams = max(1, len(header.streams))
     put_scale(group, "stream", _labels(info.name for info in header.streams))
-    for name, dtype, units in (
-        ("count", "<i8", "1"), ("first_time", "<i8", TIME_UNITS), ("last_time", "<i8", TIME_UNITS),
-        ("crc_of_crcs", "<u4", "1"),
-    ):  # fmt: skip
-        dataset = group.create_dataset(name, data=np.zeros(streams, dtype), track_order=True)
-        set_attributes(dataset, {"units": units})
+    for column in INTEGRITY_COLUMNS:
+        dataset = group.create_dataset(column.name, data=column.unknown(streams), track_order=True)
+        set_attributes(dataset, column.attributes)
         attach(dataset, "stream")
     tables = list(entry_columns(header))
     put_scale(group, "table", _labels(tables))
@@ -331,13 +329,4 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
 def _time_map(file: h5py.File) -> None:
     """Corrections of the clock, written afterwards and only when asked: data, not edits."""
     group = _group(file, "time_map", "NXcollection")
-    put_columns(
-        group,
-        [
-            Column("time", "<i8", attributes={"units": TIME_UNITS, "long_name": "when this was written"}),
-            Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": "holds from here on"}),
-            Column("add_ns", "<i8", attributes={"units": "ns", "long_name": "to be added to the time"}),
-            Column("version", "<u2", attributes={"units": "1"}),
-            Column("reason", "S256"),
-        ],
-    )
+    put_columns(group, TIME_MAP_COLUMNS)

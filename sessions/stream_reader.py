@@ -26,12 +26,23 @@ Columns = dict[str, NDArray[Any]]
 _MOST_UNINDEXED_BYTES = 1_000_000_000
 
 
+def stored_here(group: h5py.Group, path: str) -> Any:
+    """What a path leads to within this very file; raises `SessionError` where there is nothing, or a link."""
+    found: Any = group
+    for name in path.split("/"):
+        if found.__class__ is h5py.Dataset or found.get(name, getlink=True).__class__ is not h5py.HardLink:
+            raise SessionError(f"{path} is missing, or points somewhere else")
+        try:
+            found = found[name]
+        except KeyError as error:
+            raise SessionError(f"{path} cannot be read: {error}") from error
+    return found
+
+
 def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
     """A dataset that really lies in this file and has the declared rows; raises `SessionError`."""
     path = f"{group.name.rstrip('/')}/{name}"
-    if group.get(name, getlink=True).__class__ is not h5py.HardLink:
-        raise SessionError(f"{path} is missing, or points somewhere else")
-    dataset = group[name]
+    dataset = stored_here(group, name)
     if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
         raise SessionError(f"{path} does not hold its data itself")
     if dataset.ndim != 1 + len(row_shape) or dataset.shape[1:] != row_shape or dataset.dtype.str[1:] != dtype:
@@ -82,7 +93,7 @@ class StreamReader:
     """
 
     def __init__(self, file: h5py.File, info: StreamInfo, anchor_ns: int, *, salvage: bool = False) -> None:
-        group = file.get(info.name)
+        group = stored_here(file, info.name)
         if not isinstance(group, h5py.Group):
             raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info

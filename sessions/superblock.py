@@ -18,6 +18,7 @@ from fieldkit.errors import SessionError
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _MASK = 0xFFFFFFFF
+CHECK_PATH = "check the path; fieldkit ls shows the sessions of a campaign"
 _LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may say so
 
 
@@ -31,11 +32,11 @@ def _superblock(path: Path) -> bytes:
         with path.open("rb") as file:
             head = file.read(_SIZE)
     except OSError as error:
-        raise SessionError(f"cannot read {path}: {error.strerror}") from error
+        raise SessionError(f"cannot read {path}: {error.strerror}", fix=CHECK_PATH) from error
     if len(head) < _SIZE or not head.startswith(SIGNATURE):
-        raise SessionError(f"{path} is not an HDF5 file", fix="check the path; sessions end in .h5")
+        raise SessionError(f"{path} is not an HDF5 file", fix=CHECK_PATH)
     if head[_VERSION] != 3:
-        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session")
+        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
     return head
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import SessionError
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -30,8 +30,11 @@ def path(tmp_path: Path) -> Path:
 def test_missing_file_and_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match=r"nowhere\.h5"):
         open_session(tmp_path / "nowhere.h5")
-    with pytest.raises(SessionError, match="directory"):
+    with pytest.raises(SessionError, match="directory") as caught:
         open_session(tmp_path)
+    assert caught.value.fix
+    with pytest.raises(SessionError, match="directory"):
+        open_session(".")
 
 
 def test_other_hdf5_files_are_refused(tmp_path: Path) -> None:
@@ -122,9 +125,70 @@ def _header_is_no_json(file: h5py.File) -> None:
     file["config/header"] = np.bytes_("{not json")
 
 
+def _other_session(file: h5py.File) -> str:
+    """A whole other session beside this one."""
+    clock, beside = CountedClock(), Path(file.filename).with_name("beside.h5")
+    writer = SessionWriter(beside, header((24, 32)), clock)
+    fill(writer, 10, clock)
+    writer.close()
+    return str(beside)
+
+
+def _group_outside(file: h5py.File) -> None:
+    del file["camera"]
+    file["camera"] = h5py.ExternalLink(_other_session(file), "/camera")
+
+
+def _table_outside(file: h5py.File) -> None:
+    del file["events"]
+    file["events"] = h5py.ExternalLink(_other_session(file), "/events")
+
+
+def _scalar_outside(file: h5py.File) -> None:
+    del file["entry/complete"]
+    file["entry/complete"] = h5py.ExternalLink(_other_session(file), "/entry/complete")
+
+
+def _entry_outside(file: h5py.File) -> None:
+    del file["entry"]
+    file["entry"] = h5py.ExternalLink(_other_session(file), "/entry")
+
+
+def _time_map_outside(file: h5py.File) -> None:
+    del file["time_map/add_ns"]
+    file["time_map/add_ns"] = h5py.ExternalLink(_other_session(file), "/lux/seq")
+
+
+def _remove_table(file: h5py.File) -> None:
+    del file["events"]
+
+
+def _remove_time_map(file: h5py.File) -> None:
+    del file["time_map"]
+
+
+def _remove_integrity(file: h5py.File) -> None:
+    del file["integrity"]
+
+
+def _table_is_a_dataset(file: h5py.File) -> None:
+    del file["regions"]
+    file["regions"] = np.arange(10)
+
+
+def _look_at_everything(session: Session) -> None:
+    list(session.samples())
+    session.entries()
+    session.estimates()
+    session.integrity()
+    assert session.provenance
+
+
 @pytest.mark.parametrize(
     "harm",
     [
+        _group_outside, _table_outside, _scalar_outside, _entry_outside, _time_map_outside, _remove_table,
+        _remove_time_map, _remove_integrity, _table_is_a_dataset,
         _remove_group, _remove_header, _outside_link, _soft_link, _outside_storage, _virtual,
         _claim_many_rows, _huge_chunks, _other_shape, _huge_picture_declared, _header_is_no_json,
     ],
@@ -134,8 +198,9 @@ def test_hostile_session_is_refused_without_much_memory(path: Path, harm: Harm) 
         harm(file)
     tracemalloc.start()
     try:
-        with pytest.raises(SessionError), open_session(path) as session:
-            list(session.samples())
+        with pytest.raises(SessionError, match=str(path)) as caught, open_session(path) as session:
+            _look_at_everything(session)
+        assert caught.value.fix
         assert tracemalloc.get_traced_memory()[1] < 50_000_000
     finally:
         tracemalloc.stop()
