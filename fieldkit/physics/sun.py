@@ -1,8 +1,8 @@
 """Where the sun stands: unit vectors to it in east, north, up.
 
-The engine is astropy, and this is the only module that imports it: in the field there is
-no network, so its downloads of earth-rotation tables are switched off here. Where its own
-tables end UT1 is guessed, which costs far below 0.01 degrees.
+The engine is astropy, which only this module and `earth_rotation` import: in the field
+there is no network, so its downloads of tables are switched off here. Where its own end UT1
+is guessed, which costs far below 0.01 degrees.
 
 Positions are computed on a 300 s grid and the *unit vector* is interpolated by a cubic
 spline (angles would wrap at north and break at the zenith). Geometric positions are the
@@ -25,6 +25,7 @@ from astropy.utils.exceptions import AstropyWarning
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from fieldkit.physics.earth_rotation import earth_rotation
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.site import Site
 
@@ -93,8 +94,9 @@ def astropy_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
         # beyond its tables astropy warns of an accuracy far better than needed here
         warnings.simplefilter("ignore", AstropyWarning)
         warnings.simplefilter("ignore", erfa.ErfaWarning)
-        time = Time(unix_s, format="unix", scale="utc")
-        sun = get_sun(time).transform_to(AltAz(obstime=time, location=place))
+        with iers.earth_orientation_table.set(earth_rotation()):
+            time = Time(unix_s, format="unix", scale="utc")
+            sun = get_sun(time).transform_to(AltAz(obstime=time, location=place))
     altitude, azimuth = sun.alt.rad, sun.az.rad
     level = np.cos(altitude)
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
