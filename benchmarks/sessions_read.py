@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from benchmarks.result import Result
-from benchmarks.sessions_write import MEDIUM, SMALL, camera, folder, frame, header, pictures
+from benchmarks.session_data import MEDIUM, SMALL, camera, folder, frame, header, pictures
 from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
 from fieldkit.sessions.layout import journal_path
@@ -118,11 +118,19 @@ def _live() -> list[Result]:
     ]
 
 
+def _killed(path: Path, info: StreamInfo) -> None:
+    """A recording that ended without being sealed; its file is as far as one in its own time would be."""
+    writer = _recorded(path, info, RECOVERY_FRAMES)
+    while writer._bricks._next_id < RECOVERY_FRAMES:
+        time.sleep(0.01)
+    writer.abandon()
+
+
 def _recovery() -> Result:
     info = camera(*SMALL)
     with folder() as place:
         path = place / "killed.h5"
-        _recorded(path, info, RECOVERY_FRAMES).abandon()
+        _killed(path, info)
         began = time.perf_counter()
         report = recover(path)
         seconds = time.perf_counter() - began

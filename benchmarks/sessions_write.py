@@ -1,4 +1,4 @@
-"""Writing sessions: what a sample waits for, what the disk sees, against what a user would write.
+"""Writing sessions as fast as possible: what the disk sees, against what a user would write.
 
 Ratios are taken in one run on one machine. MCAP and zarr are measured where they are
 installed; uncompressed means our path with compression taken out of it.
@@ -7,143 +7,35 @@ installed; uncompressed means our path with compression taken out of it.
 from __future__ import annotations
 
 import importlib.util
-import multiprocessing
 import os
-import shutil
-import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.result import Result
+from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, pictures
 from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
-from fieldkit.samples import Frame
 from fieldkit.sessions import bricks, schema
 from fieldkit.sessions.bricks import BrickWriter
-from fieldkit.sessions.layout import SessionHeader, brick_shape
+from fieldkit.sessions.layout import brick_shape
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import Site
 
-LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
-PACED_S = 20.0
 RAW_FRAMES = 600
 NAIVE_FRAMES = 60
-Frames = NDArray[np.uint16]
-
-
-def camera(shape: tuple[int, int], rate_hz: float) -> StreamInfo:
-    """A camera of that size and rate, 10 mK a count."""
-    return StreamInfo("camera", "brightness_temperature", "K", shape, 0.01, rate_hz=rate_hz)
-
-
-def header(info: StreamInfo) -> SessionHeader:
-    """A session of one camera."""
-    return SessionHeader("benchmark", Site(35.56, 139.4), (info,))
-
-
-def pictures(shape: tuple[int, int], count: int = 60) -> Frames:
-    """Sky, ground and beds with 50 mK of noise, as counts of 10 mK; the same every time."""
-    rng = np.random.default_rng(7)
-    rows, cols = shape
-    scene = 29_000 + 800 * (np.arange(rows)[:, None] > rows // 3) + 3 * np.arange(cols)[None, :] / cols * 50
-    scene[rows // 2 : rows * 3 // 4, cols // 4 : cols // 2] += 600
-    fixed = rng.normal(0, 3, shape)
-    return np.rint(scene + fixed + rng.normal(0, 5, (count, *shape))).astype("<u2")
-
-
-def frame(info: StreamInfo, counts: Frames, clock: HostClock) -> Frame:
-    """A frame stamped now."""
-    now = clock.mono_ns()
-    return Frame(info.name, now, clock.to_utc_ns(now), counts, np.empty((0, 0), np.uint16))
-
-
-@contextmanager
-def folder() -> Iterator[Path]:
-    """A scratch folder on the disk of the current folder: /tmp may be memory."""
-    place = Path(tempfile.mkdtemp(prefix="bench-", dir=Path.cwd()))
-    try:
-        yield place
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
 
 
 def run() -> list[Result]:
-    results = [*_paced(LARGE, "640x512 at 30 Hz", 35.0), *_paced(MEDIUM, "256x192 at 25 Hz", 7.0)]
-    results += _loaded()
-    results += _sustained()
+    results = _sustained()
     for (shape, rate_hz), words, must in ((MEDIUM, "256x192", 1.3), (LARGE, "640x512", 40.0)):
         results.append(_against_naive(shape, rate_hz, words, must))
-    results += [_burst(), _size()]
-    return results
-
-
-def _record_paced(size: tuple[tuple[int, int], float], place: Path) -> tuple[list[float], float, int]:
-    """Append at the camera's rate: milliseconds of each append, share of a core used, frames missing."""
-    info, clock = camera(*size), HostClock()
-    ready, waits = pictures(info.shape), []  # type: ignore[arg-type]
-    writer = SessionWriter(place / "paced.h5", header(info), clock)
-    count = int(PACED_S * info.rate_hz)
-    began, used = time.monotonic(), time.process_time()
-    for number in range(count):
-        sample = frame(info, ready[number % len(ready)], clock)
-        before = time.perf_counter()
-        writer.append(sample)
-        waits.append((time.perf_counter() - before) * 1000)
-        time.sleep(max(0.0, began + (number + 1) / info.rate_hz - time.monotonic()))
-    share = (time.process_time() - used) / (time.monotonic() - began)
-    return waits, 100 * share, count - writer.close().counts["camera"]
-
-
-def _paced(size: tuple[tuple[int, int], float], words: str, most: float) -> list[Result]:
-    with folder() as place:
-        waits, share, missing = _record_paced(size, place)
-    return [
-        Result(f"append, {words}, idle, p50", float(np.median(waits)), "ms", "", f"{len(waits)} frames"),
-        Result(f"append, {words}, idle, p99.9", float(np.quantile(waits, 0.999)), "ms", "<= 20"),
-        Result(f"frames dropped, {words}", missing, "", "0"),
-        Result(f"CPU with compression, {words}", share, "% of a core", f"<= {most:g}"),
-    ]
-
-
-def _spin(until: float) -> None:
-    while time.monotonic() < until:
-        sum(range(1000))
-
-
-def _write_flat_out(path: Path, until: float) -> None:
-    block = os.urandom(4_000_000)
-    with path.open("wb") as file:
-        while time.monotonic() < until:
-            file.write(block)
-            if file.tell() > 2_000_000_000:
-                file.seek(0)
-
-
-def _loaded() -> list[Result]:
-    """Two busy cores and a process that writes flat out beside the largest camera."""
-    until = time.monotonic() + PACED_S + 5
-    with folder() as place:
-        spawn = multiprocessing.get_context("spawn")
-        others = [spawn.Process(target=_spin, args=(until,)) for _ in range(2)]
-        others.append(spawn.Process(target=_write_flat_out, args=(place / "flat", until)))
-        for other in others:
-            other.start()
-        waits, _, missing = _record_paced(LARGE, place)
-        for other in others:
-            other.join()
-    return [
-        Result("append, 640x512 at 30 Hz, loaded, p99.9", float(np.quantile(waits, 0.999)), "ms", "<= 250"),
-        Result("frames dropped, loaded", missing, "", "0"),
-    ]
+    return [*results, _size()]
 
 
 def _rate(work: Callable[[Path], None], data: Frames, repeats: int = 3) -> float:
@@ -262,7 +154,8 @@ def _zarr(path: Path, data: Frames) -> None:
     )
     for number, one in enumerate(data):
         array[number] = one
-    os.sync()
+    for file in path.rglob("*"):
+        _sync(file)
 
 
 def _naive(path: Path, data: Frames) -> None:
@@ -298,16 +191,6 @@ def _against_naive(shape: tuple[int, int], rate_hz: float, words: str, must: flo
     return Result(
         f"frames/s over h5py as one writes it first, {words}", ours / naive, "x", f">= {must:g}", note
     )
-
-
-def _burst() -> Result:
-    info, clock = camera(*LARGE), HostClock()
-    with folder() as place:
-        writer = SessionWriter(place / "burst.h5", header(info), clock)
-        for one in pictures(LARGE[0], 50):
-            writer.append(frame(info, one, clock))
-        kept = writer.close().counts["camera"]
-    return Result("burst of 50 frames at once, kept", kept, "frames", "50")
 
 
 def _size() -> Result:

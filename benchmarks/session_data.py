@@ -1,0 +1,59 @@
+"""Cameras, pictures and scratch folders for the measurements of sessions."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import HostClock
+from fieldkit.device import StreamInfo
+from fieldkit.samples import Frame
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.site import Site
+
+LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
+Frames = NDArray[np.uint16]
+Camera = tuple[tuple[int, int], float]
+"""Rows and columns, pictures a second."""
+
+
+def camera(shape: tuple[int, int], rate_hz: float) -> StreamInfo:
+    """A camera of that size and rate, 10 mK a count."""
+    return StreamInfo("camera", "brightness_temperature", "K", shape, 0.01, rate_hz=rate_hz)
+
+
+def header(info: StreamInfo) -> SessionHeader:
+    """A session of one camera."""
+    return SessionHeader("benchmark", Site(35.56, 139.4), (info,))
+
+
+def pictures(shape: tuple[int, int], count: int = 60) -> Frames:
+    """Sky, ground and beds with 50 mK of noise, as counts of 10 mK; the same every time."""
+    rng = np.random.default_rng(7)
+    rows, cols = shape
+    scene = 29_000 + 800 * (np.arange(rows)[:, None] > rows // 3) + 3 * np.arange(cols)[None, :] / cols * 50
+    scene[rows // 2 : rows * 3 // 4, cols // 4 : cols // 2] += 600
+    fixed = rng.normal(0, 3, shape)
+    return np.rint(scene + fixed + rng.normal(0, 5, (count, *shape))).astype("<u2")
+
+
+def frame(info: StreamInfo, counts: Frames, clock: HostClock) -> Frame:
+    """A frame stamped now."""
+    now = clock.mono_ns()
+    return Frame(info.name, now, clock.to_utc_ns(now), counts, np.empty((0, 0), np.uint16))
+
+
+@contextmanager
+def folder() -> Iterator[Path]:
+    """A scratch folder on the disk of the current folder: /tmp may be memory."""
+    place = Path(tempfile.mkdtemp(prefix="bench-", dir=Path.cwd()))
+    try:
+        yield place
+    finally:
+        shutil.rmtree(place, ignore_errors=True)

@@ -1,0 +1,106 @@
+"""Recording at a camera's own rate: what a sample waits for, what it costs, alone and beside other work.
+
+Each recording lasts 20 s; the goal for the loaded one is five minutes: set FIELDKIT_BENCH_S to 300.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.result import Result
+from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
+from fieldkit.clock import HostClock
+from fieldkit.recorder.recorder import QUEUE_S
+from fieldkit.sessions.writer import SessionWriter
+
+SECONDS = float(os.environ.get("FIELDKIT_BENCH_S", "20"))
+
+
+def run() -> list[Result]:
+    results = [*_paced(LARGE, "640x512 at 30 Hz", 35.0), *_paced(MEDIUM, "256x192 at 25 Hz", 7.0)]
+    return [*results, *_loaded(), _burst()]
+
+
+def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
+    """Append at the camera's rate: milliseconds of each append, share of a core used, frames dropped.
+
+    Dropped is a frame that would find the recorder's inbox full, or that the sealed file has not.
+    """
+    info, clock = camera(*size), HostClock()
+    ready, waits = pictures(info.shape), []  # type: ignore[arg-type]
+    writer = SessionWriter(place / "paced.h5", header(info), clock)
+    count, late = int(SECONDS * info.rate_hz), 0
+    began, used = time.monotonic(), time.process_time()
+    for number in range(count):
+        late += time.monotonic() - began - number / info.rate_hz > QUEUE_S
+        sample = frame(info, ready[number % len(ready)], clock)
+        before = time.perf_counter()
+        writer.append(sample)
+        waits.append((time.perf_counter() - before) * 1000)
+        time.sleep(max(0.0, began + (number + 1) / info.rate_hz - time.monotonic()))
+    share = (time.process_time() - used) / (time.monotonic() - began)
+    return waits, 100 * share, late + count - writer.close().counts["camera"]
+
+
+def _paced(size: Camera, words: str, most: float) -> list[Result]:
+    with folder() as place:
+        waits, share, missing = _record_paced(size, place)
+    return [
+        Result(f"append, {words}, idle, p50", float(np.median(waits)), "ms", "", f"{len(waits)} frames"),
+        Result(f"append, {words}, idle, p99.9", float(np.quantile(waits, 0.999)), "ms", "<= 20"),
+        Result(f"frames dropped, {words}, idle", missing, "", "0"),
+        Result(f"CPU with compression, {words}", share, "% of a core", f"<= {most:g}"),
+    ]
+
+
+def _spin(until: float) -> None:
+    while time.monotonic() < until:
+        sum(range(1000))
+
+
+def _write_flat_out(path: Path, until: float) -> None:
+    block = os.urandom(4_000_000)
+    with path.open("wb") as file:
+        while time.monotonic() < until:
+            file.write(block)
+            if file.tell() > 2_000_000_000:
+                file.seek(0)
+
+
+def _loaded() -> list[Result]:
+    """Two busy cores and a process that writes flat out beside the largest camera."""
+    until = time.monotonic() + SECONDS + 5
+    with folder() as place:
+        spawn = multiprocessing.get_context("spawn")
+        others = [spawn.Process(target=_spin, args=(until,)) for _ in range(2)]
+        others.append(spawn.Process(target=_write_flat_out, args=(place / "flat", until)))
+        for other in others:
+            other.start()
+        waits, _, missing = _record_paced(LARGE, place)
+        for other in others:
+            other.join()
+    return [
+        Result(
+            "append, 640x512 at 30 Hz, loaded, p99.9",
+            float(np.quantile(waits, 0.999)),
+            "ms",
+            "<= 250",
+            f"{len(waits)} frames",
+        ),
+        Result("frames dropped, 640x512 at 30 Hz, loaded", missing, "", "0"),
+    ]
+
+
+def _burst() -> Result:
+    info, clock = camera(*LARGE), HostClock()
+    with folder() as place:
+        writer = SessionWriter(place / "burst.h5", header(info), clock)
+        for one in pictures(LARGE[0], 50):
+            writer.append(frame(info, one, clock))
+        kept = writer.close().counts["camera"]
+    return Result("burst of 50 frames at once, kept", kept, "frames", "50")
