@@ -167,11 +167,11 @@ def test_sun_works_with_sockets_blocked_and_no_cache(tmp_path):
 
 def test_our_reading_of_the_earths_rotation_is_astropys():
     """Days that were measured, and predicted ones: UT1 and pole as astropy's own reader has them."""
-    stamps = at("1975-03-01", "1999-01-01", "2017-08-30T05:00", "2026-11-22") / 1e9
+    stamps = at("1999-01-01", "2017-08-30T05:00", "2026-11-22") / 1e9
     here = EarthLocation.from_geodetic(
         PAPER.longitude_deg * u.deg, PAPER.latitude_deg * u.deg, PAPER.elevation_m * u.m
     )
     time = Time(stamps, format="unix", scale="utc")
     sun = get_sun(time).transform_to(AltAz(obstime=time, location=here))
     angle = angle_between_deg(astropy_vectors(stamps, PAPER), normal(90.0 - sun.alt.deg, sun.az.deg))
-    assert angle.max() * 3600.0 < 0.005
+    assert angle.max() * 3600.0 < 0.001
