@@ -26,20 +26,16 @@ from typing import Any
 
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
-from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.center_309 import LIMITS, ask_model
-from fieldkit.drivers.ports import Line, find_ports, open_port
+from fieldkit.drivers.meters.center_309 import LIMITS, open_thermometer
+from fieldkit.drivers.ports import find_ports
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
-from fieldkit.errors import DeviceNotFoundError
 from fieldkit.samples import Quality
 
 LENGTH = 8
-LINE = Line(9600)
 CHANNELS = ("T1", "T2")
 WINDOWS = (("T1-T2", "T1"), ("T1-T2", "T2"), ("T1", "T2"), ("T2", "T1"))
 _START = b"\x02"
-_HINT = "switch the thermometer on and check its cable"
 
 
 def take(buffer: bytes) -> Taken:
@@ -106,19 +102,4 @@ class Center303:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, ask for the model, and wait for one record."""
-        options.refuse_unknown(settings, meter.OPTIONS)
-        port = open_port(settings, LINE, clock)
-        model = ask_model(port)
-        if model in ("304", "305", "306", "309"):
-            port.close()
-            raise DeviceNotFoundError(
-                f"{settings.name}: the meter at {port.path} says it is a Center {model}",
-                fix='driver = "center-309"' if model in ("304", "309") else "this model has no driver",
-            )
-        port.discard()
-        port.write(b"A")
-        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
-        names = options.labels(settings, CHANNELS)
-        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, model)
-        asking = meter.Asking(b"A", settings.every_s)
-        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)], asking=asking)
+        return open_thermometer(settings, clock, LAYOUT, CHANNELS)

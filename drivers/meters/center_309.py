@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -52,6 +52,13 @@ LENGTH = 45
 LINE = Line(9600)
 CHANNELS = ("T1", "T2", "T3", "T4")
 OPEN_PROBE = 0x7FFF
+DRIVERS = {
+    **dict.fromkeys(("300", "301", "302", "303"), "center-303"),
+    **dict.fromkeys(("304", "309"), "center-309"),
+    **dict.fromkeys(("305", "306"), ""),
+}
+"""The driver of each model that a thermometer may say it is; empty for the ten-byte record."""
+
 LIMITS = {"°C": (-210.0, 1800.0), "°F": (-346.0, 3272.0)}  # widest of the vendor's thermocouple types
 _START = b"\x02"
 _STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x01, "recording"))
@@ -143,22 +150,28 @@ class Center309:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, ask for the model, and wait for one record."""
-        options.refuse_unknown(settings, meter.OPTIONS)
-        port = open_port(settings, LINE, clock)
-        model = ask_model(port)
-        if model in ("300", "301", "302", "303", "305", "306"):
-            port.close()
-            raise DeviceNotFoundError(
-                f"{settings.name}: the meter at {port.path} says it is a Center {model}",
-                fix='driver = "center-303"' if model < "304" else "this model has no driver",
-            )
-        port.discard()
-        port.write(b"A")
-        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
-        names = options.labels(settings, CHANNELS)
-        info = meter.describe(settings, port, LAYOUT, "temperature", "K", names, model)
-        asking = meter.Asking(b"A", settings.every_s)
-        return meter.Meter(info, port, LAYOUT, clock, CHANNELS[: len(names)], asking=asking)
+        return open_thermometer(settings, clock, LAYOUT, CHANNELS)
+
+
+def open_thermometer(
+    settings: DeviceSettings, clock: Clock, layout: Layout, channels: Sequence[str]
+) -> meter.Meter:
+    """Open a thermometer that answers ``K`` and ``A``; a sibling of another record is refused by its name."""
+    options.refuse_unknown(settings, meter.OPTIONS)
+    port = open_port(settings, LINE, clock)
+    model = ask_model(port)
+    driver = DRIVERS.get(model, settings.driver)
+    if driver != settings.driver:
+        port.close()
+        raise DeviceNotFoundError(
+            f"{settings.name}: the meter at {port.path} says it is a Center {model}",
+            fix=f'driver = "{driver}"' if driver else "this model has no driver",
+        )
+    meter.first_answer(port, b"A", layout, settings.name, _HINT)
+    names = options.labels(settings, channels)
+    info = meter.describe(settings, port, layout, "temperature", "K", names, model)
+    asking = meter.Asking(b"A", settings.every_s)
+    return meter.Meter(info, port, layout, clock, channels[: len(names)], asking=asking)
 
 
 def ask_model(port: SerialPort) -> str:

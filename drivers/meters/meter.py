@@ -143,6 +143,13 @@ class Meter:
         return (tuple(values), quality) if mine else None
 
 
+def first_answer(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
+    """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
+    port.discard()
+    port.write(request)
+    return first_record(port, layout, name, hint, ANSWER_S)
+
+
 def first_record(port: Port, layout: Layout, name: str, hint: str, timeout_s: float | None = None) -> Stamped:
     """The first record of a meter that has just been opened, within `FIRST_RECORD_S` unless told.
 

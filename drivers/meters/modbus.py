@@ -148,9 +148,7 @@ class Modbus:
         )
         port = open_port(settings, _line(settings, register_map), clock)
         answers = layout(register_map)
-        port.discard()
-        port.write(question)
-        meter.first_record(port, answers, settings.name, _HINT, meter.ANSWER_S)
+        meter.first_answer(port, question, answers, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
         unit = STREAM_UNITS.get(register_map.unit, register_map.unit)

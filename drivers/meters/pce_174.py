@@ -64,14 +64,16 @@ def _value(buffer: bytes) -> Value:
     mode = state >> 3 & 7
     unit = "fc" if state & 0x04 else "lx"
     full_scale = FULL_SCALE[unit][state & 3]
+    # a relative display may be below zero, the light it stands for may not
     high, low = buffer[12:14] if mode == RELATIVE else buffer[10:12]
+    minus = second & 0x10 and mode != RELATIVE
     value = (100 * high + low) * full_scale / STEPS
     quality = Quality.STALE if state & 0x40 else Quality.GOOD
     if value >= full_scale - full_scale / STEPS:
         quality |= Quality.OVERRANGE
     states = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))
     words = tuple(word for present, word in states if present)
-    return Value(-value if second & 0x10 else value, unit, "illuminance", quality, words)
+    return Value(-value if minus else value, unit, "illuminance", quality, words)
 
 
 LAYOUT = Layout(take, LENGTH)
@@ -96,9 +98,7 @@ class Pce174:
         """Open the port and wait for one record."""
         options.refuse_unknown(settings, meter.OPTIONS)
         port = open_port(settings, LINE, clock, kinds=KINDS)
-        port.discard()
-        port.write(ASK_LIVE)
-        meter.first_record(port, LAYOUT, settings.name, _HINT, meter.ANSWER_S)
+        meter.first_answer(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))
         asking = meter.Asking(ASK_LIVE, settings.every_s)
         return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), asking=asking)
