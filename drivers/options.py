@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fieldkit.device import DeviceSettings
@@ -55,6 +56,16 @@ def labels(settings: DeviceSettings, default: Sequence[str]) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or not value or not all(isinstance(name, str) for name in value):
         raise _wrong(settings, "labels", value, 'a list of names such as ["reference", "b05"]')
     return tuple(value)
+
+
+def for_bytes(driver: str, given: Mapping[str, Any]) -> DeviceSettings:
+    """Options given to `Decodes.decode`, which has no instrument, as the settings of one."""
+    return DeviceSettings("bytes", driver, options=given)
+
+
+def kelvin_per_count(settings: DeviceSettings) -> float:
+    """The option `kelvin_per_count` of cameras that do not tell it; NaN without."""
+    return number(settings, "kelvin_per_count", math.nan)
 
 
 def _wrong(settings: DeviceSettings, key: str, value: Any, expected: str) -> ConfigError:

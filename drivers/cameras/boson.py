@@ -21,6 +21,7 @@ from fieldkit.drivers.cameras.boson_serial import RUN_FFC, BosonSerial
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.ports import serial_ports
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.errors import DeviceError
@@ -62,13 +63,13 @@ class Boson:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more pictures; option `kelvin_per_count` (0.01 for TLinear)."""
-        scale = float(options.get("kelvin_per_count", math.nan))
+        scale = kelvin_per_count(for_bytes(self.name, options))
         return decode_frames(data, partial(decode, scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open pictures and commands; a Boson without reachable commands still gives pictures."""
         options.refuse_unknown(settings, (*camera.OPTIONS, "radiometric", "kelvin_per_count"))
-        scale = options.number(settings, "kelvin_per_count", math.nan)
+        scale = kelvin_per_count(settings)
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
         serial = serial_side(opened.usb, clock)

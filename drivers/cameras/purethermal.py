@@ -29,8 +29,10 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.errors import DeviceError
+from fieldkit.samples import Quality
 
 WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
@@ -67,7 +69,7 @@ def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
     if not (revision and fpa):  # the rows are not filled in
         return _untold(counts, rows, untold_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
-    quality = doubts(extremes(counts), TLINEAR_ENDS if scale > 0 else COUNTS_ENDS, scale)
+    quality = _doubts(counts, scale)
     shutter = _shutter(status >> 4 & 3, revision == OLD_REVISION, uptime - corrected)
     sensors = fpa / 100, housing / 100, GAINS.get(gain, "unknown")
     return Picture(counts, rows, scale, 0.0, "linear", quality, shutter, uptime, counter, *sensors)
@@ -81,8 +83,13 @@ def _shutter(state: int, old: bool, since_ms: int) -> bool:
 
 def _untold(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> Picture:
     """A picture that says nothing about itself."""
-    ends = TLINEAR_ENDS if scale > 0 else COUNTS_ENDS
-    return Picture(counts, rows, scale, quality=doubts(extremes(counts), ends, scale))
+    return Picture(counts, rows, scale, quality=_doubts(counts, scale))
+
+
+def _doubts(counts: NDArray[np.uint16], scale: float) -> Quality:
+    found = extremes(counts)
+    has_14_bits = not scale > 0 and found[1] <= COUNTS_ENDS[1]  # above them TLinear is on, whatever is told
+    return doubts(found, COUNTS_ENDS if has_14_bits else TLINEAR_ENDS, scale)
 
 
 def _sizes() -> str:
@@ -106,13 +113,13 @@ class PureThermal:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more pictures; see `fieldkit.drivers.records.Decodes`."""
-        scale = float(options.get("kelvin_per_count", math.nan))
+        scale = kelvin_per_count(for_bytes(self.name, options))
         return decode_frames(data, partial(decode, untold_scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the board, choose the picture with telemetry, declare what the first one says."""
         options.refuse_unknown(settings, (*camera.OPTIONS, "kelvin_per_count"))
-        untold_scale = options.number(settings, "kelvin_per_count", math.nan)
+        untold_scale = kelvin_per_count(settings)
         opened = open_source(settings, WANTED, clock)
         source = opened.source
         if math.isnan(untold_scale):

@@ -14,8 +14,9 @@ from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
+from fieldkit.drivers.cameras.picture import Decode, Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
+from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.errors import ConfigError
 
@@ -47,6 +48,17 @@ def decode(
     )
 
 
+def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
+    """The size that is wanted, else the usual ones."""
+    width, height = (int(options.number(settings, key, 0)) for key in ("width", "height"))
+    return ((width, height),) if width > 0 and height > 0 else SIZES
+
+
+def _decoder(settings: DeviceSettings, width: int, height: int) -> Decode:
+    offset = options.number(settings, "kelvin_offset", 0.0)
+    return partial(decode, width=width, height=height, scale=kelvin_per_count(settings), offset=offset)
+
+
 class Y16:
     """Driver of any other camera with Y16.
 
@@ -64,18 +76,15 @@ class Y16:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""
-        wanted = (
-            (int(options["width"]), int(options["height"])) if {"width", "height"} <= set(options) else None
-        )
-        sizes = (wanted,) if wanted else SIZES
-        scale, offset = (
-            float(options.get("kelvin_per_count", math.nan)),
-            float(options.get("kelvin_offset", 0)),
-        )
-        fitting = [size for size in sizes if len(data) and len(data) % (2 * size[0] * size[1]) == 0]
-        width, height = (fitting or [sizes[-1]])[0]
-        picture = partial(decode, width=width, height=height, scale=scale, offset=offset)
-        return decode_frames(data, picture, (2 * width * height,))
+        settings = for_bytes(self.name, options)
+        sizes = _sizes(settings)
+        if sizes is SIZES:
+            sizes = tuple(size for size in SIZES if len(data) % (2 * size[0] * size[1]) == 0)
+        if not sizes:
+            reason = f"{len(data)} bytes; no usual size divides them: give -o width=... -o height=..."
+            return Decoded((), (Rejected(len(data), reason),))
+        width, height = sizes[0]
+        return decode_frames(data, _decoder(settings, width, height), (2 * width * height,))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera that identity or port name; there is no default."""
@@ -86,22 +95,19 @@ class Y16:
                 f"{settings.name}: y16 takes any camera, so it must be told which; there is {present}",
                 fix='identity = "vendor:product"',
             )
-        width, height = (int(options.number(settings, key, 0)) for key in ("width", "height"))
-        sizes = ((width, height),) if width and height else SIZES
+        sizes = _sizes(settings)
         opened = open_source(settings, Wanted((), "Y16 ", sizes), clock)
         width, height = getattr(opened.source, "size", sizes[0])
-        scale = options.number(settings, "kelvin_per_count", math.nan)
-        offset = options.number(settings, "kelvin_offset", 0.0)
-        read = partial(decode, width=width, height=height, scale=scale, offset=offset)
-        camera.first_picture(opened.source, read, settings.name, clock)
-        known = not math.isnan(scale)
+        read = _decoder(settings, width, height)
+        first = camera.first_picture(opened.source, read, settings.name, clock)
+        known = not math.isnan(first.scale)
         info = StreamInfo(
             name=settings.name,
             quantity="brightness_temperature" if known else "counts",
             unit="K" if known else "counts",
             shape=(height, width),
-            scale=scale,
-            offset=offset,
+            scale=first.scale,
+            offset=first.offset,
             rate_hz=options.number(settings, "rate_hz", 0.0),
             driver=settings.driver,
             model=opened.usb.title,

@@ -147,7 +147,7 @@ def _states(status: bytes) -> tuple[Quality, tuple[str, ...]]:
 
 def _number(field: re.Match[bytes]) -> float:
     sign, digits, exponent = field.groups()
-    value = int(digits) * 10.0 ** (int(exponent) - 4)
+    value = int(digits + b"0" * int(exponent)) / 10**4  # whole numbers first: 35.8, not 35.800000000000004
     return -value if sign == b"-" else value
 
 

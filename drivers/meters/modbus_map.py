@@ -114,7 +114,8 @@ class RegisterMap:
             if channel.decimals_register is None
             else _signed(registers[channel.decimals_register - self.first])
         )
-        value = number * channel.scale / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
+        # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
+        value = number / (1 / channel.scale) / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
         low, high = self.limits
         if taken[0] in self.no_value or not low <= value <= high:  # NaN is in no range
             return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, ("open", *words))
@@ -195,6 +196,8 @@ def _check(found: RegisterMap) -> None:
     for channel in found.channels:
         if channel.type not in TYPES:
             raise ValueError(f"channel {channel.name}: type {channel.type!r} is none of {', '.join(TYPES)}")
+        if not channel.scale:
+            raise ValueError(f"channel {channel.name}: scale 0 leaves nothing of the value")
         needed = [
             channel.register,
             channel.register + channel.width - 1,

@@ -24,6 +24,7 @@ from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.units import STREAM_UNITS
+from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.errors import ConfigError
@@ -144,11 +145,12 @@ class Text:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.records.Decodes`. The header may stand anywhere in them."""
-        columns = options.get("columns", ())
-        names = tuple(columns.split(",")) if isinstance(columns, str) else tuple(columns)
-        if not names:
-            names = header(decode_records(data, Grammar().layout).notes)
-        return decode_records(data, Grammar(names).layout)
+        names = options.get("columns", ())
+        given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
+        grammar = _grammar(for_bytes(self.name, given))
+        if not grammar.columns:
+            grammar = replace(grammar, columns=header(decode_records(data, Grammar().layout).notes))
+        return decode_records(data, grammar.layout)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port (the board restarts) and wait for the first line with values."""

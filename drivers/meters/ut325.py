@@ -44,6 +44,7 @@ NAMES = {b"0": "T1", b"1": "T2", b"2": "T1-T2", b"3": "T1-T2"}
 UNITS = {b"1": "°C", b"2": "°F", b"3": "K"}
 START_LIVE = b"\x01"
 _NO_PROBE = b";;;;"
+_END = b"\r\n"
 _RECORD = re.compile(rb".(;{4}|(?=.{4}[123]):*;?:*[0-9]+)([123])..0.{4}([0-3])..1\r\n", re.DOTALL)
 _READ_MS = 200
 _HINT = "switch the thermometer on and press its USB key until the display shows it"
@@ -55,7 +56,8 @@ def take(buffer: bytes) -> Taken:
         return None
     found = _RECORD.fullmatch(buffer[:LENGTH])
     if found is None:
-        return Rejected(1, "not of the form value unit 0 channel 1 CR LF")
+        end = buffer.find(_END, 0, LENGTH)  # nothing before it can belong to the next record
+        return Rejected(end + 2 if end >= 0 else 1, "not of the form value unit 0 channel 1 CR LF")
     digits, unit, channel = found.groups()
     if digits == _NO_PROBE:
         value = Value(math.nan, UNITS[unit], NAMES[channel], Quality.NO_VALUE, ("no_probe",))

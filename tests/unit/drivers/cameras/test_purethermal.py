@@ -92,6 +92,14 @@ def test_end_of_counts_is_saturated(count):
     assert decode(picture(counts)).quality == Quality.SATURATED
 
 
+@pytest.mark.parametrize(
+    ("count", "quality"),
+    [(0x2000, Quality.NO_VALUE), (0x3FFF, Quality.NO_VALUE | Quality.SATURATED), (29515, Quality.NO_VALUE)],
+)
+def test_without_tlinear_the_end_is_that_of_14_bits_unless_there_are_more(count, quality):
+    assert decode(np.full((120, 160), count, "<u2").tobytes()).quality == quality
+
+
 @pytest.mark.parametrize("size", [0, 1, 38399, 38401, 39039])
 def test_other_byte_counts_are_rejected_with_the_right_ones(size):
     rejected = decode(bytes(size))

@@ -52,3 +52,14 @@ def test_seek_words_are_counts_only(name):
     assert {value.unit for value in decoded.values} == {"counts"}
     assert decoded.values[0].value == 0
     assert (words == 0).sum() == 2296
+
+
+def test_bytes_of_no_usual_size_are_not_cut_into_one():
+    data = bytes.fromhex("4b73") * (208 * 156)
+    (part,) = Y16().decode(data, {}).rejected
+    assert part.length == len(data)
+    assert "-o width" in part.reason
+    told = Y16().decode(data + b"\0", {"width": 208, "height": 156})
+    assert (told.values[1].value, told.rest, told.notes) == (29515.0, 1, ("picture of 208x156",))
+    with pytest.raises(ConfigError, match="width = 'wide' is not a number"):
+        Y16().decode(data, {"width": "wide", "height": 156})

@@ -82,6 +82,7 @@ def test_packaged_maps_are_whole(name):
         (("count = 8", "cuont = 8"), "unknown keys: cuont"),
         (('unit = "°C"\nline', 'unit = "W/m²"\nline'), "no channel has the unit"),
         (("scale = 0.1", "sclae = 0.1"), "sclae"),
+        (("scale = 0.1", "scale = 0"), "scale 0 leaves nothing"),
         (("scale = 0.1", "scale ="), "Invalid value"),
     ],
 )

@@ -77,3 +77,11 @@ def test_unit_of_bare_numbers_is_configured(wire):
 def test_wrong_options_say_what_is_expected(wire, options):
     with pytest.raises(ConfigError, match="is not a list"):
         Text().open(settings(wire, **options), HostClock())
+
+
+def test_bytes_are_read_with_the_drivers_options():
+    decoded = Text().decode(b"85,21.5\n", {"columns": "T1,T2", "no_value": [85], "unit": "c"})
+    assert [(value.channel, value.unit, value.flags) for value in decoded.values] == [
+        ("T1", "°C", ["no_value"]),
+        ("T2", "°C", []),
+    ]

@@ -40,3 +40,9 @@ def test_reports_of_the_bridge_say_how_much_they_carry():
     assert characters(bytes([0xF0, 1, 2, 3, 0, 0, 0, 0])) == b""
     assert characters(bytes([0x03, 1, 2, 3])) == b""
     assert characters(b"") == b""
+
+
+def test_nothing_before_the_line_end_is_kept_of_a_record_that_is_none():
+    assert take(RECORD[:5] + b"4" + RECORD[6:]).length == 19
+    assert take(RECORD[15:] + RECORD[:15]).length == 4
+    assert take(RECORD[:17] + b"??").length == 1
