@@ -66,7 +66,8 @@ def read_log(
         name, quantity, stored, (len(places),), channels=tuple(_label(head[place]) for place in places),
         rate_hz=usual_rate_hz([reading.time_ns for reading in ordered]), driver="import", raw_bytes=255,
     )  # fmt: skip
-    said = f"{path.name}: {len(ordered)} rows, clock offset {offset_ns / 1e9:+g} s applied"
+    applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
+    said = f"{path.name}: {len(ordered)} rows{applied}"
     return Foreign((info,), ordered, ((Severity.INFO, said),))
 
 

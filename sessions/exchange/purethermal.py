@@ -26,7 +26,7 @@ from fieldkit.sessions.exchange.times import plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")
-_MAX_HEADER, _MAX_SIDE = 1_000_000, 4096
+_MAX_HEADER, _MAX_SIDE, _MAX_NUMBER = 1_000_000, 4096, 2**63 - 1
 _PLAUSIBLE_K = (200.0, 700.0)
 
 
@@ -53,6 +53,8 @@ def read_purethermal(path: Path, name: str = "camera") -> Foreign:
             if not time_ns:
                 median = float(np.median(frame.counts)) / 100.0
             time_ns.append(frame.time_ns)
+    except gzip.BadGzipFile:
+        remarks.append((Severity.WARNING, f"{path.name} does not match its checksum: pictures may be wrong"))
     except (EOFError, OSError, zlib.error):
         remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was left out"))
     scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
@@ -107,8 +109,11 @@ def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | No
     if len(record) < _RECORD.size or len(data) < size:
         raise EOFError
     number, seconds, milliseconds = _RECORD.unpack(record)
-    if not math.isfinite(seconds):
-        raise ConfigError(f"frame {number} was taken at {seconds} s", fix="import the part before it")
+    if not math.isfinite(seconds) or number > _MAX_NUMBER:
+        raise ConfigError(
+            f"frame {number} was taken at {seconds} s: the file is damaged",
+            fix="copy it from the recorder again",
+        )
     time_ns = plausible_ns(round(seconds * 1e6) * 1000)
     counts = np.frombuffer(data, "<u2").reshape(shape)
     rows = np.empty((0, 0), "<u2")
