@@ -1,6 +1,6 @@
 """A campaign estimated again: twenty demo sessions with thirty sets of parameters, as a user types it.
 
-Some eight minutes on two cores. A smaller one: ``python -c "from benchmarks import batch; print(batch.run(2, 1))"``.
+Some eight minutes on two cores; ``batch.run(2, 1.0)`` from Python is a smaller one.
 """
 
 from __future__ import annotations

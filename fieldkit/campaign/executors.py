@@ -9,15 +9,62 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, Generic, TypeVar
 
 from fieldkit.campaign.cache import code_version
-from fieldkit.errors import ConfigError, RefusedError
+from fieldkit.errors import ConfigError, FieldkitError, RefusedError
+
+Note = TypeVar("Note")
 
 RETRIES = 3
 """How often work is given to another worker after the one that had it died."""
 ANSWER_S = 5
 """How long a Dask scheduler may take to answer."""
+
+
+class Work(Generic[Note]):
+    """Work handed to an executor, each piece with a note of what it is.
+
+    What a killed process had is handed out again.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self._under_way: dict[Future[Any], tuple[Note, Callable[[], Any]]] = {}
+        self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
+
+    def hand_out(self, note: Note, work: Callable[[], Any]) -> None:
+        """Begin a piece, a callable that can be pickled.
+
+        Raises `FieldkitError` where processes are killed again and again.
+        """
+        try:
+            future = self._executor.submit(work)
+        except BrokenProcessPool as error:
+            raise FieldkitError(
+                "worker processes are killed again and again, perhaps for want of memory",
+                fix="what was finished is kept: run the same again, with fewer processes (-j)",
+            ) from error
+        self._under_way[future] = note, work
+        future.add_done_callback(self._finished.put)
+
+    def results(self) -> Iterator[tuple[Note, Any]]:
+        """Note and result of every piece as it comes, also of those handed out meanwhile.
+
+        A `FieldkitError` that was raised is the result.
+        """
+        while self._under_way:
+            future = self._finished.get()
+            note, work = self._under_way.pop(future)
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                self.hand_out(note, work)
+                continue
+            except FieldkitError as error:
+                result = error
+            yield note, result
 
 
 def cores() -> int:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
-from queue import SimpleQueue
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from fieldkit.campaign.cache import Cache, digest
 from fieldkit.campaign.estimates import Estimates
+from fieldkit.campaign.executors import Work
 from fieldkit.campaign.sources import Source
 from fieldkit.config import changed_config
 from fieldkit.errors import FieldkitError
@@ -23,9 +21,6 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.site import Site
-
-NEVER_ENOUGH = 2**31
-"""So many minutes no session has: the estimator then makes minutes and leaves their slopes alone."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +79,6 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
         reflected_temperature_k=settings.reflected_temperature_k,
         low_sun_deg=settings.low_sun_deg,
         settle_s=settings.settle_s,
-        min_minutes=NEVER_ENOUGH,
     )
 
 
@@ -101,20 +95,19 @@ def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterat
             texts = tuple(str(text) for text in entry["texts"])
             yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions), cached=True)
     firsts = [same[0] for same in missing.values()]
-    for outcome in _Work(executor, cache).outcomes(firsts) if firsts else ():
+    for outcome in _Carrying(executor, cache).outcomes(firsts) if firsts else ():
         yield from (replace(outcome, run=run) for run in missing[outcome.run.key])
 
 
 @dataclass(frozen=True)
-class _Task:
-    """Work for a worker, the runs it concerns, and what is done with its result."""
+class _Note:
+    """The runs a piece of work concerns, and what its result leads to: outcomes, or none and more work."""
 
     runs: Sequence[Run]
-    follow: Callable[[Any], list[Outcome | Failure]]
-    work: Callable[[], Any]
+    follow: Callable[[Any], list[Outcome]]
 
 
-class _Work:
+class _Carrying:
     """Runs handed to an executor: first the minutes of each session, then slopes from the minutes."""
 
     def __init__(self, executor: Executor, cache: Cache) -> None:
@@ -122,25 +115,18 @@ class _Work:
         from fieldkit.campaign import work
 
         self._read_minutes, self._slopes = work.read_minutes, work.estimate
-        self._executor, self._cache = executor, cache
-        self._under_way: dict[Future[Any], _Task] = {}
-        self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
+        self._work: Work[_Note] = Work(executor)
+        self._cache = cache
 
     def outcomes(self, runs: Sequence[Run]) -> Iterator[Outcome | Failure]:
         """The outcomes of runs, as they come."""
         for of_source in _grouped(runs, lambda run: str(run.source.path)):
             self._begin(of_source)
-        while self._under_way:
-            future = self._finished.get()
-            task = self._under_way.pop(future)
-            try:
-                outcomes = task.follow(future.result())
-            except BrokenProcessPool:
-                self._submit(task)
-                continue
-            except FieldkitError as error:
-                outcomes = [Failure(run, error) for run in task.runs]
-            yield from outcomes
+        for note, made in self._work.results():
+            if isinstance(made, FieldkitError):
+                yield from (Failure(run, made) for run in note.runs)
+            else:
+                yield from note.follow(made)
 
     def _begin(self, runs: Sequence[Run]) -> None:
         """Estimate what has its minutes in the cache; read the session once for all others."""
@@ -153,12 +139,10 @@ class _Work:
         if unread:
             source = runs[0].source
             wanted = [(group[0].site, bin_settings(group[0].settings)) for group in unread]
-            concerned = [run for group in unread for run in group]
-            follow = functools.partial(self._minutes_read, unread)
-            read = functools.partial(self._read_minutes, source.path, source.regions, wanted)
-            self._submit(_Task(concerned, follow, read))
+            note = _Note([run for group in unread for run in group], partial(self._minutes_read, unread))
+            self._work.hand_out(note, partial(self._read_minutes, source.path, source.regions, wanted))
 
-    def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome | Failure]:
+    def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome]:
         for group, history in zip(groups, made, strict=True):
             arrays = {column.name: getattr(history, column.name) for column in fields(history)}
             self._cache.store(group[0].bins_key, arrays)
@@ -167,24 +151,12 @@ class _Work:
 
     def _estimate(self, history: History, group: Sequence[Run]) -> None:
         for run in group:
-            follow = functools.partial(self._estimated, run)
-            work = functools.partial(self._slopes, history, run.source.regions, run.settings)
-            self._submit(_Task([run], follow, work))
+            note = _Note([run], partial(self._estimated, run))
+            self._work.hand_out(note, partial(self._slopes, history, run.source.regions, run.settings))
 
-    def _estimated(self, run: Run, made: Estimates) -> list[Outcome | Failure]:
+    def _estimated(self, run: Run, made: Estimates) -> list[Outcome]:
         self._cache.store(run.key, {"rows": made.rows, "texts": np.array(made.texts, np.str_)})
         return [Outcome(run, made)]
-
-    def _submit(self, task: _Task) -> None:
-        try:
-            future = self._executor.submit(task.work)
-        except BrokenProcessPool as error:
-            raise FieldkitError(
-                "worker processes are killed again and again, perhaps for want of memory",
-                fix="what was finished is kept: run the same again, with fewer processes (-j)",
-            ) from error
-        self._under_way[future] = task
-        future.add_done_callback(self._finished.put)
 
 
 def _grouped(runs: Iterable[Run], key: Callable[[Run], str]) -> list[list[Run]]:

@@ -7,19 +7,32 @@ keeps. The results are those of the `Estimator`, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from fieldkit.campaign.estimates import Estimates
-from fieldkit.errors import SessionError
-from fieldkit.estimation.bins import History
-from fieldkit.estimation.estimator import Estimator
+from fieldkit.errors import FieldkitError, SessionError
+from fieldkit.estimation.binner import Binner
+from fieldkit.estimation.bins import Bin, History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import Session, open_session
 from fieldkit.site import Region, Site
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[Session]:
+    """An open session; what its file refuses to tell becomes a `SessionError`."""
+    try:
+        with open_session(path) as session:
+            yield session
+    except FieldkitError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
 
 
 def read_minutes(
@@ -29,18 +42,16 @@ def read_minutes(
 
     Raises `SessionError`.
     """
-    try:
-        with open_session(path) as session:
-            streams = tuple(session.streams.values())
-            estimators = [Estimator(site, regions, streams, settings) for site, settings in wanted]
-            for sample in session.samples():
-                for estimator in estimators:
-                    estimator.add(sample)
-    except (OSError, RuntimeError, ValueError) as error:
-        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
-    for estimator in estimators:
-        estimator.finish()
-    return [History.of(estimator.bins) for estimator in estimators]
+    with reading(path) as session:
+        streams = tuple(session.streams.values())
+        binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
+        closed: list[list[Bin]] = [[] for _ in binners]
+        for sample in session.samples():
+            for binner, bins in zip(binners, closed, strict=True):
+                bins.extend(entry for entry, _ in binner.add(sample))
+    for binner, bins in zip(binners, closed, strict=True):
+        bins.extend(entry for entry, _ in binner.finish())
+    return [History.of(bins) for bins in closed]
 
 
 def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Estimates:

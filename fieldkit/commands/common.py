@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,6 +83,25 @@ set_option = click.option(
     help="Use another value for a key of fieldkit.toml, e.g. --set surface.albedo=0.25.",
 )
 """``--set KEY=VALUE`` for verbs that read the configuration; hand `settings` to `campaign`."""
+
+
+def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """``-j``, ``--executor`` and ``--address`` for verbs over many sessions; hand them to `batch.workers`."""
+    for option in (
+        click.option(
+            "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
+        ),
+        click.option(
+            "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
+            help="Processes of this computer, or the workers of a Dask cluster that runs.",
+        ),
+        click.option(
+            "-j", "--jobs", type=click.IntRange(min=1), metavar="N",
+            help="Processes [default: one for each core].",
+        ),
+    ):  # fmt: skip
+        command = option(command)
+    return command
 
 
 def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:

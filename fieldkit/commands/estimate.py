@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 @click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
-)
+@common.workers_options
 @click.option("--site", type=SITE, help="Where a table was measured.")
 @click.option(
     "--reference",
@@ -52,6 +50,8 @@ def command(
     out: Path | None,
     present: bool,
     jobs: int | None,
+    kind: str,
+    address: str | None,
     site: Site | None,
     reference: tuple[float, float],
     settings: tuple[str, ...],
@@ -67,11 +67,16 @@ def command(
     if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
         _estimate_table(sessions[0], site, reference, settings)
         return
-    _estimate_sessions(resolved(ctx, sessions), out, jobs, settings, present=present)
+    _estimate_sessions(resolved(ctx, sessions), out, (kind, address, jobs), settings, present=present)
 
 
 def _estimate_sessions(
-    paths: Sequence[Path], out: Path | None, jobs: int | None, settings: Sequence[str], *, present: bool
+    paths: Sequence[Path],
+    out: Path | None,
+    workers: tuple[str, str | None, int | None],
+    settings: Sequence[str],
+    *,
+    present: bool,
 ) -> None:
     from fieldkit.campaign.runs import run_of
     from fieldkit.commands import batch
@@ -79,7 +84,7 @@ def _estimate_sessions(
     sources, failures = batch.look_at(paths, present=present)
     runs = [run_of(source, settings) for source in sources]
     found: dict[Path, Estimates] = {}
-    with batch.workers("local", None, jobs, len(runs)) as executor:
+    with batch.workers(*workers, len(runs)) as executor:
         for outcome in batch.carried_out(runs, executor, failures):
             found[outcome.run.source.path] = outcome.estimates
     sources = [source for source in sources if source.path in found]

@@ -1,33 +1,34 @@
-"""``fieldkit map``: tilt and azimuth of every pixel of a recorded session, as a picture and as arrays."""
+"""``fieldkit map``: tilt and azimuth of every pixel of recorded sessions, as a picture and as arrays."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.commands import common
-from fieldkit.commands.session_paths import newest
+from fieldkit.commands.session_paths import newest, resolved
 from fieldkit.errors import NoAnswerError, StorageError
 
 if TYPE_CHECKING:
     from fieldkit.commands.mapping import MappedSession
     from fieldkit.config import Config
-    from fieldkit.sessions.reader import Session
 
 ENDINGS = (".png", ".nc")
 _POLL_S = 1.0
 
 
 @click.command(cls=common.Verb)
-@click.argument("session", required=False, type=click.Path(path_type=Path))
+@click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
-    "-o", "--out", type=click.Path(path_type=Path), metavar="NAME", help="[default: the results folder]"
-)
+    "-o", "--out", type=click.Path(path_type=Path), metavar="NAME",
+    help="Of several sessions: a folder [default: the results folder].",
+)  # fmt: skip
 @click.option(
     "--window",
     metavar="TIME",
@@ -38,25 +39,38 @@ _POLL_S = 1.0
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
+@common.workers_options
 @common.set_option
 @click.pass_context
 def command(
     ctx: click.Context,
-    session: Path | None,
+    sessions: tuple[Path, ...],
     out: Path | None,
     window: str | None,
     present: bool,
     follow: bool,
+    jobs: int | None,
+    kind: str,
+    address: str | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Map the slopes of SESSION (default: the newest), pixel by pixel.
+    """Map the slopes of SESSIONS or folders of them (default: the newest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as strength of colour, shaded like a relief; NAME.nc
     (netCDF) has the arrays with the state of every pixel. Both are replaced whole with --follow, so a
     picture viewer or a browser may keep them open; the recording does not notice.
     """
-    path = newest(ctx, session)
-    base = _base(out, path)
+    paths = resolved(ctx, sessions) if sessions else [newest(ctx, None)]
+    if len(paths) > 1:
+        from fieldkit.commands.map_many import map_many
+
+        if follow:
+            raise click.UsageError("--follow is for one session")
+        made = partial(map_session, window=window, settings=settings, present=present)
+        map_many(paths, out, made, settings, (kind, address, jobs))
+        return
+    path = paths[0]
+    base = base_of(out, path)
     print_json = common.print_json_line if follow else common.print_json
 
     def map_now() -> None:
@@ -97,28 +111,39 @@ def _map(
     *,
     present: bool,
 ) -> None:
+    found = map_session(path, window=window, settings=settings, present=present)
+    for remark in remarks(found):
+        common.say(remark)
+    files = write(base, path, found, settings)
+    if common.options().json:
+        print_json(document(path, found, files))
+    else:
+        print_map(found, files)
+
+
+def map_session(path: Path, *, window: str | None, settings: tuple[str, ...], present: bool) -> MappedSession:
+    """The map of a session; also what a worker does of many. Raises `FieldkitError`."""
+    from fieldkit.campaign.work import reading
     from fieldkit.commands.estimating import config_for
     from fieldkit.commands.mapping import map_of
-    from fieldkit.sessions.reader import open_session
 
-    with open_session(path) as opened:
+    with reading(path) as opened:
         config = config_for(opened, settings, present=present)
-        found = map_of(opened, config, _window_s(window, config), present=present)
-        _say_what_differs(found)
-        files = _write(base, found, opened, settings)
-    _tell(path, found, files, print_json)
+        return map_of(opened, config, _window_s(window, config), present=present)
 
 
-def _say_what_differs(found: MappedSession) -> None:
+def remarks(found: MappedSession) -> list[str]:
     """What was asked for of regions and cannot be had pixel by pixel, and what spoils a map."""
     from fieldkit.samples import Quality
 
-    if found.settings.model == "full":
-        common.say("the map is by the paper's model: the full one is for regions")
-    if found.settings.azimuth == "known":
-        common.say("the map leaves the azimuth free: only regions have a known one")
-    if found.flags & Quality.MOVED:
-        common.say("the picture moved within the window: edges are smeared; choose another --window")
+    said = {
+        "the map is by the paper's model: the full one is for regions": found.settings.model == "full",
+        "the map leaves the azimuth free: only regions have a known one": found.settings.azimuth == "known",
+        "the picture moved within the window: edges are smeared; choose another --window": bool(
+            found.flags & Quality.MOVED
+        ),
+    }
+    return [remark for remark, holds in said.items() if holds]
 
 
 def _window_s(window: str | None, config: Config) -> float | None:
@@ -130,7 +155,7 @@ def _window_s(window: str | None, config: Config) -> float | None:
     return words[window] if window in words else parse_duration(window)
 
 
-def _base(out: Path | None, session: Path) -> Path:
+def base_of(out: Path | None, session: Path) -> Path:
     """What both files are called, with or without an ending typed."""
     if out is not None:
         return out.with_suffix("") if out.suffix in ENDINGS else out
@@ -140,8 +165,10 @@ def _base(out: Path | None, session: Path) -> Path:
     return parent / f"{session.stem}-slope-map"
 
 
-def _write(base: Path, found: MappedSession, session: Session, settings: tuple[str, ...]) -> list[Path]:
+def write(base: Path, path: Path, found: MappedSession, settings: tuple[str, ...]) -> list[Path]:
+    """Write the map of the session at `path` as picture and arrays; the files. Raises `StorageError`."""
     from fieldkit.commands.map_file import write_map
+    from fieldkit.sessions.reader import open_session
     from fieldkit.views import slope_map_picture, words
 
     begin, end = (words.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
@@ -151,8 +178,9 @@ def _write(base: Path, found: MappedSession, session: Session, settings: tuple[s
     picture, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
-        picture.write_bytes(slope_map_picture.png(found.slopes, found.regions, session.path.stem, under))
-        write_map(arrays, found, session, settings)
+        picture.write_bytes(slope_map_picture.png(found.slopes, found.regions, path.stem, under))
+        with open_session(path) as session:
+            write_map(arrays, found, session, settings)
         for part, file in zip(parts, files, strict=True):
             part.replace(file)  # whole at once: somebody may be looking at the one before
     except OSError as error:
@@ -162,34 +190,32 @@ def _write(base: Path, found: MappedSession, session: Session, settings: tuple[s
     return files
 
 
-def _tell(
-    path: Path,
-    found: MappedSession,
-    files: list[Path],
-    print_json: Callable[[Mapping[str, Any]], None],
-) -> None:
-    beds = [_bed(found, index) for index in range(len(found.regions))]
-    if common.options().json:
-        states = _shares(found.slopes.state)
-        print_json(
-            {
-                "session": str(path), "files": [str(file) for file in files], "minutes": found.minutes,
-                "start_ns": found.start_ns, "end_ns": found.end_ns, "states": states,
-                "flags": [str(flag.name).lower() for flag in found.flags], "regions": beds,
-            }
-        )  # fmt: skip
-        return
+def document(path: Path, found: MappedSession, files: list[Path]) -> dict[str, Any]:
+    """A map for ``--json``."""
+    return {
+        "session": str(path), "files": [str(file) for file in files], "minutes": found.minutes,
+        "start_ns": found.start_ns, "end_ns": found.end_ns, "states": _shares(found.slopes.state),
+        "flags": [str(flag.name).lower() for flag in found.flags], "regions": _beds(found),
+    }  # fmt: skip
+
+
+def print_map(found: MappedSession, files: list[Path]) -> None:
+    """What the map says of each region, and where it is."""
     rows = [
         (
             bed["region"], _number(bed["tilt_deg"], 1), _number(bed["azimuth_deg"], 0),
             _range(bed["tilt_low_deg"], bed["tilt_high_deg"]), bed["pixels"],
             ", ".join(f"{state} {share:.0%}" for state, share in bed["states"].items()),
         )
-        for bed in beds
+        for bed in _beds(found)
     ]  # fmt: skip
     common.print_table(("region", "tilt °", "azimuth °", "half of pixels °", "pixels", "states"), rows)
     for file in files:
         click.echo(file)
+
+
+def _beds(found: MappedSession) -> list[dict[str, Any]]:
+    return [_bed(found, index) for index in range(len(found.regions))]
 
 
 def _bed(found: MappedSession, index: int) -> dict[str, Any]:

@@ -33,14 +33,7 @@ if TYPE_CHECKING:
 @click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
-@click.option(
-    "-j", "--jobs", type=click.IntRange(min=1), metavar="N", help="Processes [default: one for each core]."
-)
-@click.option(
-    "--executor", "kind", type=click.Choice(["local", "dask"]), default="local", show_default=True,
-    help="Processes of this computer, or the workers of a Dask cluster that runs.",
-)  # fmt: skip
-@click.option("--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786.")
+@common.workers_options
 @click.pass_context
 def command(
     ctx: click.Context,

@@ -179,6 +179,16 @@ def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(cluster, recordings
     assert (tmp_path / "remote.csv").read_bytes() == undisturbed
 
 
+def test_slope_maps_of_many_sessions_come_from_a_cluster_as_from_here(cluster, recordings, tmp_path):
+    address, _ = cluster
+    for name, workers in (("remote", ("--executor", "dask", "--address", address)), ("here", ("-j", 1))):
+        done = run("map", recordings, *workers, "-o", tmp_path / name, cache=tmp_path)
+        assert done.returncode == 0, done.stderr
+    remote, here = (sorted((tmp_path / name).glob("*.png")) for name in ("remote", "here"))
+    assert len(remote) == 2
+    assert [path.read_bytes() for path in remote] == [path.read_bytes() for path in here]
+
+
 def test_an_address_where_nobody_answers_is_told(recordings, tmp_path):
     options = ("--executor", "dask", "--address", "tcp://127.0.0.1:9")
     found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import cv2
 import h5py
@@ -129,3 +131,31 @@ def test_folder_that_cannot_be_made_is_named(session, tmp_path):
     done = fieldkit("map", session, "-o", tmp_path / "file" / "map")
     assert done.exit_code == 6
     assert str(tmp_path / "file" / "map") in done.output
+
+
+def test_many_sessions_are_mapped_by_several_processes_and_a_torn_one_does_not_stop_the_others(
+    session, mapped, tmp_path
+):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(session, folder / f"{name}.h5")
+    (folder / "torn.h5").write_bytes(session.read_bytes()[:5000])
+    done = fieldkit("map", folder, "-j", 2, "-o", tmp_path / "maps", "--json")
+    assert done.exit_code == 3
+    assert "1 of 3 sessions could not be estimated; the others are done" in done.stderr
+    assert "torn.h5" in done.stderr
+    documents = json.loads(done.stdout)["sessions"]
+    assert [Path(one["session"]).name for one in documents] == ["a.h5", "b.h5"]
+    for one in documents:
+        assert one["regions"] == mapped["regions"]
+        with h5py.File(one["files"][1]) as arrays, h5py.File(mapped["files"][1]) as alone:
+            assert arrays["tilt_deg"][:].tobytes() == alone["tilt_deg"][:].tobytes()
+
+
+def test_maps_of_one_name_are_not_written_over_each_other(session, tmp_path):
+    other = tmp_path / session.name
+    shutil.copy(session, other)
+    done = fieldkit("map", session, other, "-o", tmp_path / "maps")
+    assert done.exit_code == 2
+    assert "one name" in done.stderr
