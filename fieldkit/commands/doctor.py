@@ -186,6 +186,8 @@ def _configured(device: DeviceSettings) -> Iterator[Fact]:
         present = device.identity in found or is_plugged_in(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
         yield Fact(level, device.name, text, "" if present else "fieldkit devices shows what is")
+    elif device.port.startswith("/") and not Path(device.port).exists():
+        yield Fact("fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there")
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the end of the meter's range is not known, so an overflow cannot be seen"
         yield Fact(

@@ -179,6 +179,13 @@ def test_doctor_tells_a_wrong_driver_beside_the_other_mistakes(tmp_path):
     assert "record.every_s" in found["text"]
 
 
+def test_doctor_misses_a_port_of_the_campaign(tmp_path):
+    text = '\n[lux]\ndriver = "lutron"\nport = "/dev/ttyUSB-none"\noptions.range_max_lx = 4e5\n[thermometer]\ndriver = "center-309"\n'
+    found = configuration_checks(tmp_path / "hill", text + f'port = "{tmp_path}"\n')
+    assert (found["lux"]["level"], found["lux"]["text"]) == ("fail", "there is no /dev/ttyUSB-none")
+    assert "thermometer" not in found
+
+
 def test_doctor_doubts_an_old_calibration(tmp_path):
     made, until = datetime(2020, 1, 1, tzinfo=UTC), datetime(2021, 1, 1, tzinfo=UTC)
     for name, expires in (("sand", until), ("roof", datetime(9999, 1, 1, tzinfo=UTC))):
