@@ -180,8 +180,9 @@ def test_doctor_tells_a_wrong_driver_beside_the_other_mistakes(tmp_path):
 
 
 def test_doctor_misses_a_port_of_the_campaign(tmp_path):
-    text = '\n[lux]\ndriver = "lutron"\nport = "/dev/ttyUSB-none"\noptions.range_max_lx = 4e5\n[thermometer]\ndriver = "center-309"\n'
-    found = configuration_checks(tmp_path / "hill", text + f'port = "{tmp_path}"\n')
+    lux = '\n[lux]\ndriver = "lutron"\nport = "/dev/ttyUSB-none"\noptions.range_max_lx = 4e5\n'
+    thermometer = f'[thermometer]\ndriver = "center-309"\nport = "{tmp_path}"\n'
+    found = configuration_checks(tmp_path / "hill", lux + thermometer)
     assert (found["lux"]["level"], found["lux"]["text"]) == ("fail", "there is no /dev/ttyUSB-none")
     assert "thermometer" not in found
 
