@@ -6,18 +6,23 @@ Only looked at, never opened: a meter must not be disturbed by a check.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from fieldkit.drivers.cameras import thermal_master_bulk
 from fieldkit.drivers.cameras.source import cameras
-from fieldkit.drivers.identity import SYSFS, UsbIdentity
+from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import UDEV_FIX, permission_fix, serial_ports
 
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")
-VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840), (0x3474, 0x45A2), (0x3474, 0x45C2), (0x3474, 0x45F2))
-"""Cameras that take commands, or everything, through the raw USB node."""
+VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840))
+"""Cameras that take commands through the raw USB node, beside the video node."""
+
+RAW_ONLY = (*thermal_master_bulk.KINDS, *ut325.KINDS)
+"""Instruments that have nothing but the raw USB node."""
 
 SLOW_LATENCY_MS = 2
 
@@ -44,6 +49,8 @@ def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
         yield _may_use(path, usb, "video")
         yield from _raw_node(usb, sysfs)
         yield from _sleeps(path, usb, sysfs)
+    for usb, node in _raw_nodes(sysfs, RAW_ONLY):
+        yield _may_use(node, usb, "plugdev")
     if not found_ports:
         yield Fact("warn", "serial port", "no USB serial port is there", "plug the meter's adapter in")
     for path, usb in found_ports:
@@ -87,18 +94,26 @@ def _may_use(path: str, usb: UsbIdentity, group: str) -> Fact:
 
 def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[Fact]:
     """Cameras with vendor commands need a second right, to the raw USB node."""
-    if (usb.vendor, usb.product) not in VENDOR_COMMANDS:
-        return
-    try:
-        folder = sysfs / "bus/usb/devices" / usb.path
-        bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
-    except (OSError, ValueError):
-        return
-    node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
-    if os.access(node, os.W_OK):
-        yield Fact("ok", node, "camera commands may be sent")
-    else:
-        yield Fact("warn", node, "camera commands may not be sent; pictures still work", UDEV_FIX)
+    for other, node in _raw_nodes(sysfs, VENDOR_COMMANDS):
+        if other.path != usb.path:
+            continue
+        if os.access(node, os.W_OK):
+            yield Fact("ok", node, "camera commands may be sent")
+        else:
+            yield Fact("warn", node, "camera commands may not be sent; pictures still work", UDEV_FIX)
+
+
+def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tuple[UsbIdentity, str]]:
+    """(who, path of the node) of every USB device that is one of `kinds`."""
+    for folder in sorted((sysfs / "bus/usb/devices").glob("*-*")):
+        usb = usb_parent(folder)
+        if usb is None or usb.path != folder.name or (usb.vendor, usb.product) not in kinds:
+            continue  # interfaces and other instruments
+        try:
+            bus, number = (int((folder / name).read_text()) for name in ("busnum", "devnum"))
+        except (OSError, ValueError):
+            continue
+        yield usb, f"/dev/bus/usb/{bus:03d}/{number:03d}"
 
 
 def _sleeps(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Fact]:

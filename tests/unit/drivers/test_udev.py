@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.drivers.access import VENDOR_COMMANDS
+from fieldkit.drivers.access import RAW_ONLY, VENDOR_COMMANDS
 from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, thermal_master, thermal_master_bulk
 from fieldkit.drivers.meters import konica_minolta, pce_174, ut325
 
@@ -14,6 +14,7 @@ VIDEO = [module.WANTED.kinds for module in (boson, ht301, p2pro, purethermal, th
 RAW = [
     *VIDEO,
     VENDOR_COMMANDS,
+    RAW_ONLY,
     ut325.KINDS,
     tuple(thermal_master_bulk.KINDS),
     konica_minolta.KINDS,

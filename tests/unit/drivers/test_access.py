@@ -1,0 +1,38 @@
+"""What `fieldkit doctor` sees of USB instruments, in a folder laid out as Linux lays out /sys."""
+
+import pytest
+
+from fieldkit.drivers import access
+
+
+@pytest.fixture
+def sysfs(tmp_path, monkeypatch):
+    """Plugs (socket, vendor, product) in; nothing of this computer is seen."""
+    monkeypatch.setattr(access, "cameras", list)
+    monkeypatch.setattr(access, "serial_ports", list)
+    monkeypatch.setattr(access.os.path, "exists", lambda path: True)
+
+    def plug(socket, vendor, product):
+        folder = tmp_path / "bus/usb/devices" / socket
+        folder.mkdir(parents=True)
+        facts = {"idVendor": vendor, "idProduct": product, "busnum": "1", "devnum": "7"}
+        for name, text in facts.items():
+            (folder / name).write_text(text + "\n")
+        (folder.parent / f"{socket}:1.0").mkdir()
+        return tmp_path
+
+    return plug
+
+
+@pytest.mark.parametrize("kind", [("3474", "45a2"), ("1a86", "e008")])
+@pytest.mark.parametrize(("allowed", "level"), [(True, "ok"), (False, "fail")])
+def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypatch, kind, allowed, level):
+    monkeypatch.setattr(access.os, "access", lambda path, mode: allowed)
+    (found,) = [fact for fact in access.look(sysfs("1-2", *kind)) if "/dev/bus/usb/001/007" in fact.what]
+    assert found.level == level
+    assert ":".join(kind) in (found.what + found.text)
+    assert allowed or "doctor --udev" in found.fix
+
+
+def test_other_usb_devices_are_none_of_its_business(sysfs):
+    assert not [fact for fact in access.look(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what]
