@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shlex
 import sys
 from dataclasses import replace
@@ -27,12 +28,26 @@ if TYPE_CHECKING:
 KM_PER_DEGREE, NEAR_KM = 111.2, 2.0
 
 
+def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
+    from fieldkit.sessions.layout import RESERVED_NAMES
+
+    if name is not None and (name in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", name)):
+        raise click.BadParameter(f"{name!r} cannot name a stream; take letters and digits, like logger2")
+    return name
+
+
 @click.command(cls=Verb)
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="FILE.h5", help="[default: recordings/]"
 )
-@click.option("--as", "name", metavar="NAME", help="Name of the stream [default: camera, station or logger].")
+@click.option(
+    "--as",
+    "name",
+    metavar="NAME",
+    callback=_stream_name,
+    help="Name of the stream [default: camera, station or logger].",
+)
 @click.option(
     "--site", type=SITE, help="Where it was [default: as a station's file says, else the campaign's]."
 )

@@ -9,13 +9,14 @@ import pytest
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import NoAnswerError
-from fieldkit.samples import Reading
-from fieldkit.sessions.exchange.aligned import Curve, aligned, best_offset
+from fieldkit.samples import Frame, Reading
+from fieldkit.sessions.exchange.aligned import aligned
+from fieldkit.sessions.exchange.curve_offset import Curve, best_offset
 from fieldkit.sessions.exchange.imported import Foreign, write_foreign
 from fieldkit.sessions.exchange.logs import read_log
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.site import Site
+from fieldkit.site import Region, RegionKind, Site
 from fieldkit.weather import packaged, read_surfrad
 from tests.shared_data import shared
 
@@ -124,8 +125,26 @@ def test_whole_hours_are_suspected_to_be_a_zone(session: Session, tmp_path: Path
     assert "is --zone right" in aligned(session, log(tmp_path, 3600.0)).remarks[-1][1]
 
 
+def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path: Path) -> None:
+    info = StreamInfo("camera", "brightness_temperature", "K", (4, 6), 0.01, rate_hz=0.5)
+    corners = ((0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0))
+    head = SessionHeader("t", Site(0, 0), (info,), (Region("b05", RegionKind.TARGET, corners),))
+    empty, stamps = np.empty((0, 0), np.uint16), range(0, 3000, 2)
+    counts = np.rint(wandering(np.array(stamps, float)) * 100).astype(np.uint16)
+    frames = [
+        Frame("camera", START_NS + n * 10**9, START_NS + n * 10**9, np.full((4, 6), count), empty)
+        for n, count in zip(stamps, counts, strict=True)
+    ]
+    write_foreign(tmp_path / "a.h5", head, Foreign((info,), frames), "here")
+    with open_session(tmp_path / "a.h5") as session:
+        moved = aligned(session, log(tmp_path, -20.0))
+    assert "found on region b05 of camera" in moved.remarks[-1][1]
+    first = next(iter(moved.samples))
+    assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
+
+
 def test_log_of_another_quantity_is_refused(session: Session, tmp_path: Path) -> None:
     path = tmp_path / "lux.csv"
     path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
-    with pytest.raises(NoAnswerError, match="no stream of illuminance"):
+    with pytest.raises(NoAnswerError, match="no curve of illuminance"):
         aligned(session, read_log(path, "lux"))
