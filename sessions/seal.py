@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import shutil
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,9 @@ from fieldkit.sessions.journal import sync
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.stream_reader import StreamReader
+
+_THREADS, _BLOCK = 2, 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,12 +96,19 @@ def _verified(session: Session, stream: str, expected: list[int]) -> int:
         raise IntegrityError(
             f"{session.path}: {stream} has {len(stored)} samples, the journal {len(expected)}"
         )
-    bad = [sample.seq for sample in reader.samples() if sample.quality & Quality.BAD_CRC]
+    with ThreadPoolExecutor(_THREADS) as pool:  # one reads while the other computes checksums
+        bad = list(chain.from_iterable(pool.map(partial(_bad, reader), range(0, len(reader), _BLOCK))))
     if bad:
         raise IntegrityError(
             f"{session.path}: {len(bad)} samples of {stream} do not match, first number {bad[0]}"
         )
     return crc_of_crcs(stored)
+
+
+def _bad(reader: StreamReader, start: int) -> list[int]:
+    """Numbers of the samples of a block that do not match their checksum."""
+    block = reader.samples(start, start + _BLOCK)
+    return [sample.seq for sample in block if sample.quality & Quality.BAD_CRC]
 
 
 def _span(session: Session, stream: str) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import h5py
@@ -24,6 +24,7 @@ from fieldkit.sessions.records import build_frame, build_reading, sample_bytes, 
 
 Columns = dict[str, NDArray[Any]]
 _MOST_UNINDEXED_BYTES = 1_000_000_000
+_BLOCK_ROWS = 1024
 
 
 def stored_here(group: h5py.Group, path: str) -> Any:
@@ -103,7 +104,8 @@ class StreamReader:
             column.name: column_dataset(group, column, salvage=salvage) for column in stream_columns(info)
         }
         self._pictures = self._open_pictures() if info.is_camera else None
-        self._step = brick_shape(info)[0] if info.is_camera else 1024
+        self._depth = brick_shape(info)[0] if info.is_camera else _BLOCK_ROWS
+        self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
 
     def _open_pictures(self) -> _Pictures:
         counts = self._brick_dataset("counts", self.info.shape)
@@ -171,8 +173,8 @@ class StreamReader:
     def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
         end = len(self) if stop is None else min(stop, len(self))
-        for first in range(start - start % self._step, end, self._step):
-            begin, last = max(first, start), min(first + self._step, end)
+        for first in range(start - start % self._block_rows, end, self._block_rows):
+            begin, last = max(first, start), min(first + self._block_rows, end)
             yield from self._block(begin, last)
 
     def frame(self, row: int) -> Frame:
@@ -194,14 +196,15 @@ class StreamReader:
             yield build_reading(self.info, _stamps(columns, row), columns["value"][row].tobytes(), raw)
 
     def _frames(self, columns: Columns, start: int, stop: int) -> Iterator[Sample]:
-        assert self._pictures is not None
-        counts = _read(self._pictures.counts, start, stop)
-        rows = self._pictures.metadata_rows
-        metadata = _read(rows, start, stop) if rows is not None else np.empty((stop - start, 0), "<u2")
-        for row in range(stop - start):
-            fpa = float(columns["fpa_temperature"][row])
-            more = metadata[row].tobytes()
-            yield build_frame(self.info, _stamps(columns, row), counts[row].tobytes(), more, fpa)
+        """The pictures of a block, of which only one brick is in memory."""
+        for first in range(start - start % self._depth, stop, self._depth):
+            begin, last = max(first, start), min(first + self._depth, stop)
+            pictures = [_read(dataset, begin, last) for dataset in self.bricks]
+            for n in range(last - begin):
+                row = begin - start + n
+                counts, more = (*(picture[n].tobytes() for picture in pictures), b"")[:2]
+                fpa = float(columns["fpa_temperature"][row])
+                yield build_frame(self.info, _stamps(columns, row), counts, more, fpa)
 
 
 def _stamps(columns: Columns, row: int) -> dict[str, Any]:
@@ -221,8 +224,6 @@ def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.uint16]:
 
 
 def _verified(sample: Sample, crc32: int) -> Sample:
-    from dataclasses import replace
-
     if sample_crc32(sample, *sample_bytes(sample)) == crc32:
         return sample
     return replace(sample, quality=sample.quality | Quality.BAD_CRC)
