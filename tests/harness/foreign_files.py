@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -75,31 +76,38 @@ def purethermal(stamps_s: list[float], shape: tuple[int, int] = (4, 6), count: i
     return data
 
 
-BSRN_MINUTES = 3
+BSRN_MINUTES = [
+    # day, minute, GHI, DNI, DHI, long wave down, °C, hPa
+    (1, 0, 600, 800, 90, 350, 21.5, 1012),
+    (1, 1, 600, -999, 90, 350, 21.5, 1012),
+    (1, 2, 600, 802, 90, 350, 21.5, 1012),
+]
 
 
-def bsrn(*, longwave_up: bool = False) -> bytes:
-    """A month of BSRN as GCOS-174 lays it out (fixed columns; Tateno's place: 36.058 N, 140.126 E)."""
+def bsrn(
+    minutes: Sequence[tuple[float, ...]] = BSRN_MINUTES, *, longwave_up: bool = False,
+    month: str = " 6 2024", place: tuple[float, float, int] = (36.058, 140.126, 25),
+) -> bytes:  # fmt: skip
+    """A month of BSRN as GCOS-174 lays it out (fixed columns); at Tateno unless told another place."""
+    north, east, metres = place[0] + 90.0, place[1] + 180.0, place[2]
     lines = [
-        "*U0001", f" 16  6 2024  1{'':20}", "        2        3        4        5       21       23",
+        "*U0001", f" 16 {month}  1{'':20}", "        2        3        4        5       21       23",
         "*U0004", " -1 -1 -1", "  1  1", "Tateno", f"{'':20} {'':20}", f"{'':15} {'':50}",
-        " 126.058 320.126   25 47646", " -1 -1 -1", "    0  5  90  4",
+        f"{north:8.3f}{east:8.3f}{metres:5} 47646", " -1 -1 -1", "    0  5  90  4",
         "*C0100",
     ]  # fmt: skip
-    for minute in range(BSRN_MINUTES):
-        dni = -999 if minute == 1 else 800 + minute
+    spread = f"{1.0:5.1f} {-999:4} {-999:4}"  # standard deviation, least and most, which nobody here reads
+    for day, minute, ghi, dni, dhi, lwd, celsius, hectopascal in minutes:
+        lines.append(f" {day:2.0f} {minute:4.0f}   {ghi:4.0f} {spread}   {dni:4.0f} {spread}")
         lines.append(
-            f"  1 {minute:4}   {600:4} {1.0:5.1f} {599:4} {601:4}   {dni:4} {1.0:5.1f} {799:4} {801:4}"
-        )
-        lines.append(
-            f"           {90:4} {0.5:5.1f} {89:4} {91:4}   {350:4} {0.2:5.1f} {349:4} {351:4}    "
-            f"{21.5:5.1f} {55.0:5.1f} {1012:4}"
+            f"           {dhi:4.0f} {spread}   {lwd:4.0f} {spread}    "
+            f"{celsius:5.1f} {55.0:5.1f} {hectopascal:4.0f}"
         )
     if longwave_up:
-        zeros = f"{0:4} {0.0:5.1f} {0:4} {0:4}"
+        zeros = f"{0:4} {spread}"
         lines += ["*C0300"] + [
-            f"  1 {minute:4}   {zeros}   {450 + minute:4} {0.1:5.1f} {449:4} {451:4}   {zeros}"
-            for minute in range(BSRN_MINUTES)
+            f" {day:2.0f} {minute:4.0f}   {zeros}   {450 + minute:4.0f} {spread}   {zeros}"
+            for day, minute, *_ in minutes
         ]
     return ("\n".join(lines) + "\n").encode("ascii")
 

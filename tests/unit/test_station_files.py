@@ -73,3 +73,44 @@ def test_damaged_and_other_files_are_told(tmp_path: Path, content: bytes, words:
     with pytest.raises(ConfigError, match=words) as caught:
         read_station_file(path)
     assert caught.value.fix
+
+
+def alamosa_as_bsrn(path: Path) -> Path:
+    """The packaged day, 2016-01-01 UTC, in BSRN's whole watts, without the row that ends at midnight."""
+    day = weather.packaged()
+    labels = (day.time_ns[1:] - 30_000_000_000) // 60_000_000_000 % 1440
+    columns = (day.ghi, day.dni, day.dhi, day.longwave_down_w_m2)
+    rows = zip(
+        np.ones(1439), labels, *(np.rint(column[1:]) for column in columns),
+        day.air_temperature_k[1:] - 273.15, day.pressure_pa[1:] / 100.0, strict=True,
+    )  # fmt: skip
+    place = (day.site.latitude_deg, day.site.longitude_deg, 2317)
+    path.write_bytes(foreign_files.bsrn(list(rows), month=" 1 2016", place=place))
+    return path
+
+
+def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
+    assert np.array_equal(found.time_ns, day.time_ns[1:])
+    for name in ("ghi", "dni", "dhi", "longwave_down_w_m2"):
+        np.testing.assert_allclose(getattr(found, name), getattr(day, name)[1:], atol=0.5)
+    np.testing.assert_allclose(found.air_temperature_k, day.air_temperature_k[1:], atol=0.05)
+
+
+def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    from fieldkit.commands.simulation import measured_weather
+    from fieldkit.config import load_config
+    from fieldkit.config.template import SIMULATED, campaign_toml
+    from fieldkit.scene import MeasuredSky
+
+    (tmp_path / "fieldkit.toml").write_text(campaign_toml(SIMULATED))
+    config = load_config(tmp_path / "fieldkit.toml")
+    alamosa_as_bsrn(tmp_path / "ala0116.dat")
+    found = measured_weather(config, "ala0116.dat")
+    with pytest.raises(ConfigError, match="no wind_m_s, which a simulated field needs"):
+        MeasuredSky(found).above(found.time_ns[:3], np.ones(3), found.site)
+    bsrn(tmp_path / "tat0624.dat")
+    with pytest.raises(ConfigError, match=r"measured at 36\.058, 140\.126, not at the configured site"):
+        measured_weather(config, "tat0624.dat")
