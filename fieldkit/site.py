@@ -23,6 +23,13 @@ class Site:
     timezone: str = "UTC"
 
 
+def zone_by_longitude(longitude_deg: float) -> str:
+    """The whole hours that a longitude lies from Greenwich, as an IANA zone."""
+    hours = round(((longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
+    # the sign of these names is turned: Etc/GMT-9 is nine hours ahead of Greenwich
+    return f"Etc/GMT{-hours:+d}" if hours else "UTC"
+
+
 class RegionKind(enum.IntEnum):
     """What a region is for; the numbers are stored in the session file."""
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fieldkit.errors import ConfigError
-from fieldkit.site import Site
+from fieldkit.site import Site, zone_by_longitude
 from fieldkit.weather import STATIONS, FloatArray, Weather, read_surfrad
 
 if TYPE_CHECKING:
@@ -108,7 +108,8 @@ def _bsrn(path: Path, text: str) -> Weather:
         raise ConfigError(
             f"{path} has no basic radiation (logical record 0100)", fix="fetch the whole month from BSRN"
         )
-    site = Site(float(about["latitude"]), float(about["longitude"]), float(about["altitude"]), "UTC")
+    latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
+    site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))
     return _weather(table, site, f"BSRN, {path.name}")
 
 

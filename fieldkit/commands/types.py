@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.site import Site
+from fieldkit.site import Site, zone_by_longitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,6 +135,4 @@ def utc_ns(moment: datetime) -> int:
 
 def with_zone(site: Site, zone: str | None) -> Site:
     """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
-    hours = round(((site.longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
-    # the sign of these names is turned: Etc/GMT-9 is nine hours ahead of Greenwich
-    return replace(site, timezone=zone or (f"Etc/GMT{-hours:+d}" if hours else "UTC"))
+    return replace(site, timezone=zone or zone_by_longitude(site.longitude_deg))

@@ -31,6 +31,7 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
     month = read_station_file(path)
     assert month.site.latitude_deg == pytest.approx(36.058)  # the file counts from the south pole
     assert month.site.longitude_deg == pytest.approx(140.126)  # and from 180 degrees west
+    assert month.site.timezone == "Etc/GMT-9"  # nine hours ahead: the file does not say
     # labels are the beginnings of minutes (GCOS-174), so the first middle is half past midnight's minute
     assert np.datetime64(int(month.time_ns[0]), "ns") == np.datetime64("2024-06-01T00:00:30")
     assert np.isnan(month.dni).tolist() == [False, True, False]
