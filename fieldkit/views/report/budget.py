@@ -7,7 +7,8 @@ each term is turned into degrees of tilt by how fast direct light changes with t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,12 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
         _median(np.where(bed.is_answer, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
         tilt,
     )
+
+
+def pooled(name: str, budgets: Sequence[BedBudget]) -> BedBudget:
+    """The medians over several sessions, under one name."""
+    numbers = [one.name for one in fields(BedBudget) if one.name != "name"]
+    return BedBudget(name, **{one: _median(np.array([getattr(b, one) for b in budgets])) for one in numbers})
 
 
 def _slope(bed: Bed) -> tuple[float, float]:

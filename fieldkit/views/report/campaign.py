@@ -23,6 +23,8 @@ from fieldkit.views import words
 from fieldkit.views.html import Html, element, figure, page, paragraph, section, table
 from fieldkit.views.report import canvas, paper_figures
 from fieldkit.views.report.answers import SPAN_S, sd_words
+from fieldkit.views.report.budget import BedBudget, budget, pooled
+from fieldkit.views.report.causes import READING, cause_rows
 from fieldkit.views.report.material import LAB_HINT
 from fieldkit.views.report.records import sha256, versions
 from fieldkit.views.report.series import Bed, FloatArray, Series, modelled_temperature
@@ -59,6 +61,7 @@ def write_campaign_report(
         paragraph(_verdict(parts), class_="verdict"),
         _beds(parts, sd),
         _as_in_the_paper(parts, sd),
+        _error_budget(parts),
         _provenance(parts, command_line),
     )
     path.write_text(text, encoding="utf-8")
@@ -150,6 +153,22 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
         )
         for tilt in sorted(times)
     }
+
+
+def _error_budget(parts: Sequence[Part]) -> Html | str:
+    """What each cause costs the beds of each given tilt, all days together."""
+    found: dict[float, list[BedBudget]] = {}
+    for part in parts:
+        for bed in part.columns.beds:
+            if np.isfinite(bed.region.tilt_deg):
+                of_bed = budget(part.columns, bed, part.settings)
+                found.setdefault(bed.region.tilt_deg, []).append(of_bed)
+    if not found:
+        return ""
+    by_tilt = [pooled(f"{tilt:g}°", found[tilt]) for tilt in sorted(found)]
+    columns = ("cause", *(one.name for one in by_tilt))
+    caption = f"Degrees of tilt by given tilt, medians over each session and then over sessions, {READING}"
+    return section("Error budget", table(columns, cause_rows(by_tilt), caption=caption))
 
 
 def _zone(part: Part) -> str:

@@ -14,6 +14,11 @@ from fieldkit.views.report.verdict import mean_error
 
 OFFSET_K = 0.3
 SCALE = 0.10
+READING = (
+    "to first order and with the azimuth known; in brackets what the cause amounts to in eq. (6). "
+    "Plus: the bed looks more turned to the sun."
+)
+"""How the table is to be read."""
 
 
 def error_budget(material: Material) -> Html | str:
@@ -26,15 +31,15 @@ def error_budget(material: Material) -> Html | str:
         paragraph(_left_out_words(material, budgets)),
         table(
             ("cause", *(found.name for found in budgets)),
-            _rows(budgets),
-            caption="Degrees of tilt, medians over the session, to first order and with the azimuth known; "
-            "in brackets what the cause amounts to in eq. (6). Plus: the bed looks more turned to the sun.",
+            cause_rows(budgets),
+            caption=f"Degrees of tilt, medians over the session, {READING}",
         ),
         bullets(_advice(budgets)),
     )
 
 
-def _rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
+def cause_rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
+    """Rows of the table: a cause, and what it costs each bed."""
     terms: list[tuple[str, Callable[[BedBudget], float]]] = [
         ("left out: light of the sky", lambda b: b.diffuse_w_m2),
         ("left out: light from the ground", lambda b: b.reflected_w_m2),
@@ -42,21 +47,21 @@ def _rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
         ("left out: heat stored in the sand", lambda b: b.storage_w_m2),
         ("all that is left out", lambda b: b.left_out_w_m2),
     ]
-    rows: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
-    rows.append(["half the likelihood region", *(f"±{words.number(b.noise_deg, 1)}°" for b in budgets)])
-    rows.append(
+    found: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
+    found.append(["half the likelihood region", *(f"±{words.number(b.noise_deg, 1)}°" for b in budgets)])
+    found.append(
         [
             f"{OFFSET_K:g} K between bed and reference",
             *(f"±{words.number(abs(b.of_offset(OFFSET_K)), 1)}°" for b in budgets),
         ]
     )
-    rows.append(
+    found.append(
         [
             f"irradiance wrong by {SCALE:.0%}",
             *(f"±{words.number(abs(b.of_scale(SCALE)), 1)}°" for b in budgets),
         ]
     )
-    return rows
+    return found
 
 
 def _degrees(found: BedBudget, term_w_m2: float) -> str:

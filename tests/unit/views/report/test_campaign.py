@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fieldkit.views.report import Part, canvas, write_campaign_report
+from fieldkit.views.report.budget import BedBudget, pooled
 from fieldkit.views.report.series import series
 
 DAY_NS = 86_400 * 10**9
@@ -61,3 +62,23 @@ def test_sessions_without_slopes_have_no_errors(tmp_path, recorded, site, region
     empty = Part(recorded, site, series([], regions), settings)
     write_campaign_report(tmp_path / "campaign.html", "empty", [empty])
     assert "No slope of a bed of known tilt" in (tmp_path / "campaign.html").read_text(encoding="utf-8")
+
+
+def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
+    text = written()
+    budget = text[text.index("Error budget") :]
+    assert "<th" in budget[: budget.index("15°")]
+    for cause in (
+        "light of the sky",
+        "heat stored in the sand",
+        "half the likelihood region",
+        "irradiance wrong",
+    ):
+        assert cause in budget
+    assert "±1.5°" in budget  # a tenth of the irradiance is a tenth of 15 degrees
+
+
+def test_medians_over_sessions_leave_out_what_is_not_known():
+    days = [BedBudget("b15", *(float(value),) * 8) for value in (1, 9, 2, float("nan"))]
+    found = pooled("15°", days)
+    assert (found.name, found.storage_w_m2, found.tilt_deg) == ("15°", 2.0, 2.0)
