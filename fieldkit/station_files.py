@@ -49,24 +49,26 @@ def read_station_file(path: Path) -> Weather:
     """
     try:
         content = _content(path, _MOST_BYTES)
+        if len(content) == _MOST_BYTES:
+            raise ConfigError(
+                f"{path} has more than {_MOST_BYTES // 10**6} MB", fix="take one day, or one month"
+            )
         if _BSRN_START.match(content):
             return _bsrn(path, content.decode("ascii", errors="replace"))
-        return read_surfrad(path, _surfrad_station(path, content))
+        station = _surfrad_station(path, content)
+        if not path.read_bytes().startswith(content[:2]):
+            raise ConfigError(f"{path} is packed", fix=f"unpack it first: gunzip {path}")
+        return read_surfrad(path, station)
     except ConfigError:
         raise
-    except (
-        OSError,
-        EOFError,
-        zlib.error,
-        ArithmeticError,
-        LookupError,
-        NameError,
-        TypeError,
-        ValueError,
-    ) as e:
-        raise ConfigError(
-            f"{path} is damaged: {e}", fix="fetch it again from SURFRAD or BSRN, and do not edit it"
-        ) from e
+    except (OSError, EOFError, zlib.error, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> ConfigError:
+    return ConfigError(
+        f"{path} is damaged: {error}", fix="fetch it again from SURFRAD or BSRN, and do not edit it"
+    )
 
 
 def _content(path: Path, most: int) -> bytes:
@@ -101,9 +103,12 @@ def _bsrn(path: Path, text: str) -> Weather:
     except ImportError as error:
         raise ConfigError("files of BSRN need pvlib", fix="pip install 'fieldkit[lab]'") from error
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
-        table, about = read_bsrn(io.StringIO(text), logical_records=records)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
+            table, about = read_bsrn(io.StringIO(text), logical_records=records)
+    except Exception as error:  # pandas has exceptions of its own for whatever it stumbles over
+        raise _damaged(path, error) from error
     if table.empty or not about:
         raise ConfigError(
             f"{path} has no basic radiation (logical record 0100)", fix="fetch the whole month from BSRN"
