@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 from fieldkit.clock import Clock, ClockCheck
 from fieldkit.recorder.feed import Feed
@@ -20,11 +21,14 @@ CLOCK_CHECK_EVERY_NS = 60 * SECOND_NS
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a look around gave; `clock_check` once a minute."""
+    """What a look around gave; `clock_check` once a minute.
+
+    `events` is to be gone through once, each stored before the next is asked for: that removes a mark's file.
+    """
 
     health: Health
     clock_check: ClockCheck | None
-    events: list[Event]
+    events: Iterable[Event]
 
 
 @dataclass
@@ -57,7 +61,7 @@ class Housekeeping:
         self._next_ns = now + SECOND_NS
         utc = self.clock.to_utc_ns(now)
         free = self.free_bytes()
-        events = list(self.marks())
+        events: list[Event] = []
         for feed in self.feeds:
             events += self._garbled.look(feed.info.name, feed.rejected, now, utc)
         events += self.disk.look(free, self._pace.bytes_per_s(self.writer.bytes_written, now), now, utc)
@@ -66,7 +70,7 @@ class Housekeeping:
             self._next_check_ns = now + CLOCK_CHECK_EVERY_NS
             check = self.clock.check()
             events += self._clock_watch.look(check, utc)
-        return Findings(self._health(now, utc, free), check, events)
+        return Findings(self._health(now, utc, free), check, chain(self.marks(), events))
 
     def _health(self, now: int, utc: int, free: int) -> Health:
         streams = tuple(self._stream_health(feed) for feed in self.feeds)
