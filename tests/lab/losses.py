@@ -9,6 +9,7 @@ from typing import TypeVar
 import pytest
 
 T = TypeVar("T")
+LITTLE = 0.05
 
 
 def places_in(sent: Sequence[int], received: Sequence[int]) -> list[int]:
@@ -41,12 +42,12 @@ def first_without_loss(attempt: Callable[[], tuple[T, int]], tries: int = 3) -> 
     return result
 
 
-def nothing_lost(lost: int) -> None:
-    """Assert that nothing was lost; on an overloaded computer, skip instead of accusing fieldkit.
+def nothing_lost(lost: int, idle_share: float = 1.0) -> None:
+    """Assert that nothing was lost; where no processor time was left, skip instead of accusing fieldkit.
 
-    The lab alone keeps the load below two.
+    The lab alone keeps the load of this computer below two; `idle_share` is of the guest's processor.
     """
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
-    if lost and load > cores + 1:
-        pytest.skip(f"{lost} lost, but the load of this computer is {load:.1f} on {cores} cores")
+    if lost and (load > cores + 1 or idle_share < LITTLE):
+        pytest.skip(f"{lost} lost where no processor time was left: a load of {load:.1f} on {cores} cores")
     assert lost == 0

@@ -131,22 +131,22 @@ def test_twenty_replugs_are_survived_by_the_same_camera_under_changing_nodes(lab
     )
     with decoy, lab.meter(LightMeter(field), 0), lab.meter(Thermometer(field), 1):
         lab.wait_for("/dev/video0")  # the wrong camera is there first
-        port.plug()
-        lab.wait_for(CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID)
-        nodes = {lab.nodes()[CAMERA_BY_ID]["to"]}
-        recording = Recording(lab, field)
-        recording.flows()
-        for cycle in range(CYCLES):
-            with recording.telling(LOST):
-                port.unplug()
-            lab.wait_for(CAMERA_BY_ID, present=False)
-            if cycle == CYCLES // 2:
-                decoy.unplug()  # frees the first node, which the camera will now get
-            with recording.telling(BACK):
-                port.plug()
-            nodes.add(lab.nodes()[CAMERA_BY_ID]["to"])
-        session = recording.stop()
-        port.unplug()
+        with port:
+            lab.wait_for(CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID)
+            nodes = {lab.nodes()[CAMERA_BY_ID]["to"]}
+            recording = Recording(lab, field)
+            recording.flows()
+            for cycle in range(CYCLES):
+                with recording.telling(LOST):
+                    port.unplug()
+                lab.wait_for(CAMERA_BY_ID, present=False)
+                if cycle == CYCLES // 2:
+                    decoy.unplug()  # frees the first node, which the camera will now get
+                with recording.telling(BACK):
+                    port.plug()
+                    lab.wait_for(CAMERA_BY_ID)
+                nodes.add(lab.nodes()[CAMERA_BY_ID]["to"])
+            session = recording.stop()
     assert len(nodes) > 1
     lost, back = (events(session, kind, "camera") for kind in ("LOST", "BACK"))
     assert len(lost) == len(back) >= CYCLES  # a slow computer may lose it once more

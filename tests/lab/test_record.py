@@ -60,12 +60,16 @@ STARTING_NS = 3 * SECOND_NS
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording, its session, and what was on the cables meanwhile: pictures' checksums, lux records."""
+    """A recording, its session, and what was on the cables meanwhile: pictures' checksums, lux records.
+
+    `idle_share` is that of the guest's processor.
+    """
 
     recording: Recording
     session: dict[str, Any]
     pictures_sent: list[int]
     lux_sent: int
+    idle_share: float
 
     def settled(self, stream: str, what: str) -> list[Any]:
         """A column of a stream without the first seconds."""
@@ -93,14 +97,15 @@ def recorded(lab: Lab, field: Field) -> Iterator[Recorded]:
         lab.set_clock(field.scene.start_ns + 10 * MINUTE_NS + 30 * SECOND_NS)
         recording = Recording(lab, field, devices)
         recording.flows()
-        lux_before = lux.records
+        lux_before, idle_before_s = lux.records, lab.idle_s()
         begun_ns = lab.utc_ns(time.monotonic())
         minute_full_ns = (begun_ns + 10 * SECOND_NS) // MINUTE_NS * MINUTE_NS + MINUTE_NS
         end_ns = max(begun_ns + LASTING_NS, minute_full_ns + 10 * SECOND_NS)
         recording.wait(lambda: lab.utc_ns(time.monotonic()) > end_ns, 0.1)
+        idle_share = (lab.idle_s() - idle_before_s) / ((lab.utc_ns(time.monotonic()) - begun_ns) / SECOND_NS)
         lux_sent = lux.records - lux_before
         session = recording.stop()
-    yield Recorded(recording, session, port.count.sums, lux_sent)
+    yield Recorded(recording, session, port.count.sums, lux_sent, idle_share)
     recording.remove()
 
 
@@ -111,7 +116,7 @@ def test_no_picture_and_no_reading_is_lost(recorded: Recorded):
     assert all(streams[name]["unflagged_duplicates"] == 0 for name in ("camera", "second"))
     places = places_in(recorded.pictures_sent, recorded.settled("camera", "sums"))
     numbers = recorded.settled("second", "counters")  # it has none of its own: they are the kernel's
-    nothing_lost(skipped(places) + skipped(numbers))
+    nothing_lost(skipped(places) + skipped(numbers), recorded.idle_share)
 
 
 def test_pictures_carry_the_kernels_stamp_and_a_number(recorded: Recorded):

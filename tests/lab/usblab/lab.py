@@ -93,6 +93,11 @@ class Lab:
         """The guest's monotonic clock now."""
         return time.monotonic_ns() + self._mono_offset_ns
 
+    def idle_s(self) -> float:
+        """For how long the guest's processor has had nothing to do since power-on."""
+        idle: float = self.guest.call("usblab.inside.nodes:idle_s")
+        return idle
+
     def camera(self, model: UvcCamera, socket: int = 0) -> UsbPort:
         """A port to plug the camera into; a context manager."""
         return UsbPort(model, self.guest.camera_socket(socket))

@@ -1,4 +1,4 @@
-"""What stands in the guest's /dev, as udev and the kernel made it."""
+"""What stands in the guest's /dev, as udev and the kernel made it; its clocks."""
 
 from __future__ import annotations
 
@@ -53,6 +53,11 @@ def clock(set_utc_ns: int | None = None) -> tuple[int, int]:
     if set_utc_ns is not None:
         time.clock_settime_ns(time.CLOCK_REALTIME, set_utc_ns)
     return time.time_ns(), time.monotonic_ns()
+
+
+def idle_s() -> float:
+    """For how long the guest's processor has had nothing to do since power-on."""
+    return float(Path("/proc/uptime").read_text().split()[1])
 
 
 def _about(path: Path) -> dict[str, str]:
