@@ -14,8 +14,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fieldkit.samples import Quality
 
-GOOD = Quality.GOOD
-"""The flag by a plain name: looking it up in its class, or combining flags, costs more than a reading."""
+GOOD, NO_VALUE = Quality.GOOD, Quality.NO_VALUE
+"""Flags by plain names: looking them up in their class, or combining them, costs more than a reading."""
 
 
 class Value(NamedTuple):

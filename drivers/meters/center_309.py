@@ -36,6 +36,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.drivers.records import (
     GOOD,
+    NO_VALUE,
     Decoded,
     Layout,
     Record,
@@ -76,43 +77,49 @@ def take(buffer: bytes) -> Taken:
     if buffer[44] != 0x03:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
     values = []
-    meanings, low, high = _meanings(buffer[1], buffer[2], buffer[39], buffer[43])
-    for count, (divisor, unit, name, quality, words) in zip(
-        _COUNTS.unpack_from(buffer, 7), meanings, strict=True
-    ):
-        if not divisor or count == OPEN_PROBE:
-            values.append(Value(math.nan, unit, name, quality | Quality.NO_VALUE, ("overload", *words)))
+    channels, low, high = _channels(buffer[1], buffer[2], buffer[39], buffer[43])
+    for count, channel in zip(_COUNTS.unpack_from(buffer, 7), channels, strict=True):
+        if not channel.divisor or count == OPEN_PROBE:
+            values.append(channel.missing)
             continue
-        number = count / divisor
+        number = count / channel.divisor
         if not low <= number <= high:
-            reason = f"{name} = {number:g} {unit} is beyond any thermocouple"
+            reason = f"{channel.name} = {number:g} {channel.unit} is beyond any thermocouple"
             return Rejected(skip_to(_START, buffer), reason)
-        values.append(Value(number, unit, name, quality, words))
+        values.append(Value(number, channel.unit, channel.name, channel.quality, channel.words))
     return Record(LENGTH, tuple(values))
 
 
-class Meaning(NamedTuple):
-    """What the flags say of one channel; `divisor` is 0 where it has no value."""
+class Channel(NamedTuple):
+    """What the flags say of one channel; `divisor` is 0 where it has no value, which then is `missing`."""
 
     divisor: int
     unit: str
     name: str
     quality: Quality
     words: tuple[str, ...]
+    missing: Value
 
 
 @lru_cache(maxsize=64)
-def _meanings(first: int, second: int, overload: int, whole: int) -> tuple[tuple[Meaning, ...], float, float]:
+def _channels(first: int, second: int, overload: int, whole: int) -> tuple[tuple[Channel, ...], float, float]:
     """What the four bytes of flags, which hardly ever change, say of each channel, and the limits."""
+    unit = "°C" if first & 0x80 else "°F"
+    quality = Quality.STALE if first & 0x20 else GOOD
+    words = _words(first, second)
+    channels = []
+    for place, name in enumerate(CHANNELS):
+        divisor = 0 if overload >> place & 1 else 1 if whole >> place & 1 else 10
+        missing = Value(math.nan, unit, name, quality | NO_VALUE, ("overload", *words))
+        channels.append(Channel(divisor, unit, name, quality, words, missing))
+    return tuple(channels), *LIMITS[unit]
+
+
+def _words(first: int, second: int) -> tuple[str, ...]:
     words = [word for bit, word in _STATES if first & bit]
     words += ["hold"] * bool(first & 0x20) + [_EXTREMES[first & 0x06]]
     words += ["auto_power_off"] * bool(second & 0x80) + ["memory_full"] * bool(second & 0x01)
-    quality = Quality.STALE if first & 0x20 else GOOD
-    unit = "°C" if first & 0x80 else "°F"
-    divisors = [0 if overload >> bit & 1 else 1 if whole >> bit & 1 else 10 for bit in range(4)]
-    said = tuple(word for word in words if word)
-    meanings = [Meaning(divisors[place], unit, name, quality, said) for place, name in enumerate(CHANNELS)]
-    return tuple(meanings), *LIMITS[unit]
+    return tuple(word for word in words if word)
 
 
 def take_model(buffer: bytes) -> Taken:

@@ -37,6 +37,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import (
     GOOD,
+    NO_VALUE,
     Decoded,
     Layout,
     Record,
@@ -47,7 +48,6 @@ from fieldkit.drivers.records import (
     skip_to,
 )
 from fieldkit.errors import DecodeError
-from fieldkit.samples import Quality
 
 LENGTH = 16
 LINE = Line(9600)
@@ -55,7 +55,7 @@ UNITS = {"01": "°C", "02": "°F", "03": "%", "15": "lx", "16": "fc", "17": "dB"
 _START = b"\x02"
 _HEAD = re.compile(rb"\x024([1-9ABC])([0-9]{2})([01])([0-3])")
 _END = 0x0D
-_NO_VALUE = b"\x18"
+_OVERLOAD = b"\x18"
 _HINT = (
     "switch on the meter and its RS-232 output; the plug's DTR pin must be wired, it powers the transmitter"
 )
@@ -72,8 +72,8 @@ def take(buffer: bytes) -> Taken:
         divisor, unit, display, words = head
         if digits.isdigit():
             return Record(LENGTH, (Value(int(digits) / divisor, unit, display, GOOD, words),))
-        if _NO_VALUE in digits and digits.replace(_NO_VALUE, b"0").isdigit():
-            value = Value(math.nan, unit, display, Quality.NO_VALUE, ("overload", *words))
+        if _OVERLOAD in digits and digits.replace(_OVERLOAD, b"0").isdigit():
+            value = Value(math.nan, unit, display, NO_VALUE, ("overload", *words))
             return Record(LENGTH, (value,))
     return Rejected(skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D")
 

@@ -14,7 +14,7 @@ from fieldkit.device import DeviceSettings, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.drivers.meters.units import TO_SI
-from fieldkit.drivers.records import GOOD, Layout, Record
+from fieldkit.drivers.records import GOOD, NO_VALUE, Layout, Record
 from fieldkit.errors import DecodeError, DeviceTimeoutError
 from fieldkit.samples import NO_COUNTER, Quality, Reading
 
@@ -134,12 +134,12 @@ class Meter:
             mine = True
             values[column] = number
             known |= number == number
-            if doubt is not GOOD:
-                quality |= doubt & ~Quality.NO_VALUE  # one open probe does not spoil the others
+            if doubt is not GOOD and doubt is not NO_VALUE:
+                quality |= doubt & ~NO_VALUE  # one open probe does not spoil the others
             if number >= self._range_max:
                 quality |= Quality.OVERRANGE
         if not known:
-            quality |= Quality.NO_VALUE
+            quality |= NO_VALUE
         return (tuple(values), quality) if mine else None
 
 
