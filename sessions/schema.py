@@ -8,6 +8,7 @@ Creation order is tracked everywhere, which netCDF asks for.
 from __future__ import annotations
 
 import platform
+import uuid
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
@@ -41,7 +42,8 @@ _PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-hea
 
 def file_image(identity: Identity) -> bytes:
     """The bytes of a session file without samples, made in memory: there no disk can fail."""
-    with h5py.File("image", "w", libver=LIBVER, track_order=True, driver="core", backing_store=False) as file:
+    name = str(uuid.uuid4())  # two files in memory may not have the same one, whichever threads make them
+    with h5py.File(name, "w", libver=LIBVER, track_order=True, driver="core", backing_store=False) as file:
         _tree(file, identity)
         file.flush()
         image: bytes = file.id.get_file_image()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -132,6 +133,16 @@ def test_closed_writer_takes_nothing(tmp_path: Path) -> None:
     writer.close()
     with pytest.raises(SessionError, match="closed"):
         writer.append(sample(HEADER.streams[0], 0))
+
+
+def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path: Path) -> None:
+    def begin_and_close(number: int) -> int:
+        writer = SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
+        writer.append(sample(HEADER.streams[0], 0))
+        return writer.close().counts["camera"]
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(begin_and_close, range(12))) == [1] * 12
 
 
 def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
