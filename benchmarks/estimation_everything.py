@@ -4,8 +4,9 @@ Clear-sky light for the paper's two days at its site; beds of 1 cm of sand (13 k
 offsets of 0.25 K between regions, gusts of 15 %, an exchange anywhere from 0.010 to 0.020
 m/s, light and long wave of sky and ground in the truth, and direct irradiance taken as
 global over the cosine of the zenith angle. Unknown beds are of 0 to 30 degrees and any
-azimuth. Beds that all face south fare worse in August (2.5 to 3.5 degrees): at noon they
-face the sun, where a kelvin is worth up to 19 degrees and an offset of 0.25 K decides.
+azimuth. Beds that all face south fare worse in August where their azimuth is given (2.3
+degrees): at noon they face the sun, where a kelvin is worth up to 19 degrees and an offset
+of 0.25 K decides.
 """
 
 from __future__ import annotations

@@ -18,9 +18,9 @@ from fieldkit.slope import SlopeEstimate, SlopeState
 UNKNOWN = "–"
 PAPER_LEAVES_OUT = (
     "the paper's model leaves out sky light, its long wave and stored heat; outdoors, azimuth free, its "
-    "90 % regions hold the truth half to three quarters of the time"
+    "90 % regions hold the truth only 50 to 90 % of the time"
 )
-"""By simulated sessions under measured weather (benchmarks, decision 0026)."""
+"""By simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
 ZERO_CELSIUS_K = 273.15
 
 _LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
