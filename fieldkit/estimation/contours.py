@@ -50,16 +50,32 @@ class RadiationTable:
 
     def __init__(self, cells: FloatArray, lamps: FloatArray, reference: FloatArray) -> None:
         self.cells = cells
-        self.values: FloatArray = lamps @ (cells - reference).T
-        self._by_cell = np.ascontiguousarray(self.values.T)
+        self._lamps, self._away = lamps, cells - reference
+
+    def _row(self, time: int) -> FloatArray:
+        """The table's row (cells,) of one time: one way of rounding, whether it is kept or not."""
+        return np.asarray(self._away @ self._lamps[time])
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """The whole table (times, cells)."""
+        return np.stack([self._row(time) for time in range(len(self._lamps))])
+
+    @cached_property
+    def _by_cell(self) -> FloatArray:
+        return np.ascontiguousarray(self.values.T)
 
     def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> NDArray[np.int64]:
         """Votes (cells,) of every cell for one slope: the paper's Fig. 8.
 
         Measured differences (times,), tolerances (times,) or one for all; NaN gives no vote.
+        Row by row: the table of a day's minutes would fill a small computer's memory.
         """
-        near = np.abs(self._by_cell - difference_w_m2) <= tolerance_w_m2
-        return np.asarray(np.count_nonzero(near, axis=1))
+        votes = np.zeros(len(self.cells), np.int64)
+        tolerances = np.broadcast_to(tolerance_w_m2, difference_w_m2.shape)
+        for time, (measured, tolerance) in enumerate(zip(difference_w_m2, tolerances, strict=True)):
+            votes += np.abs(self._row(time) - measured) <= tolerance
+        return votes
 
     def winner(
         self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
