@@ -85,6 +85,12 @@ set_option = click.option(
 """``--set KEY=VALUE`` for verbs that read the configuration; hand `settings` to `campaign`."""
 
 
+present_option = click.option(
+    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
+)
+"""``--campaign`` for verbs that estimate recorded sessions; hand `present` to `config_for`."""
+
+
 def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """``-j``, ``--executor`` and ``--address`` for verbs over many sessions; hand them to `batch.workers`."""
     for option in (

@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     metavar="BASE",
     help="Write every minute's slopes to BASE.csv.",
 )
-@click.option(
-    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
-)
+@common.present_option
 @common.workers_options
 @click.option("--site", type=SITE, help="Where a table was measured.")
 @click.option(

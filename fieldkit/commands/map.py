@@ -35,9 +35,7 @@ _POLL_S = 1.0
     help="How far back from the last good minute: 20m, 1h, all, or weather: as the regions' slopes look "
     "[default: as configured].",
 )
-@click.option(
-    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
-)
+@common.present_option
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options
 @common.set_option

@@ -46,9 +46,7 @@ if TYPE_CHECKING:
     help="Standard deviation: the paper's eq. (9) as printed, or the ordinary one.",
 )
 @click.option("--open", "show", is_flag=True, help="Open it in the browser.")
-@click.option(
-    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
-)
+@common.present_option
 @common.set_option
 @click.pass_context
 def command(
@@ -174,7 +172,7 @@ def report_sessions(
     parts, failed = [], []
     for path in paths:
         try:
-            parts.append(_part(path, settings, present))
+            parts.append(part_of(path, settings, present=present))
         except FieldkitError as error:
             failed.append(error)
     if not parts:
@@ -187,7 +185,8 @@ def report_sessions(
     return out, failed
 
 
-def _part(path: Path, settings: Sequence[str], present: bool) -> Part:
+def part_of(path: Path, settings: Sequence[str] = (), *, present: bool = False) -> Part:
+    """A session estimated afresh, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
     from fieldkit.sessions.reader import open_session
     from fieldkit.views.report import Part
     from fieldkit.views.report.series import series

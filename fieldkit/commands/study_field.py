@@ -28,7 +28,7 @@ from fieldkit.samples import Quality
 from fieldkit.scene import ClearSky, Facet, Scene
 from fieldkit.site import Region, Site
 from fieldkit.views.report.series import Series, modelled_temperature, series
-from fieldkit.views.words import local_time, zone_name
+from fieldkit.views.words import zone_name
 
 MINUTE_NS = 60_000_000_000
 NOISE_K = 0.05
@@ -104,15 +104,10 @@ def recorded_day(path: Path, label: str) -> FieldDay:
 
     `label` tells its beds from those of other sessions.
     """
-    from fieldkit.commands.estimating import config_for, estimator_for, minutes_of, regions_for
-    from fieldkit.sessions.reader import open_session
+    from fieldkit.commands.report import part_of
 
-    with open_session(path) as session:
-        config = config_for(session)
-        minutes = list(minutes_of(session, estimator_for(session, config)))
-        columns = series(minutes, regions_for(session, config))
-        surface = config.estimator_settings().surface
-        site, start_ns = session.site, session.start_ns
+    part = part_of(path)
+    columns, surface = part.columns, part.settings.surface
     known = [bed for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
     names = {bed.region.name: _bed_name(label, bed.region) for bed in known}
     modelled = {names[bed.region.name]: modelled_temperature(columns, bed, surface) for bed in known}
@@ -121,8 +116,8 @@ def recorded_day(path: Path, label: str) -> FieldDay:
         path.stem,
         measured,
         modelled,
-        _errors(columns, label, site),
-        zone_name(start_ns, site),
+        _errors(columns, label, part.site),
+        zone_name(int(columns.time_ns[0]), part.site),
     )
 
 
@@ -151,7 +146,7 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
     return [
         Minute(
             time_ns=int(time),
-            estimates=slopes(_until(history, row + 1), regions, settings),
+            estimates=slopes(history.until(row + 1), regions, settings),
             temperature_k={region.name: float(warm[row, i]) for i, region in enumerate(regions)},
             spread_k={},
             pixels={},
@@ -168,17 +163,11 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
     ]
 
 
-def _until(history: History, rows: int) -> History:
-    return History(*(getattr(history, name)[:rows] for name in history.__slots__))
-
-
 def _errors(columns: Series, label: str, site: Site) -> dict[str, list[ErrorSpan]]:
     """Errors of each bed of known slope, by nanoseconds since local midnight."""
-    local = local_time(int(columns.time_ns[0]), site)
-    midnight_ns = utc_ns(local.replace(hour=0, minute=0, second=0, microsecond=0))
     return {
         _bed_name(label, bed.region): errors_over_time(
-            columns.time_ns - midnight_ns, bed.answered_tilt_deg, bed.region.tilt_deg
+            columns.of_day_ns(site), bed.answered_tilt_deg, bed.region.tilt_deg
         )
         for bed in columns.beds
         if np.isfinite(bed.region.tilt_deg)

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     "-o", "--out", type=click.Path(path_type=Path), metavar="BASE",
     help="Write BASE.csv, BASE.json (and BASE.parquet) [default: sweep-TIME in the results folder].",
 )  # fmt: skip
-@click.option(
-    "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
-)
+@common.present_option
 @common.workers_options
 @click.pass_context
 def command(
