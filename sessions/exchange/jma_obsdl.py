@@ -85,14 +85,15 @@ def read_obsdl(path: Path, name: str) -> Foreign:
 
 
 def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
-    at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), len(rows) - 1)
+    at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
+    if at is None:
+        raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
     hourly = any("時" in cell for cell in rows[at][: len(_SPLIT)])
-    stamps = [_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly) for row in rows]
-    body = [(stamp, row) for stamp, row in zip(stamps, rows, strict=True) if stamp is not None]
+    below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
+    body = [(stamp, row) for stamp, row in below if stamp is not None]
     if not body:
         raise ConfigError(f"{path} has no row that begins with a date", fix="choose hourly values at obsdl")
-    head = [row for row, stamp in zip(rows, stamps, strict=True) if stamp is None]
-    items = _items(head[:at], head[at], head[at + 1 :])
+    items = _items(rows[:at], rows[at], [row for stamp, row in below if stamp is None])
     if not items:
         have = ", ".join(f"{word}({unit})" for word, unit in _KINDS)
         raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fieldkit.errors import ConfigError
@@ -16,17 +16,30 @@ from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
 
+@dataclass(frozen=True, slots=True)
+class _Cut:
+    """The samples between two times, read again whenever they are asked for."""
+
+    samples: Iterable[Sample]
+    between_ns: dict[str, tuple[int, int]]
+
+    def __iter__(self) -> Iterator[Sample]:
+        for one in self.samples:
+            first_ns, last_ns = self.between_ns[one.stream]
+            if first_ns <= one.time_ns <= last_ns:
+                yield one
+
+
 def cut_to(session: Session, foreign: Foreign) -> Foreign:
     """What of a recording belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in foreign.streams}
-    samples = list(foreign.samples)
-    kept = [
-        one for one in samples
-        if session.start_ns - margin_ns[one.stream] <= one.time_ns <= session.end_ns + margin_ns[one.stream]
-    ]  # fmt: skip
-    left_out = len(samples) - len(kept)
-    if not left_out or not kept:
-        return replace(foreign, samples=samples)
+    first_ns, last_ns = session.start_ns, session.end_ns
+    kept = _Cut(
+        foreign.samples, {name: (first_ns - more, last_ns + more) for name, more in margin_ns.items()}
+    )
+    left_out = sum(1 for _ in foreign.samples) - sum(1 for _ in kept)
+    if not left_out:
+        return foreign
     said = f"{left_out} samples from before or after the session were left out"
     return replace(foreign, samples=kept, remarks=(*foreign.remarks, (Severity.INFO, said)))
 
@@ -41,8 +54,8 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
         raise ConfigError(
             f"{session.path} has a stream {taken.pop()!r} already", fix="another name: --as NAME"
         )
-    added = list(foreign.samples)
-    if not added or added[-1].time_ns < session.start_ns or added[0].time_ns > session.end_ns:
+    time_ns = [one.time_ns for one in foreign.samples]
+    if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
             f"{source} and {session.path} do not overlap in time",
             fix="check --zone and --offset of the logger",
@@ -58,7 +71,7 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
         for severity, text in ((Severity.INFO, f"stream added from {source}"), *foreign.remarks):
             now = clock.mono_ns()
             writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
-        for sample in _by_time(session, added):
+        for sample in _by_time(session, foreign.samples):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
     except BaseException:
@@ -67,7 +80,7 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
     return writer.close()
 
 
-def _by_time(session: Session, added: list[Sample]) -> Iterator[Sample]:
+def _by_time(session: Session, added: Iterable[Sample]) -> Iterator[Sample]:
     """All samples by the session's monotonic clock, which the added ones are given."""
     anchored = (replace(sample, mono_ns=sample.time_ns - session.anchor_ns) for sample in added)
     return heapq.merge(session.samples(), anchored, key=lambda sample: sample.mono_ns)

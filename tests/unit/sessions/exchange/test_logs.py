@@ -11,7 +11,7 @@ import pytest
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Reading
 from fieldkit.sessions.exchange.logs import LogColumns, read_log
-from fieldkit.sessions.exchange.merged import merge
+from fieldkit.sessions.exchange.merged import cut_to, merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import START_NS, CountedClock, fill, header, same
@@ -66,6 +66,23 @@ def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
 def test_table_that_is_not_understood_is_told(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         read_log(table(tmp_path, text), "logger")
+
+
+def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
+    fill(writer, 20, clock)
+    writer.close()
+    with open_session(tmp_path / "old.h5") as session:
+        start_s = session.start_ns / 1e9
+        rows = "".join(f"{start_s + n + 0.01:.3f},{n}\n" for n in range(-10, 11))
+        foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+        cut = cut_to(session, foreign)
+        found = [one.values[0] - 273.15 for one in cut.samples if isinstance(one, Reading)]
+        # it is twenty milliseconds long: of readings a second apart, two on either side and the one within
+        assert found == pytest.approx([-2, -1, 0, 1, 2], abs=1e-9)
+        assert "16 samples from before or after" in cut.remarks[-1][1]
+        assert merge(session, cut, tmp_path / "new.h5", "log.csv").counts["logger"] == 5
 
 
 def test_stream_is_added_beside_an_old_session(tmp_path: Path) -> None:

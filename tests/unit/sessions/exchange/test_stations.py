@@ -91,7 +91,9 @@ def test_real_daily_download_is_read() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no row that begins with a date"),
+        ("", "no row names the items"),
+        ("2014/6/1,33\r\n", "no row names the items"),
+        (",京都\r\n年月日,平均気温(℃)\r\n", "no row that begins with a date"),
         (",京都\r\n年月日,降水量の合計(mm)\r\n2014/6/1,0\r\n", "no item that fieldkit takes"),
         (",京都\r\n年月日時,気温(℃)\r\n2014/13/1 1:00:00,0\r\n", "not as the Japan Meteorological"),
     ],
