@@ -22,9 +22,10 @@ from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.layout import RECOVERED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.salvage import Lost, Salvage, Tally
+from fieldkit.sessions.salvage import Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import SessionFile
+from fieldkit.sessions.tally import Lost, Tally
 
 log = logging.getLogger(__name__)
 

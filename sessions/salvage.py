@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,60 +24,12 @@ from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.layout import brick_shape, entry_columns, journal_path
 from fieldkit.sessions.reader import Session, open_interrupted
-from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, sample_bytes, sample_crc32
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
+from fieldkit.sessions.tally import Tally
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 _READING_BLOCK = 1024
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """A run of lost samples: first and last number, and UTC of the samples around it (0: there is none)."""
-
-    stream: str
-    first: int
-    last: int
-    after_ns: int
-    before_ns: int
-
-    @property
-    def count(self) -> int:
-        """How many samples."""
-        return self.last - self.first + 1
-
-
-@dataclass
-class Tally:
-    """What became of one stream: samples kept, of those only in the journal, checksums, runs lost."""
-
-    stream: str
-    kept: int = 0
-    from_journal: int = 0
-    lost: list[Lost] = field(default_factory=list)
-    crc32s: list[int] = field(default_factory=list)
-    last_mono_ns: int = 0
-    last_ns: int = 0
-    _next: int = 0
-
-    def keep(self, seq: int, mono_ns: int, time_ns: int, crc32: int) -> None:
-        """Count a sample; numbers between it and the one before are lost."""
-        self._lose(seq, time_ns)
-        self.kept += 1
-        self.crc32s.append(crc32)
-        self.last_mono_ns, self.last_ns, self._next = mono_ns, time_ns, seq + 1
-
-    def finish(self, total: int) -> None:
-        """Say how many numbers were given: those after the last kept one are lost."""
-        self._lose(total, 0)
-
-    def _lose(self, until: int, before_ns: int) -> None:
-        if until > self._next:
-            self.lost.append(Lost(self.stream, self._next, until - 1, self.last_ns, before_ns))
-
-    def expects(self, seq: int) -> bool:
-        """Whether this number comes after all that were kept."""
-        return seq >= self._next
 
 
 class Salvage:
@@ -144,9 +95,7 @@ class Salvage:
         loose = LooseChunks(self._path, self._session, self._journal, info)
         ids, seqs = self._journalled(place)
         numbers = np.union1d(seqs, stored.numbers)
-        depth = brick_shape(info)[0] if info.is_camera else _READING_BLOCK
-        blocks = np.split(numbers, np.flatnonzero(np.diff(numbers // depth)) + 1) if len(numbers) else []
-        for wanted in blocks:
+        for wanted in _blocks(numbers, brick_shape(info)[0] if info.is_camera else _READING_BLOCK):
             inside = ids[np.searchsorted(seqs, wanted[0]) : np.searchsorted(seqs, wanted[-1], "right")]
             brick = self._whole_brick(place, loose, wanted, inside, tally)
             if brick is not None:
@@ -156,8 +105,7 @@ class Salvage:
                 sample = _found(row, info, stored, loose, seq)
                 if sample is not None and tally.expects(seq):
                     tally.from_journal += not stored.has(seq)
-                    crc32 = sample_crc32(sample, *sample_bytes(sample))
-                    tally.keep(seq, sample.mono_ns, sample.time_ns, crc32)
+                    tally.keep_sample(sample)
                     yield sample
         tally.finish(max(stored.total, self._journal.total(place) if self._journal else 0))
 
@@ -207,6 +155,12 @@ class Salvage:
             yield from ours if len(ours) >= len(theirs) else theirs
         if self._session is not None and self._journal is None:
             self.damage.extend(_lost_rows(self._session))
+
+
+def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:
+    """Sorted numbers, those of each brick together."""
+    borders = np.flatnonzero(np.diff(numbers // depth)) + 1
+    return [block for block in np.split(numbers, borders) if block.size]
 
 
 def _found(

@@ -15,7 +15,7 @@ from fieldkit.errors import IntegrityError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
-    from fieldkit.sessions.salvage import Lost
+    from fieldkit.sessions.tally import Lost
 
 
 @click.command(cls=Verb)
