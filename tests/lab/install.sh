@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# What the virtual USB lab needs from the distribution; installs nothing where it is already there.
+# What the virtual USB lab needs from the distribution, and the packages named as arguments;
+# installs nothing where it is already there.
 set -euo pipefail
 
-packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libcap2 libselinux1)
+packages=(qemu-system-x86 squashfs-tools liblzo2-2 libusb-1.0-0 libkmod2 libblkid1 libacl1 libcap2 libselinux1 "$@")
 
 missing=()
 for package in "${packages[@]}"; do
@@ -14,7 +15,7 @@ as_root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 # The guest's kernel comes from the package lists too, and old lists name packages that are gone.
 as_root apt-get -qq update || echo "the package lists could not be refreshed; going on with those that are here"
 if [ "${#missing[@]}" -gt 0 ]; then
-    echo "installing for the virtual USB lab: ${missing[*]}"
+    echo "installing: ${missing[*]}"
     as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=600 \
         install --no-install-recommends "${missing[@]}" >/dev/null
 fi
