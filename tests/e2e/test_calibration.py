@@ -163,18 +163,29 @@ def test_the_session_keeps_the_record_and_can_be_read_under_another(
     assert three_beds.read_bytes() == before
 
 
-def test_a_record_older_than_a_year_or_of_another_camera_is_warned_of(beds: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"date = 2016": "date = 2014", "expires = 2016": "expires = 2014"}, "dry-sand is 729 days old"),
+        ({'range = "high"': 'range = "low"'}, "dry-sand was made in range low; here is high"),
+        ({'model = "': 'model = "Other '}, "dry-sand was made with Other "),
+    ],
+    ids=["old", "other range", "other camera"],
+)
+def test_a_record_older_than_a_year_or_of_another_camera_is_warned_of(
+    beds: Path, tmp_path: Path, changes: dict[str, str], said: str
+) -> None:
     assert "warning" not in (beds / "said.txt").read_text()
-    folder = tmp_path / "later"
-    (folder / "calibration").mkdir(parents=True)
+    (tmp_path / "calibration").mkdir()
     for file in beds.glob("calibration/*.toml"):
-        text = file.read_text(encoding="utf-8").replace("date = 2016", "date = 2014")
-        text = text.replace("expires = 2016", "expires = 2014").replace('range = "high"', 'range = "low"')
-        (folder / "calibration" / file.name).write_text(text, encoding="utf-8")
-    (folder / "fieldkit.toml").write_text((beds / "fieldkit.toml").read_text(), encoding="utf-8")
-    said = fieldkit("record", "-C", folder, "--for", "1m", *FAST).output
-    assert "warning: surface.emissivity: dry-sand is 729 days old" in said
-    assert "made in range low; here is high" in said
+        text = file.read_text(encoding="utf-8")
+        for old, new in changes.items():
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "calibration" / file.name).write_text(text, encoding="utf-8")
+    (tmp_path / "fieldkit.toml").write_text((beds / "fieldkit.toml").read_text(), encoding="utf-8")
+    warned = fieldkit("record", "-C", tmp_path, "--for", "1m", *FAST).output
+    assert f"warning: surface.emissivity: {said}" in warned
 
 
 # --- wrong inputs
@@ -360,7 +371,7 @@ def test_the_light_meters_factor_from_the_stations_own_file(
     """SURFRAD, Alamosa, 2016-01-01, as published; the record names the file and its checksum."""
     file = shared("data/weather/slv16001.dat")
     monkeypatch.chdir(file.parent)
-    found = watts_per_lux(three_beds, "--station", file.name)
+    found = watts_per_lux(three_beds, "--station", file.name, "--name", "surfrad")
     assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, abs=1.5)
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (three_beds, file)]
     assert [source["sha256"] for source in found["sources"]] == sums
