@@ -137,10 +137,21 @@ def test_mark_that_the_recorder_had_no_time_to_take_is_recovered(campaign: Path)
 
 
 def test_session_that_does_not_exist_is_named() -> None:
-    for module in (check, show, recover):
+    for module in (check, show, recover, replay):
         done = run(module, "nowhere.h5")
         assert isinstance(done.exception, SessionError)
         assert "nowhere.h5" in str(done.exception)
+        assert "fieldkit ls" in (done.exception.fix or "")
+
+
+def test_recovering_what_is_no_session_says_what_to_do_and_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "junk.h5"
+    path.write_bytes(b"no session")
+    done = run(recover, path)
+    assert isinstance(done.exception, SessionError)
+    assert "nothing can be read" in str(done.exception)
+    assert ".journal" in (done.exception.fix or "")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path) -> None:
