@@ -28,7 +28,8 @@ def tilt_azimuth(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
     A vertical normal has no azimuth; 0 is given.
     """
-    east, north, up = np.moveaxis(np.asarray(normals, dtype=np.float64), -1, 0)
+    vectors = np.asarray(normals, dtype=np.float64)
+    east, north, up = vectors[..., 0], vectors[..., 1], vectors[..., 2]
     horizontal = np.hypot(east, north)
     azimuth = np.degrees(np.arctan2(east, north)) % 360.0
     # -1e-17 % 360 rounds to 360 itself
