@@ -91,14 +91,14 @@ class Processes(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """See `Executor`; raises `BrokenProcessPool` when processes died once more than `RETRIES`."""
-        try:
-            return self._pool.submit(fn, *args, **kwargs)
-        except BrokenProcessPool:
-            if self._restarts == RETRIES:
-                raise
-        self._restarts += 1
-        self._pool = self._started()
-        return self._pool.submit(fn, *args, **kwargs)
+        while True:
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except (BrokenProcessPool, OSError) as error:  # OSError: one died while another was being started
+                if self._restarts == RETRIES:
+                    raise BrokenProcessPool(str(error)) from error
+            self._restarts += 1
+            self._pool = self._started()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """See `Executor`."""
