@@ -27,6 +27,8 @@ def main(wanted: list[str]) -> None:
     """Run and print; ``--json`` prints one JSON document instead of tables."""
     as_json = "--json" in wanted
     names = [name for name in wanted if name != "--json"] or modules()
+    if unknown := set(names) - set(modules()):
+        sys.exit(f"no such benchmark: {', '.join(sorted(unknown))}\nthere are: {', '.join(modules())}")
     results: dict[str, list[Result]] = {}
     for name in names:
         results[name] = importlib.import_module(f"benchmarks.{name}").run()
