@@ -94,6 +94,7 @@ def recorded(lab: Lab, field: Field) -> Iterator[Recorded]:
     devices = {**ALL, "device.second": SECOND_CAMERA}
     with ports[0] as port, ports[1], ports[2] as lux, ports[3]:
         lab.wait_for(CAMERA_BY_ID, SECOND_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID)
+        lab.warm()  # or the minute is full before the recording has begun
         lab.set_clock(field.scene.start_ns + 10 * MINUTE_NS + 30 * SECOND_NS)
         recording = Recording(lab, field, devices)
         recording.flows()

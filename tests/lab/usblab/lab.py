@@ -124,11 +124,16 @@ class Lab:
         """Write a text file for a user."""
         self.guest.ask("put", path=path, content=base64.b64encode(content.encode()).decode(), user=user)
 
-    def start(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Job:
-        """Start a program in the guest; one called ``fieldkit`` starts warm, see the command loop."""
-        if arguments[0] == "fieldkit" and not self._warm:
+    def warm(self) -> None:
+        """Load what ``fieldkit`` needs, if nobody has yet; it takes the guest ten seconds or more."""
+        if not self._warm:
             self.guest.ask("warm", timeout_s=300, place=self._place)
             self._warm = True
+
+    def start(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Job:
+        """Start a program in the guest; one called ``fieldkit`` starts warm, see the command loop."""
+        if arguments[0] == "fieldkit":
+            self.warm()
         output = f"/tmp/job-{next(self._numbers)}"
         process = self.guest.ask("start", arguments=arguments, user=user, folder=folder, output=output)
         return Job(self.guest, process)
