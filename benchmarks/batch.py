@@ -51,17 +51,17 @@ def run(sessions: int = SESSIONS, hours: float = HOURS) -> list[Result]:
 
 
 def _record(folder: Path, sessions: int, hours: float) -> list[Path]:
-    campaign = folder / "campaign"
-    _fieldkit(folder, "init", "--simulated", campaign)
+    """Each in a campaign of its own: one campaign is recorded once at a time."""
 
-    def record(seed: int) -> None:
+    def record(seed: int) -> Path:
+        campaign = folder / f"campaign{seed}"
+        _fieldkit(folder, "init", "--simulated", campaign)
         settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
-        length = ("--for", f"{hours:g}h", "--name", f"s{seed}")
-        _fieldkit(folder, "record", "-C", campaign, *length, *settings)
+        _fieldkit(folder, "record", "-C", campaign, "--for", f"{hours:g}h", "--name", f"s{seed}", *settings)
+        return next((campaign / "recordings").glob("*.h5"))
 
     with ThreadPoolExecutor(2) as two_at_a_time:
-        list(two_at_a_time.map(record, range(sessions)))
-    return sorted((campaign / "recordings").glob("*.h5"))
+        return list(two_at_a_time.map(record, range(sessions)))
 
 
 def _sweep(folder: Path, recordings: list[Path], cache: str, *options: str) -> float:
