@@ -8,7 +8,6 @@ about them since.
 from __future__ import annotations
 
 import heapq
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
@@ -27,16 +26,14 @@ from fieldkit.errors import SessionError
 from fieldkit.samples import Event, Health, Quality, Sample
 from fieldkit.sessions import analysis, tables
 from fieldkit.sessions.analysis import RegionSeries
+from fieldkit.sessions.declared import attribute, check_format, explained, header_of, scalar
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import (
-    FORMAT_NAME,
-    FORMAT_VERSION,
     INTEGRITY_COLUMNS,
     RECOVERED,
     SEALED,
     TIME_MAP_COLUMNS,
     Column,
-    SessionHeader,
     decode_text,
     entry_columns,
     exact_time_ns,
@@ -45,7 +42,7 @@ from fieldkit.sessions.layout import (
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stream_reader import StreamReader, column_dataset, stored_here, whole_rows
-from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
+from fieldkit.sessions.superblock import MendedFile, is_clean
 from fieldkit.sessions.time_map import TimeStep, mapped, mapped_ns
 from fieldkit.site import Region, Site
 from fieldkit.slope import SlopeEstimate
@@ -53,8 +50,6 @@ from fieldkit.slope import SlopeEstimate
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-_MAX_HEADER_BYTES = 16_000_000
 
 
 class Session:
@@ -69,11 +64,11 @@ class Session:
         self.state = state
         self._salvage = salvage
         self._file = file
-        self.header = _header(path, file)
+        self.header = header_of(path, file)
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
-        self.session_id = str(_attribute(file, "session_id"))
-        self.anchor_ns = int(_scalar(file, "entry/utc_minus_mono_ns"))
+        self.session_id = str(attribute(file, "session_id"))
+        self.anchor_ns = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._readers = {
             name: StreamReader(file, info, self.anchor_ns, salvage=salvage)
             for name, info in self.streams.items()
@@ -105,7 +100,7 @@ class Session:
     @property
     def identity(self) -> Identity:
         """Whose journal this session's is."""
-        start = datetime.fromisoformat(decode_text(_scalar(self._file, "entry/start_time")))
+        start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
         start_us = (start - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1)
         return Identity(self.session_id, start_us * 1000, self.anchor_ns, self.header)
 
@@ -126,8 +121,8 @@ class Session:
         root = ("fieldkit_version", "h5py_version", "hdf5_version", "history")
         config = ("command_line", "packages", "platform")
         return {
-            **{name: str(_attribute(self._file, name)) for name in root},
-            **{name: decode_text(_scalar(self._file, f"config/{name}")) for name in config},
+            **{name: str(attribute(self._file, name)) for name in root},
+            **{name: decode_text(scalar(self._file, f"config/{name}")) for name in config},
         }
 
     # --- samples
@@ -289,7 +284,7 @@ class Session:
         try:
             yield
         except SessionError as error:
-            raise _explained(self.path, error) from error
+            raise explained(self.path, error) from error
 
     def table(self, name: str) -> dict[str, NDArray[Any]]:
         """The columns of a table of entries as stored, as many rows as all of them have.
@@ -362,54 +357,11 @@ def _session(
     file = None
     try:
         file = opened()
-        _check_format(path, file)
-        complete = int(_scalar(file, "entry/complete"))
+        check_format(path, file)
+        complete = int(scalar(file, "entry/complete"))
         found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, "interrupted")
         return Session(path, file, state or found, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
-        raise _explained(path, error) from error
-
-
-def _explained(path: Path, error: Exception) -> SessionError:
-    """What is wrong, with which session, and what to do next."""
-    known = isinstance(error, SessionError) and str(path) in str(error)
-    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
-    return SessionError(str(error) if known else f"{path} is damaged: {error}", fix=fix)
-
-
-def _check_format(path: Path, file: h5py.File) -> None:
-    if _attribute(file, "fieldkit_format") != FORMAT_NAME:
-        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
-    version = str(_attribute(file, "fieldkit_format_version"))
-    if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
-        raise SessionError(
-            f"{path} has format version {version}; this fieldkit reads {FORMAT_VERSION}",
-            fix="install a newer fieldkit: pip install --upgrade fieldkit",
-        )
-
-
-def _attribute(file: h5py.File, name: str) -> str | None:
-    value = file.attrs.get(name)
-    return value.decode(errors="replace") if isinstance(value, bytes) else value
-
-
-def _scalar(file: h5py.File, name: str) -> Any:
-    dataset = stored_here(file, name)
-    if (
-        not isinstance(dataset, h5py.Dataset)
-        or dataset.shape != ()
-        or dataset.is_virtual
-        or dataset.external
-        or dataset.dtype.itemsize > _MAX_HEADER_BYTES
-    ):
-        raise SessionError(f"{file.filename}: {name} is missing")
-    return dataset[()]
-
-
-def _header(path: Path, file: h5py.File) -> SessionHeader:
-    try:
-        return SessionHeader.from_json(decode_text(_scalar(file, "config/header")))
-    except json.JSONDecodeError as error:
-        raise SessionError(f"{path}: its header is damaged: {error}") from error
+        raise explained(path, error) from error
