@@ -71,7 +71,7 @@ def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
 
 
 def _packed(tile: NDArray[np.uint16]) -> tuple[bytes, int]:
-    data = pack(tile)
+    data = pack(np.ascontiguousarray(tile))
     return data, zlib.crc32(data)
 
 
@@ -85,10 +85,8 @@ class BrickWriter:
         self.depth, rows, cols = dataset.chunks
         self._corners = corners(dataset)
         self._fill = int(dataset.fillvalue)
-        grid = dataset.shape[1] // rows, dataset.shape[2] // cols
-        self._tiles = np.empty(
-            (*grid, self.depth, rows, cols), "<u2"
-        )  # as they are packed, one after the other
+        self._tile_shape = rows, cols
+        self._brick = np.empty((self.depth, *dataset.shape[1:]), "<u2")
         self.length = 0
         self.bytes_written = 0
 
@@ -99,16 +97,15 @@ class BrickWriter:
 
     def put(self, picture: NDArray[np.uint16]) -> None:
         """Take one frame; write the brick before the next when it is full."""
-        down, across, _, rows, cols = self._tiles.shape
-        cut = picture.reshape(down, rows, across, cols).swapaxes(1, 2)
-        self._tiles[:, :, self.length % self.depth] = cut
+        self._brick[self.length % self.depth] = picture
         self.length += 1
 
     def write(self) -> list[Chunk]:
         """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
-        self._tiles[:, :, self.length - start :] = self._fill
-        tiles = self._tiles.reshape(-1, *self._tiles.shape[2:])
+        self._brick[self.length - start :] = self._fill
+        rows, cols = self._tile_shape
+        tiles = (self._brick[:, y : y + rows, x : x + cols] for y, x in self._corners)
         packed = self._pool.map(_packed, tiles)  # the first are written while the last are being packed
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
         return [
