@@ -54,7 +54,7 @@ Decode = Callable[[bytes], Picture | Rejected]
 
 def words(data: bytes, rows: int, columns: int) -> NDArray[np.uint16]:
     """Bytes as little-endian words, shape (rows, columns), without copying."""
-    return np.frombuffer(data, _WORD).reshape(rows, columns)
+    return np.ndarray((rows, columns), _WORD, data)
 
 
 def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:

@@ -51,9 +51,9 @@ def temperature_k(
 def linear(counts: Counts, scale: float, offset: float = 0.0) -> Kelvin:
     """Counts x scale + offset in kelvin, in single precision, good to 3e-5 K."""
     kelvin = counts.astype(np.float32)  # then in place: half the time of multiplying mixed types
-    kelvin *= np.float32(scale)
+    kelvin *= scale
     if offset:
-        kelvin += np.float32(offset)
+        kelvin += offset
     return kelvin
 
 
