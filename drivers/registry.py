@@ -13,10 +13,12 @@ import logging
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
-from typing import cast
+from typing import Any, cast
 
 from fieldkit.clock import Clock
 from fieldkit.device import Device, DeviceSettings, Driver, Found
+from fieldkit.drivers.options import for_bytes, refuse_unknown
+from fieldkit.drivers.records import Decoded, Decodes
 from fieldkit.errors import ConfigError
 
 GROUP = "fieldkit.drivers"
@@ -72,7 +74,18 @@ def get(name: str) -> Driver:
 
 def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
-    return get(settings.driver).open(settings, clock)
+    driver = get(settings.driver)
+    _refuse_unknown(settings, driver)
+    return driver.open(settings, clock)
+
+
+def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
+    """What `data` means to the driver called `name`, with the options `given`; raises `ConfigError`."""
+    driver = get(name)
+    if not isinstance(driver, Decodes):
+        raise ConfigError(f"the driver {name} cannot decode without its instrument", fix="fieldkit record")
+    _refuse_unknown(for_bytes(name, given), driver)
+    return driver.decode(data, given)
 
 
 def load_all() -> tuple[list[Driver], list[str]]:
@@ -93,6 +106,13 @@ def find_all() -> list[Found]:
     for problem in problems:
         _log.warning("%s", problem)
     return [found for driver in drivers for found in driver.find()]
+
+
+def _refuse_unknown(settings: DeviceSettings, driver: Driver) -> None:
+    """Refuse options that the driver has not; one that does not say which it has is given all."""
+    allowed = getattr(driver, "options", None)
+    if allowed is not None:
+        refuse_unknown(settings, allowed)
 
 
 def _plugins() -> list[EntryPoint]:

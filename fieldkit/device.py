@@ -162,7 +162,10 @@ class Camera(Device, Protocol):
 
 
 class Driver(Protocol):
-    """The code that knows one kind of instrument."""
+    """The code that knows one kind of instrument.
+
+    A driver may say the names of its `options` in the configuration; any others are then refused for it.
+    """
 
     name: str
     title: str

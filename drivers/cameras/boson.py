@@ -56,6 +56,7 @@ class Boson:
     name = "boson"
     title = "FLIR Boson"
     quantity = "brightness_temperature"
+    options = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
 
     def find(self) -> list[Found]:
         """Bosons that are plugged in."""
@@ -68,7 +69,6 @@ class Boson:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open pictures and commands; a Boson without reachable commands still gives pictures."""
-        options.refuse_unknown(settings, (*camera.OPTIONS, "radiometric", "kelvin_per_count"))
         scale = kelvin_per_count(settings)
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)

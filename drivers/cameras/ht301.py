@@ -100,6 +100,7 @@ class Ht301:
     name = "ht301"
     title = "HT-301 / T3S / T2L"
     quantity = "brightness_temperature"
+    options = (*camera.OPTIONS, "range")
 
     def find(self) -> list[Found]:
         """HT-301 cameras that are plugged in; the other models go by changing ids."""
@@ -111,7 +112,6 @@ class Ht301:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera and switch it to temperatures."""
-        options.refuse_unknown(settings, (*camera.OPTIONS, "range"))
         chosen = options.text(settings, "range", "normal", tuple(RANGES))
         opened = open_source(settings, WANTED, clock)
         command = zoom_of(opened.source)

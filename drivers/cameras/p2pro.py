@@ -67,6 +67,7 @@ class P2Pro:
     name = "p2pro"
     title = "InfiRay P2 Pro / Topdon TC001"
     quantity = "brightness_temperature"
+    options = OPTIONS
 
     def find(self) -> list[Found]:
         """Cameras with the chip maker's ids; the frame size tells when opening."""
@@ -79,7 +80,6 @@ class P2Pro:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera, set in it what the options ask for, record what its commands tell."""
-        options.refuse_unknown(settings, OPTIONS)
         wanted = infiray.wishes(settings)
         opened = open_source(settings, WANTED, clock)
         first = camera.first_picture(opened.source, decode, settings.name, clock)

@@ -106,6 +106,7 @@ class PureThermal:
     name = "purethermal"
     title = "PureThermal with FLIR Lepton"
     quantity = "brightness_temperature"
+    options = (*camera.OPTIONS, "kelvin_per_count")
 
     def find(self) -> list[Found]:
         """PureThermal boards that are plugged in."""
@@ -118,7 +119,6 @@ class PureThermal:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the board, choose the picture with telemetry, declare what the first one says."""
-        options.refuse_unknown(settings, (*camera.OPTIONS, "kelvin_per_count"))
         untold_scale = kelvin_per_count(settings)
         opened = open_source(settings, WANTED, clock)
         source = opened.source

@@ -65,6 +65,7 @@ class ThermalMaster:
     name = "thermal-master"
     title = "Thermal Master P1, P2, P3"
     quantity = "brightness_temperature"
+    options = (*camera.OPTIONS, "model")
 
     def find(self) -> list[Found]:
         """Cameras of the family that are plugged in, with and without a kernel driver."""
@@ -77,7 +78,6 @@ class ThermalMaster:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open whichever of the family is there."""
-        options.refuse_unknown(settings, (*camera.OPTIONS, "model"))
         model = options.text(settings, "model", "auto", MODELS)
         if settings.source is None and (model == "bulk" or (model == "auto" and not _has_video(settings))):
             source = BulkSource(settings, clock)

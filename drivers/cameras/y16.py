@@ -69,6 +69,7 @@ class Y16:
     name = "y16"
     title = "any camera with Y16"
     quantity = "counts"
+    options = OPTIONS
 
     def find(self) -> list[Found]:
         """Nothing: every camera could be one, and a family's own driver knows more."""
@@ -88,7 +89,6 @@ class Y16:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera that identity or port name; there is no default."""
-        options.refuse_unknown(settings, OPTIONS)
         if not (settings.identity or settings.port or settings.source):
             present = ", ".join(usb.written() for _, usb in cameras()) or "none"
             raise ConfigError(

@@ -91,6 +91,7 @@ class Center303:
     name = "center-303"
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """Serial adapters; only asking ``K`` tells, so each is only a candidate."""

@@ -146,6 +146,7 @@ class Center309:
     name = "center-309"
     title = "Center 304/309, K204, HH309 thermometer"
     quantity = "temperature"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
@@ -164,7 +165,6 @@ def open_thermometer(
     settings: DeviceSettings, clock: Clock, layout: Layout, channels: Sequence[str]
 ) -> meter.Meter:
     """Open a thermometer that answers ``K`` and ``A``; a sibling of another record is refused by its name."""
-    options.refuse_unknown(settings, meter.OPTIONS)
     port = open_port(settings, LINE, clock)
     model = ask_model(port)
     driver = DRIVERS.get(model, settings.driver)

@@ -139,6 +139,7 @@ class Gpsd:
     name = "gpsd"
     title = "gpsd (position, time, clock error)"
     quantity = "position"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """A gpsd on this computer."""
@@ -154,7 +155,6 @@ class Gpsd:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Connect, ask to watch, and wait for the first report."""
-        options.refuse_unknown(settings, meter.OPTIONS)
         host, _, number = (settings.port or "localhost").partition(":")
         port = SocketPort(host, int(number) if number.isdigit() else PORT, clock)
         port.write(WATCH)

@@ -163,6 +163,7 @@ class KonicaMinolta:
     name = "konica-minolta"
     title = "Konica Minolta T-10(A), CL-200(A)"
     quantity = "illuminance"
+    options = (*meter.OPTIONS, "model", "head")
 
     def find(self) -> list[Found]:
         """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""
@@ -174,7 +175,6 @@ class KonicaMinolta:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and put the meter into its PC mode."""
-        options.refuse_unknown(settings, (*meter.OPTIONS, "model", "head"))
         model = options.text(settings, "model", "t-10", ("t-10", "cl-200"))
         head = int(options.number(settings, "head", 0))
         port = open_port(settings, LINE, clock, kinds=KINDS)

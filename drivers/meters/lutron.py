@@ -102,6 +102,7 @@ class Lutron:
     name = "lutron"
     title = "Lutron / Extech 16-character stream"
     quantity = "illuminance"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """Serial adapters; the stream does not name its sender, so each is only a candidate."""
@@ -113,7 +114,6 @@ class Lutron:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first record, which tells what the meter measures."""
-        options.refuse_unknown(settings, meter.OPTIONS)
         port = open_port(settings, LINE, clock)
         first = meter.first_record(port, LAYOUT, settings.name, _HINT)
         unit = first.record.values[0].unit

@@ -121,6 +121,7 @@ class Modbus:
     name = "modbus"
     title = "Modbus RTU instrument by register map"
     quantity = "irradiance"
+    options = (*meter.OPTIONS, "map", "unit", "baud", "parity")
 
     def find(self) -> list[Found]:
         """Serial adapters; an RS-485 adapter does not tell what hangs on it."""
@@ -133,7 +134,6 @@ class Modbus:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first answer."""
-        options.refuse_unknown(settings, (*meter.OPTIONS, "map", "unit", "baud", "parity"))
         name = options.text(settings, "map", "")
         if not name:
             raise ConfigError(

@@ -136,6 +136,7 @@ class Nmea:
     name = "nmea"
     title = "NMEA 0183 receiver (position, time)"
     quantity = "position"
+    options = (*meter.OPTIONS, "baud")
 
     def find(self) -> list[Found]:
         """Serial ports; only the sentences tell, so each is only a candidate."""
@@ -148,7 +149,6 @@ class Nmea:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""
-        options.refuse_unknown(settings, (*meter.OPTIONS, "baud"))
         line = Line(int(options.number(settings, "baud", LINE.baud)))
         port = open_port(settings, line, clock)
         meter.first_record(port, LAYOUT, settings.name, _HINT)

@@ -85,6 +85,7 @@ class Pce174:
     name = "pce-174"
     title = "PCE-174, Extech HD450 light meter"
     quantity = "illuminance"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""
@@ -96,7 +97,6 @@ class Pce174:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""
-        options.refuse_unknown(settings, meter.OPTIONS)
         port = open_port(settings, LINE, clock, kinds=KINDS)
         meter.first_answer(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))

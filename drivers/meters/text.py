@@ -138,6 +138,7 @@ class Text:
     name = "text"
     title = "lines of text from a board of one's own"
     quantity = "temperature"
+    options = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
 
     def find(self) -> list[Found]:
         """Serial ports; only the lines tell, so each is only a candidate."""
@@ -154,7 +155,6 @@ class Text:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port (the board restarts) and wait for the first line with values."""
-        options.refuse_unknown(settings, (*meter.OPTIONS, "columns", "no_value", "baud", "unit"))
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
         first = meter.first_record(port, grammar.layout, settings.name, _HINT).record

@@ -136,6 +136,7 @@ class Ut325:
     name = "ut325"
     title = "UNI-T UT325 thermometer"
     quantity = "temperature"
+    options = meter.OPTIONS
 
     def find(self) -> list[Found]:
         """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""
@@ -147,7 +148,6 @@ class Ut325:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the bridge, start the live stream and wait for its first record."""
-        options.refuse_unknown(settings, meter.OPTIONS)
         port = HidBridge(settings, clock)
         port.write(START_LIVE)
         meter.first_record(port, LAYOUT, settings.name, _HINT)

@@ -43,15 +43,11 @@ def command(
     fieldkit decode purethermal frame.raw --json
     """
     from fieldkit.drivers import registry
-    from fieldkit.drivers.records import Decodes
 
-    found = registry.get(driver)
-    if not isinstance(found, Decodes):
-        raise ConfigError(f"the driver {driver} cannot decode without its instrument", fix="fieldkit record")
     given = dict(parse_option(pair) for pair in pairs)
     if register_map is not None:
         given["map"] = register_map
-    decoded = found.decode(read_bytes(data, prose=driver in PROSE), given)
+    decoded = registry.decode(driver, read_bytes(data, prose=driver in PROSE), given)
     if options(ctx).json:
         print_json(as_document(decoded))
     else:

@@ -30,6 +30,7 @@ class SampleLux:
     name = "sample-lux"
     title = "Sample light meter"
     quantity = "illuminance"
+    options = meter.OPTIONS
 
     def find(self):
         """Any serial adapter may be one."""

@@ -4,6 +4,8 @@ import sys
 
 import pytest
 
+from fieldkit.clock import HostClock
+from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.errors import ConfigError
 
@@ -26,6 +28,16 @@ def site_packages(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", registry.BUILT_IN)
 def test_every_row_of_the_table_is_a_driver_of_that_name(name):
     assert registry.get(name).name == name
+
+
+@pytest.mark.parametrize("name", registry.BUILT_IN)
+def test_option_that_a_driver_has_not_is_refused_for_instruments_and_for_bytes(name):
+    wrong = {"latencys_s": 1}
+    with pytest.raises(ConfigError) as opening:
+        registry.open_device(DeviceSettings("mine", name, port="/dev/none", options=wrong), HostClock())
+    with pytest.raises(ConfigError) as decoding:
+        registry.decode(name, b"", wrong)
+    assert opening.value.fix == decoding.value.fix == "did you mean latency_s?"
 
 
 def test_driver_of_another_package_is_found_by_its_entry_point(site_packages):

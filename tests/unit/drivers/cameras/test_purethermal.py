@@ -10,7 +10,7 @@ from fieldkit.clock import HostClock
 from fieldkit.device import Buffer, Camera, DeviceSettings
 from fieldkit.drivers.cameras.purethermal import PureThermal, decode
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError, DecodeError, DeviceTimeoutError
+from fieldkit.errors import DecodeError, DeviceTimeoutError
 from fieldkit.samples import Quality
 from tests.shared_data import shared
 
@@ -210,12 +210,6 @@ def test_silent_camera_and_other_pictures_are_explained_and_closed(reel):
     with pytest.raises(DecodeError, match="614400 bytes"):
         opened(other)
     assert (silent.closed, other.closed) == (1, 1)
-
-
-def test_unknown_option_is_refused(reel):
-    with pytest.raises(ConfigError) as caught:
-        opened(reel(picture()), kelvin_per_counts=0.01)
-    assert caught.value.fix == "did you mean kelvin_per_count?"
 
 
 def recorded_pictures():

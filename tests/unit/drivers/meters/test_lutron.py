@@ -4,6 +4,7 @@ import pytest
 
 from fieldkit.clock import HostClock
 from fieldkit.device import Device, DeviceSettings
+from fieldkit.drivers import registry
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.lutron import Lutron, take
 from fieldkit.drivers.records import Rejected
@@ -95,7 +96,7 @@ def test_meter_of_neither_light_nor_temperature_is_refused(wire):
 
 def test_unknown_option_is_refused_with_the_near_one(wire):
     with pytest.raises(ConfigError) as caught:
-        Lutron().open(settings(wire, range_max_lux=1), HostClock())
+        registry.open_device(settings(wire, range_max_lux=1), HostClock())
     assert caught.value.fix == "did you mean range_max_lx?"
 
 
