@@ -40,8 +40,9 @@ class Fact:
 def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
     """Everything about cameras and serial ports of this computer."""
     found_cameras, found_ports = cameras(), serial_ports()
+    raw_only = list(_raw_nodes(sysfs, RAW_ONLY))
     yield from _libraries()
-    if not found_cameras:
+    if not found_cameras and not any(_is_camera(usb) for usb, _ in raw_only):
         yield Fact(
             "warn", "camera", "no USB camera is plugged in", "plug it in; lsusb shows whether it arrives"
         )
@@ -49,7 +50,7 @@ def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
         yield _may_use(path, usb, "video")
         yield from _raw_node(usb, sysfs)
         yield from _sleeps(path, usb, sysfs)
-    for usb, node in _raw_nodes(sysfs, RAW_ONLY):
+    for usb, node in raw_only:
         yield _may_use(node, usb, "plugdev")
     if not found_ports:
         yield Fact("warn", "serial port", "no USB serial port is there", "plug the meter's adapter in")
@@ -60,9 +61,15 @@ def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
     yield _modem_manager([path for path, _ in found_ports])
 
 
-def is_plugged_in(identity: str) -> bool:
-    """Whether a camera or serial adapter of that identity is there."""
-    return any(usb.matches(identity) for _, usb in (*cameras(), *serial_ports()))
+def is_plugged_in(identity: str, sysfs: Path = SYSFS) -> bool:
+    """Whether an instrument or serial adapter of that identity is there."""
+    with_nodes = (usb for _, usb in (*cameras(), *serial_ports()))
+    raw_only = (usb for usb, _ in _raw_nodes(sysfs, RAW_ONLY))
+    return any(usb.matches(identity) for usb in (*with_nodes, *raw_only))
+
+
+def _is_camera(usb: UsbIdentity) -> bool:
+    return (usb.vendor, usb.product) in thermal_master_bulk.KINDS
 
 
 def _libraries() -> Iterator[Fact]:

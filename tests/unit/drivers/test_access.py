@@ -34,5 +34,17 @@ def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypa
     assert allowed or "doctor --udev" in found.fix
 
 
+@pytest.mark.parametrize(("kind", "missing"), [(("3474", "45a2"), False), (("1a86", "e008"), True)])
+def test_a_camera_without_a_video_node_is_a_camera(sysfs, kind, missing):
+    facts = list(access.look(sysfs("1-2", *kind)))
+    assert any("no USB camera" in fact.text for fact in facts) is missing
+
+
+def test_an_instrument_with_nothing_but_the_raw_node_is_plugged_in(sysfs):
+    folder = sysfs("1-2", "1a86", "e008")
+    assert access.is_plugged_in("1a86:e008", folder)
+    assert not access.is_plugged_in("3474:45a2", folder)
+
+
 def test_other_usb_devices_are_none_of_its_business(sysfs):
     assert not [fact for fact in access.look(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what]
