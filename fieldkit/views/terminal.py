@@ -6,8 +6,10 @@ raises: the recording must not notice whether anybody looks.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
+import queue
 import threading
 from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING, Literal
@@ -111,27 +113,35 @@ class TerminalView:
 
 
 class PlainView:
-    """One line a minute, and each event at once: for pipes, logs and terminals without a cursor."""
+    """One line a minute, and each event at once: for pipes, logs and terminals without a cursor.
+
+    A thread of its own prints: whoever stops reading a pipe (a pager, Ctrl-S) stops the printing alone.
+    """
 
     def __init__(self, site: Site, regions: Sequence[Region], *, file: IO[str]) -> None:
         self._site, self._file = site, file
         self._references = [region.name for region in regions if region.kind is RegionKind.REFERENCE]
-        self._failed = False
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._print, name="plain view", daemon=True)
+        self._thread.start()
 
     def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
-        """Print the item if it is an event or a minute; the first failure ends the printing."""
-        if self._failed or isinstance(item, Frame | Reading | Health):
+        """Have the item printed if it is an event or a minute; the first failure ends the printing."""
+        if isinstance(item, Frame | Reading | Health):
             return
         if not isinstance(item, Event) and not any(map(math.isfinite, item.temperature_k.values())):
             return  # a minute without a picture, such as the last one
-        line = self._event(item) if isinstance(item, Event) else self._minute(item)
-        try:
-            print(line, file=self._file, flush=True)
-        except OSError:  # the pipe's other end has gone
-            self._failed = True
+        self._lines.put(self._event(item) if isinstance(item, Event) else self._minute(item))
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Print what is left; waits two seconds at most for somebody to read it."""
+        self._lines.put(None)
+        self._thread.join(CLOSE_WITHIN_S)
+
+    def _print(self) -> None:
+        with contextlib.suppress(OSError):  # the pipe's other end has gone
+            while (line := self._lines.get()) is not None:
+                print(line, file=self._file, flush=True)
 
     def _event(self, event: Event) -> str:
         return f" {self._when(event.time_ns, seconds=True)}  {words.told(event)}"

@@ -171,3 +171,17 @@ def test_a_closed_pipe_ends_the_printing_not_the_recording(site, regions, make_m
     view = PlainView(site, regions, file=Gone())
     view.show(make_minute())
     view.show(make_minute(1))
+    view.close()
+
+
+def test_a_pipe_that_nobody_reads_holds_nobody_up(site, regions, make_minute):
+    reading, writing = os.pipe()
+    minutes = [make_minute(number % 60) for number in range(1000)]  # more lines than a pipe takes
+    with open(writing, "w", encoding="utf-8") as pipe:
+        view = PlainView(site, regions, file=pipe)
+        for minute in minutes:
+            view.show(minute)
+        with open(reading, encoding="utf-8") as reader:
+            lines = [reader.readline() for _ in minutes]
+        view.close()
+    assert all(" JST  S 835 W" in line for line in lines)
