@@ -1,0 +1,232 @@
+"""Scale, light meter, clock and uniformity of a day of three beds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import socket
+import threading
+import time
+import tomllib
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.samples import Frame, Sample
+from fieldkit.sessions.exchange.imported import Foreign, write_foreign
+from fieldkit.sessions.reader import open_session
+from fieldkit.weather import packaged
+from tests.harness.calibration_days import TRUE_EMISSIVITY, fieldkit, mean_error_deg, record_beds, rewritten
+from tests.shared_data import shared
+
+
+@pytest.fixture(scope="module")
+def beds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign that knows its sand."""
+    folder = tmp_path_factory.mktemp("beds")
+    record_beds(folder, surface={"emissivity": TRUE_EMISSIVITY})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def three_beds(beds: Path) -> Path:
+    return next(beds.glob("recordings/*three-beds.h5"))
+
+
+def test_the_scale_from_one_bed_and_what_temperatures_cannot_tell(three_beds: Path, beds: Path) -> None:
+    said = fieldkit("calibrate", "surface", three_beds, "--bed", "b15", "--name", "one-bed").output
+    assert "albedo, emissivity and exchange apart cannot be told from temperatures" in said
+    plain = mean_error_deg(three_beds, "estimator.model=paper", "surface.emissivity=0.90")
+    assert fieldkit(
+        "calibrate", "surface", three_beds, "--bed", "b15", "--name", "paper-bed",
+        "--set", "estimator.model=paper", "--set", "surface.emissivity=0.90",
+    )  # fmt: skip
+    scaled = mean_error_deg(
+        three_beds, "estimator.model=paper", "surface.emissivity=0.90", "estimator.scale=@paper-bed"
+    )
+    assert scaled < plain
+
+
+def test_the_light_meters_factor_from_the_station(three_beds: Path) -> None:
+    """The scene's meter answers 108 lm/W to the beam and 130 to the sky (its own constants): 109 together."""
+    found = json.loads(
+        fieldkit(
+            "calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01", "--json"
+        ).stdout
+    )  # fmt: skip
+    assert 1.0 / found["value"] == pytest.approx(109.0, abs=1.5)
+    assert found["unit"] == "W/m2/lx"
+
+
+def with_logger(session: Path, to: Path, name: str, times_ns: np.ndarray, watts: np.ndarray) -> Path:
+    """The session with the table of a logger that ran beside it, brought in as a user does."""
+    with open_session(session) as opened:
+        beside = (opened.start_ns < times_ns) & (times_ns < opened.end_ns)
+    rows = [
+        f"{datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat()},{watt:.1f}"
+        for time_ns, watt in zip(times_ns[beside].tolist(), watts[beside].tolist(), strict=True)
+    ]
+    table = to.with_suffix(".csv")
+    table.write_text("\n".join(["time,light [W/m2]", *rows]) + "\n", encoding="utf-8")
+    fieldkit("import", table, "--into", session, "--as", name, "-o", to)
+    return to
+
+
+def watts_per_lux(session: Path, *options: str | Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(
+        fieldkit("calibrate", "irradiance", session, *options, "--json").stdout
+    )
+    return found
+
+
+BOTH_LM_W = 109.0
+"""The scene's meter answers 108 lm/W to the beam, 130 to the sky (its own constants): together, that day."""
+
+
+def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
+    three_beds: Path, tmp_path: Path
+) -> None:
+    """Alamosa's own instruments on that day, whose sky the scene has, logged beside the beds."""
+    weather = packaged()
+    global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi)
+    found = watts_per_lux(global_, "--pyranometer", "cmp11")
+    assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, rel=0.04)  # three instruments close to 4 % there
+    assert "pyranometer cmp11" in found["method"]
+    beam = with_logger(three_beds, tmp_path / "beam.h5", "chp1", weather.time_ns, weather.dni)
+    with_sky = watts_per_lux(beam, "--pyrheliometer", "chp1", "--name", "with-sky")
+    assert with_sky["value"] == pytest.approx(1.0 / BOTH_LM_W, abs=2 * with_sky["expanded_uncertainty"])
+    alone = ("--name", "alone", "--set", "irradiance.diffuse=none")
+    assert watts_per_lux(beam, "--pyrheliometer", "chp1", *alone)["value"] < with_sky["value"]
+    refused = fieldkit("calibrate", "irradiance", beam, "--pyranometer", "cmp11", code=3)
+    assert "no irradiance stream 'cmp11'" in refused.output
+    assert "it has chp1" in refused.output
+
+
+def test_the_light_meters_factor_from_the_stations_own_file(
+    three_beds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SURFRAD, Alamosa, 2016-01-01, as published; the record names the file and its checksum."""
+    file = shared("data/weather/slv16001.dat")
+    monkeypatch.chdir(file.parent)
+    found = watts_per_lux(three_beds, "--station", file.name, "--name", "surfrad")
+    assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, abs=1.5)
+    sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (three_beds, file)]
+    assert [source["sha256"] for source in found["sources"]] == sums
+    other_day = fieldkit("calibrate", "irradiance", three_beds, "--station", "slv15365.dat", code=3)
+    assert "of another day" in other_day.output
+    elsewhere = fieldkit("calibrate", "irradiance", three_beds, "--station", "tbl17005.dat", code=3)
+    assert "40.125, -105.237" in elsewhere.output  # where Table Mountain stands
+
+
+@pytest.fixture
+def receiver() -> Iterator[str]:
+    """A gpsd whose receiver is 27.5 s ahead of this computer; the address it listens at."""
+
+    def serve() -> None:
+        with suppress(OSError), server.accept()[0] as connection:  # until the recording hangs up
+            while True:
+                ahead = datetime.now(UTC) + timedelta(seconds=27.5)
+                place = {"class": "TPV", "mode": 3, "lat": 37.7, "lon": -105.92, "alt": 2317.0}
+                connection.sendall(json.dumps({**place, "time": ahead.isoformat()}).encode() + b"\n")
+                time.sleep(0.2)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"127.0.0.1:{server.getsockname()[1]}"
+
+
+def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path) -> None:
+    gps = f'[device.gps]\ndriver = "gpsd"\nport = "{receiver}"\n'
+    (tmp_path / "fieldkit.toml").write_text(
+        campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
+    )
+    fieldkit("record", "-C", tmp_path, "--for", "4s", "--name", "fix")
+    session = next(tmp_path.glob("recordings/*fix.h5"))
+    found = json.loads(fieldkit("calibrate", "clock", session, "--gps", "gps", "--apply", "--json").stdout)
+    assert found["value"] == pytest.approx(27.5, abs=0.5)
+    assert found["expanded_uncertainty"] == pytest.approx(
+        0.8, abs=0.1
+    )  # a receiver's sentences: 0.4 s, k = 2
+    with open_session(session) as opened:
+        moved_ns = opened.times_ns("gps") - opened.stream("gps").time_ns()
+    assert moved_ns == pytest.approx(found["value"] * 1e9, abs=1e6)
+    refused = fieldkit("calibrate", "clock", session, "--gps", "watch", code=3)
+    assert "watch" in refused.output
+
+
+def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:
+    """An hour wrong, as a forgotten daylight saving time would be."""
+    wrong = rewritten(
+        three_beds, tmp_path / "wrong.h5", lambda one: replace(one, time_ns=one.time_ns - 3_600_000_000_000)
+    )
+    found = json.loads(fieldkit("calibrate", "clock", wrong, "--sun", "--json").stdout)
+    assert found["value"] == pytest.approx(3600.0, abs=max(600.0, 2 * found["expanded_uncertainty"]))
+    with open_session(wrong) as session:
+        recorded = session.start_ns
+    fieldkit("calibrate", "clock", wrong, "--sun", "--apply", "--name", "again")
+    with open_session(wrong) as session:
+        assert next(session.samples()).time_ns - recorded == pytest.approx(found["value"] * 1e9, abs=1e9)
+
+
+def test_a_phones_time(beds: Path) -> None:
+    told = (datetime.now(UTC) + timedelta(seconds=90)).isoformat()
+    found = json.loads(fieldkit("calibrate", "clock", "-C", beds, "--told", told, "--json").stdout)
+    assert found["value"] == pytest.approx(90.0, abs=5.0)
+
+
+def uniform(source: Path, to: Path, offsets_k: dict[str, float], hours_later: float = 0.0) -> Path:
+    """Two minutes of a session as if one board at 290 K lay over all regions."""
+    with open_session(source) as session:
+        header, regions = session.header, session.regions
+        start = session.start_ns
+        later_ns = round(hours_later * 3.6e12)
+        random = np.random.default_rng(1)
+        samples: list[Sample] = []
+        for number, frame in enumerate(_frames(session.samples("camera"), 90)):
+            kelvin = 290.0 + 0.05 * random.standard_normal(frame.counts.shape)
+            for region in regions:
+                kelvin[region.mask(frame.counts.shape)] += offsets_k.get(region.name, 0.0)
+            at = start + later_ns + number * 1_300_000_000
+            counts = np.round(kelvin / 0.01).astype(np.uint16)
+            samples.append(replace(frame, time_ns=at, mono_ns=at, counts=counts))
+    write_foreign(to, header, Foreign(header.streams, samples), str(source))
+    return to
+
+
+def _frames(samples: Iterator[Sample], count: int) -> Iterator[Frame]:
+    for _ in range(count):
+        frame = next(samples)
+        assert isinstance(frame, Frame)
+        yield frame
+
+
+def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects(
+    beds: Path, three_beds: Path, tmp_path: Path
+) -> None:
+    first = uniform(three_beds, tmp_path / "before.h5", {"b15": 0.31, "b25": -0.20})
+    second = uniform(three_beds, tmp_path / "after.h5", {"b15": 0.41, "b25": -0.20}, hours_later=2.0)
+    found = json.loads(fieldkit("calibrate", "uniformity", first, second, "--name", "board", "--json").stdout)
+    assert found["values"]["b15"] == pytest.approx(0.36, abs=0.02)
+    assert found["values"]["b25"] == pytest.approx(-0.20, abs=0.02)
+    assert found["details"]["drift_k_per_h"]["b15"] == pytest.approx(0.05, abs=0.005)
+    assert found["uncertainties"]["b15"] > found["uncertainties"]["b05"]
+    three = tomllib.loads((beds / "fieldkit.toml").read_text())["region"]
+    regions = [{**one, "offset_k": "@board"} if one["name"] == "b15" else one for one in three]
+    config = tmp_path / "fieldkit.toml"
+    config.write_text(campaign_toml({**SIMULATED, "region": regions}), encoding="utf-8")
+    from fieldkit.config import load_config
+
+    assert load_config(config).estimator_settings().offsets_k == {"b15": pytest.approx(0.36, abs=0.02)}
+
+
+def test_what_is_no_uniform_target_is_refused(three_beds: Path, tmp_path: Path) -> None:
+    session = tmp_path / "beds.h5"
+    session.write_bytes(three_beds.read_bytes())
+    assert "did not see one target" in fieldkit("calibrate", "uniformity", session, code=8).output
