@@ -184,11 +184,11 @@ class TableWriter:
         """Rows so far."""
         return self._writers["time"].length
 
-    def append(self, row: Mapping[str, Any]) -> None:
-        """Take one row, a value for every column."""
+    def append(self, *rows: Mapping[str, Any]) -> None:
+        """Take rows, each with a value for every column."""
         for name, writer in self._writers.items():
             dtype, shape = self._types[name]
-            writer.append(np.asarray(row[name], dtype).reshape(1, *shape))
+            writer.append(np.array([row[name] for row in rows], dtype).reshape(len(rows), *shape))
 
     def write(self) -> None:
         """Hand everything over to the file."""

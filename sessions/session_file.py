@@ -158,8 +158,7 @@ class _Stream:
     def put_packed(self, brick: PackedBrick) -> None:
         for writer in self._bricks:
             writer.copy(brick.tiles)
-        for row in brick.rows:
-            self._table.append(row)
+        self._table.append(*brick.rows)
 
     def write(self, *, force: bool) -> list[Chunk]:
         """Write the bricks if due, then the rows that go with them."""
@@ -167,8 +166,7 @@ class _Stream:
         if self._waiting and (force or time.monotonic() - self._waiting_since > PARTIAL_AFTER_S):
             for brick in self._bricks:
                 chunks += brick.write()
-            for row in self._waiting:
-                self._table.append(row)
+            self._table.append(*self._waiting)
             self._waiting.clear()
         self._table.write()
         return chunks
