@@ -28,7 +28,7 @@ from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.recorder import Recorder, Summary
 from fieldkit.scene import sand_slopes
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulated_clock import SimulatedClock
 

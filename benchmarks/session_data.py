@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
 from fieldkit.samples import Frame
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.site import Site
 
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)

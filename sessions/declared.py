@@ -9,7 +9,8 @@ from typing import Any
 import h5py
 
 from fieldkit.errors import SessionError
-from fieldkit.sessions.layout import FORMAT_NAME, FORMAT_VERSION, SessionHeader, decode_text
+from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import FORMAT_NAME, FORMAT_VERSION, decode_text
 from fieldkit.sessions.stream_reader import stored_here
 from fieldkit.sessions.superblock import CHECK_PATH
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 from fieldkit.errors import StorageError
 from fieldkit.samples import Frame, Reading
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
 
 SCHEMA_VERSION = 1

@@ -18,8 +18,8 @@ from typing import Any
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
 from fieldkit.samples import Quality, Sample
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Chunk, Identity, open_part
-from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.records import (
     Entry,
     build_frame,

@@ -1,4 +1,4 @@
-"""The session file on paper: names, tables, the header, and how pictures are cut into bricks.
+"""The session file on paper: names, tables, and how pictures are cut into bricks.
 
 Here is what the format says, not how it is written or read. Every table is one HDF5
 group, every `Column` one dataset in it; all numbers little-endian, all text UTF-8 of a
@@ -8,8 +8,7 @@ the host's monotonic clock.
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,101 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
 from fieldkit.samples import NO_COUNTER, EventKind, Quality, Severity
-from fieldkit.site import Region, RegionKind, Site
+from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
+from fieldkit.site import RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
 
 FORMAT_NAME = "fieldkit-session"
 FORMAT_VERSION = "1.0"
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
 FILL_COUNT = 65535
-MAX_VERTICES = 64
-RESERVED_NAMES = frozenset(
-    {"entry", "irradiance", "estimates", "regions", "events", "clock", "health", "calibration"}
-    | {"config", "integrity", "time_map"}
-)
-"""Groups of the file itself; no stream may have such a name."""
 
 RECORDING, SEALED, RECOVERED = 0, 1, 2
 """What `/entry/complete` holds; 0 stands for interrupted as well."""
 
 _TILE_ROWS, _TILE_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
 _CHUNK_BYTES = 65_536
-
-
-@dataclass(frozen=True, slots=True)
-class SessionHeader:
-    """What is known about a session before its first sample.
-
-    `config_toml` is the configuration as it was used; `license` and `references` say how
-    the data may be used and cited.
-    """
-
-    title: str
-    site: Site
-    streams: tuple[StreamInfo, ...]
-    regions: tuple[Region, ...] = ()
-    config_toml: str = ""
-    command_line: str = ""
-    operator: str = ""
-    description: str = ""
-    license: str = ""
-    references: str = ""
-
-    def __post_init__(self) -> None:
-        names = [info.name for info in self.streams]
-        if len(set(names)) < len(names):
-            raise ValueError(f"two streams have the same name: {', '.join(names)}")
-        for name in names:
-            if not name or name in RESERVED_NAMES or "/" in name or name.startswith("."):
-                raise ValueError(f"{name!r} cannot be the name of a stream")
-        for region in self.regions:
-            check_region(region)
-
-    @property
-    def region_names(self) -> tuple[str, ...]:
-        """Names of the regions, each once, in order: the columns of the estimates."""
-        return tuple(dict.fromkeys(region.name for region in self.regions))
-
-    def stream(self, name: str) -> StreamInfo:
-        """What was declared of one stream; raises `KeyError`."""
-        return next(info for info in self.streams if info.name == name)
-
-    def to_json(self) -> str:
-        """The header as text, every number exact."""
-        return json.dumps(asdict(self), default=str)
-
-    @classmethod
-    def from_json(cls, text: str) -> SessionHeader:
-        """The header that `to_json` wrote; raises `SessionError` where the text is none."""
-        try:
-            plain = json.loads(text)
-            plain["site"] = Site(**plain["site"])
-            plain["streams"] = tuple(_stream(item) for item in plain["streams"])
-            plain["regions"] = tuple(region_from(item) for item in plain["regions"])
-            return cls(**plain)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
-            raise SessionError(f"the session's header makes no sense: {error}") from error
-
-
-def _stream(plain: dict[str, Any]) -> StreamInfo:
-    tuples = {key: tuple(plain[key]) for key in ("shape", "metadata_shape", "channels")}
-    return StreamInfo(**{**plain, **tuples})
-
-
-def region_from(plain: dict[str, Any]) -> Region:
-    """A region from its plain (JSON) form."""
-    vertices = tuple((float(x), float(y)) for x, y in plain["vertices"])
-    return Region(**{**plain, "kind": RegionKind(plain["kind"]), "vertices": vertices})
-
-
-def check_region(region: Region) -> None:
-    """Raise `ValueError` if the file has no room for this outline."""
-    if not 3 <= len(region.vertices) <= MAX_VERTICES:
-        raise ValueError(
-            f"region {region.name!r} has {len(region.vertices)} corners; 3 to {MAX_VERTICES} fit"
-        )
 
 
 @dataclass(frozen=True, slots=True)

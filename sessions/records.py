@@ -21,7 +21,7 @@ from fieldkit.clock import ClockCheck
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
 from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Reading, Sample, Severity, StreamHealth
-from fieldkit.sessions.layout import region_from
+from fieldkit.sessions.header import region_from
 from fieldkit.site import Region
 from fieldkit.slope import SlopeEstimate, SlopeState
 

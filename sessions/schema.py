@@ -19,6 +19,7 @@ import numpy as np
 
 import fieldkit
 from fieldkit.device import StreamInfo
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import (
     FILL_COUNT,
@@ -28,7 +29,6 @@ from fieldkit.sessions.layout import (
     RECORDING,
     TIME_MAP_COLUMNS,
     Column,
-    SessionHeader,
     brick_shape,
     encode_text,
     entry_columns,

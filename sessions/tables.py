@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from fieldkit.clock import ClockCheck
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
-from fieldkit.sessions.layout import ESTIMATE_ANGLES, MAX_VERTICES, SessionHeader, decode_text, encode_text
+from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
+from fieldkit.sessions.layout import ESTIMATE_ANGLES, decode_text, encode_text
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState

@@ -29,9 +29,10 @@ from fieldkit.clock import Clock, ClockCheck
 from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.sessions.brick_thread import BrickThread
+from fieldkit.sessions.header import SessionHeader, check_region
 from fieldkit.sessions.journal import Identity, Journal, sync, wal_of
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import SEALED, SessionHeader, check_region, journal_path, raw_width
+from fieldkit.sessions.layout import SEALED, journal_path, raw_width
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport

@@ -21,7 +21,7 @@ from fieldkit.samples import Severity
 if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.sessions.exchange.imported import Foreign
-    from fieldkit.sessions.layout import SessionHeader
+    from fieldkit.sessions.header import SessionHeader
     from fieldkit.sessions.seal import SealReport
     from fieldkit.site import Site
 
@@ -29,7 +29,7 @@ KM_PER_DEGREE, NEAR_KM = 111.2, 2.0
 
 
 def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
-    from fieldkit.sessions.layout import RESERVED_NAMES
+    from fieldkit.sessions.header import RESERVED_NAMES
 
     if name is not None and (name in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", name)):
         raise click.BadParameter(f"{name!r} cannot name a stream; take letters and digits, like logger2")
@@ -187,7 +187,7 @@ def _campaign_or_none(ctx: click.Context) -> Config | None:
 
 
 def _header(foreign: Foreign, site: Site, config: Config | None, title: str) -> SessionHeader:
-    from fieldkit.sessions.layout import SessionHeader
+    from fieldkit.sessions.header import SessionHeader
 
     regions = config.regions if config else ()
     line = shlex.join(["fieldkit", *sys.argv[1:]])

@@ -29,7 +29,7 @@ from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import marks_folder, read_marks
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Recorder, Sampling, Summary, View
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
 
 SECOND_NS = 1_000_000_000

@@ -19,7 +19,7 @@ from fieldkit.clock import ClockCheck
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Site

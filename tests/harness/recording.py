@@ -15,7 +15,7 @@ import numpy as np
 from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
 from fieldkit.samples import Event, EventKind, Frame, Quality, Reading, Sample
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind, Site

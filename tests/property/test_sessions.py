@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from fieldkit.errors import FieldkitError
 from fieldkit.samples import Quality
 from fieldkit.sessions.check import check
-from fieldkit.sessions.layout import SessionHeader, decode_text, encode_text
+from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import decode_text, encode_text
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.superblock import mended

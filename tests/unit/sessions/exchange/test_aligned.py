@@ -14,7 +14,7 @@ from fieldkit.sessions.exchange.aligned import aligned
 from fieldkit.sessions.exchange.curve_offset import Curve, best_offset
 from fieldkit.sessions.exchange.imported import Foreign, write_foreign
 from fieldkit.sessions.exchange.logs import read_log
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.site import Region, RegionKind, Site
 from fieldkit.weather import packaged, read_surfrad

@@ -19,7 +19,7 @@ from fieldkit.sessions.exchange.imported import bunched, write_foreign
 from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.times import parse_time_ns
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.site import Site
 from tests.harness.foreign_files import FFF_CONSTANTS, fff, irg, purethermal, radiometric_jpeg

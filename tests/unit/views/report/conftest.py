@@ -14,7 +14,7 @@ from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 from fieldkit.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 
