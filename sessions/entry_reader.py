@@ -1,0 +1,170 @@
+"""The tables of a session: all that is no sample, as it was recorded.
+
+A table is as long as the shortest of its columns; in a file that lost its end, as long as its bytes go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.clock import ClockCheck
+from fieldkit.errors import SessionError
+from fieldkit.samples import Event, Health, Quality
+from fieldkit.sessions import tables
+from fieldkit.sessions.declared import explained, header_of, scalar
+from fieldkit.sessions.layout import (
+    INTEGRITY_COLUMNS,
+    TIME_MAP_COLUMNS,
+    Column,
+    decode_text,
+    entry_columns,
+    exact_time_ns,
+)
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
+from fieldkit.sessions.stream_reader import column_dataset, stored_here, whole_rows
+from fieldkit.sessions.time_map import TimeStep
+from fieldkit.slope import SlopeEstimate
+
+
+class EntryReader:
+    """Reads the entries of an open session file; with `salvage` what the file has lost is left out."""
+
+    def __init__(self, path: Path, file: h5py.File, *, salvage: bool = False) -> None:
+        self.path = path
+        self.header = header_of(path, file)
+        self.anchor_ns = int(scalar(file, "entry/utc_minus_mono_ns"))
+        self._file = file
+        self._salvage = salvage
+
+    def refresh(self) -> None:
+        """See what a living writer has added since."""
+        for name, columns in entry_columns(self.header).items():
+            for column in columns:
+                self.group(name)[column.name].refresh()
+
+    def events(self) -> list[Event]:
+        """What happened, in the order it was noticed."""
+        table = self.table("events")
+        return tables.events_from(table, self._exact(table))
+
+    def health(self) -> list[Health]:
+        """How the recording was doing, second by second."""
+        table = self.table("health")
+        return tables.health_from(table, self._exact(table), tuple(info.name for info in self.header.streams))
+
+    def clock_checks(self) -> list[ClockCheck]:
+        """Comparisons of the clocks, none of them applied."""
+        return tables.clock_checks_from(self.table("clock"))
+
+    def region_history(self) -> list[RegionRecord]:
+        """Every outline of every region and since when it holds."""
+        return tables.regions_from(self.table("regions"))
+
+    def estimates(self) -> list[SlopeEstimate]:
+        """The slopes as they were estimated while recording."""
+        return tables.estimates_from(self.table("estimates"), self.header.region_names)
+
+    def irradiance(self) -> dict[str, NDArray[Any]]:
+        """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
+        table = self.table("irradiance")
+        models = np.array([decode_text(model) for model in table["model"]], dtype=object)
+        time_ns = table["time"] * 1000
+        return {
+            "time_ns": time_ns,
+            "irradiance_w_m2": table["value"],
+            "flags": table["flags"],
+            "model": models,
+        }
+
+    def time_map(self) -> list[TimeStep]:
+        """The corrections of the clock in force, written afterwards; usually none."""
+        with self._explaining():
+            group = self.group("time_map")
+            columns = {column.name: column_dataset(group, column)[:] for column in TIME_MAP_COLUMNS}
+        newest = columns["version"].max(initial=0)
+        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
+        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
+
+    def integrity(self) -> dict[str, NDArray[Any]]:
+        """What was written down when the session was sealed, per stream and per table."""
+        columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
+        with self._explaining():
+            group = self.group("integrity")
+            return {column.name: column_dataset(group, column)[:] for column in columns}
+
+    def minutes(self) -> list[MinuteRecord]:
+        """What the estimator said while recording, minute by minute."""
+        table, said = self.table("irradiance"), self.estimates()
+        by_time: dict[int, list[SlopeEstimate]] = {}
+        for estimate in said:
+            by_time.setdefault(estimate.time_ns, []).append(estimate)
+        rows = zip(table["time"], table["value"], table["model"], table["flags"], strict=True)
+        return [
+            MinuteRecord(
+                int(time) * 1000, tuple(by_time.get(int(time) * 1000, ())), float(value),
+                decode_text(model), Quality(int(flags)),
+            )
+            for time, value, model, flags in rows
+        ]  # fmt: skip
+
+    def entries(self) -> list[Entry]:
+        """Everything that is no sample: regions, events, clock comparisons, health, minutes."""
+        kinds = (self.region_history, self.events, self.clock_checks, self.health, self.minutes)
+        return [entry for kind in kinds for entry in kind()]
+
+    def group(self, name: str) -> h5py.Group:
+        """The HDF5 group of a stream or table, as it is."""
+        with self._explaining():
+            group = stored_here(self._file, name)
+            if not isinstance(group, h5py.Group):
+                raise SessionError(f"the group {name} is missing")
+            return group
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        """What is found wrong while reading names the session, and what to do next."""
+        try:
+            yield
+        except SessionError as error:
+            raise explained(self.path, error) from error
+
+    def table(self, name: str) -> dict[str, NDArray[Any]]:
+        """The columns of a table of entries as stored, as many rows as all of them have.
+
+        What an older version of the format has not is unknown: the fill value.
+        """
+        group = self.group(name)
+        known = [column for column in self._columns[name] if column.name in group]
+        with self._explaining():
+            columns = {column.name: column_dataset(group, column, salvage=self._salvage) for column in known}
+        length = min((dataset.shape[0] for dataset in columns.values()), default=0)
+        if self._salvage:
+            length = self._whole(name, columns, length)
+        return {
+            column.name: columns[column.name][:length] if column.name in columns else column.unknown(length)
+            for column in self._columns[name]
+        }
+
+    def _whole(self, name: str, columns: Mapping[str, h5py.Dataset], length: int) -> int:
+        """Rows up to the first of which something is not in a file that may have lost its end."""
+        end = self.path.stat().st_size
+        for column in self._columns[name]:
+            if column.name in columns:
+                rows = whole_rows(columns[column.name], column.row_bytes, end)
+                length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
+        return length
+
+    @cached_property
+    def _columns(self) -> dict[str, Any]:
+        return entry_columns(self.header)
+
+    def _exact(self, table: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+        return exact_time_ns(table["time"], table["mono_ns"], self.anchor_ns)
