@@ -1,6 +1,6 @@
 """A campaign estimated again: twenty demo sessions with thirty sets of parameters, as a user types it.
 
-Some eight minutes on two cores; ``batch.run(2, 1.0)`` from Python is a smaller one.
+Some twenty minutes on two cores; ``batch.run(2, 1.0)`` from Python is a smaller one.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def run(sessions: int = SESSIONS, hours: float = HOURS) -> list[Result]:
         recordings = _record(folder, sessions, hours)
         first_s = _sweep(folder, recordings, "first", "-j", "2")
         again_s = min(_sweep(folder, recordings, "first", "-j", "2") for _ in range(3))
-        part = recordings[: max(2, sessions // 10)]
+        part = recordings[: max(2, sessions // 5)]
         by_workers = {count: _on_dask(folder, part, count) for count in (1, 2)}
     size = f"{sessions} sessions of {hours:g} h, {SETS} sets, two processes: {first_s:.0f} s"
     return [

@@ -56,6 +56,7 @@ def _sustained() -> list[Result]:
     data = np.tile(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
     ways: dict[str, Callable[[Path], None]] = {
         "os.write": lambda place: _os_write(place / "raw", data),
+        "twice": lambda place: _os_write_twice(place, data),
         "bricks": lambda place: _bricks(place / "bricks.h5", info, data),
         "both": lambda place: _session_uncompressed(place / "session.h5", info, data),
     }
@@ -68,6 +69,7 @@ def _sustained() -> list[Result]:
     return [
         Result("bricks alone, uncompressed, over os.write", alone / plain, "x", ">= 0.5", note),
         Result("journal and bricks, uncompressed, over os.write", rates["both"] / plain, "x", ">= 0.3", note),
+        Result("everything by os.write to two files at once, over os.write", rates["twice"] / plain, "x", ""),
         *(
             Result(f"bricks alone, uncompressed, over {name}", alone / rates[name], "x", ">= 1")
             for name in ("mcap", "zarr")
@@ -96,6 +98,11 @@ def _os_write(path: Path, data: Frames) -> None:
 
 def _plain_pack(tile: Frames) -> memoryview:
     return tile.data.cast("B")
+
+
+def _os_write_twice(place: Path, data: Frames) -> None:
+    with ThreadPoolExecutor(2) as two:
+        list(two.map(lambda name: _os_write(place / name, data), ("one", "other")))
 
 
 def _bricks(path: Path, info: StreamInfo, data: Frames) -> None:
