@@ -13,6 +13,8 @@ import zlib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import h5py
@@ -70,11 +72,6 @@ def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
     return [(y, x) for y in range(0, dataset.shape[1], rows) for x in range(0, dataset.shape[2], cols)]
 
 
-def _packed(tile: NDArray[np.uint16]) -> tuple[bytes, int]:
-    data = pack(np.ascontiguousarray(tile))
-    return data, zlib.crc32(data)
-
-
 class BrickWriter:
     """One dataset of pictures: gathers frames into a brick and writes it tile by tile."""
 
@@ -83,7 +80,7 @@ class BrickWriter:
         self._file = h5py.h5i.get_file_id(dataset.id)
         self._pool = pool
         self.depth, rows, cols = dataset.chunks
-        self._corners = corners(dataset)
+        self._strips = [list(strip) for _, strip in groupby(corners(dataset), key=itemgetter(0))]
         self._fill = int(dataset.fillvalue)
         self._tile_shape = rows, cols
         self._brick = np.empty((self.depth, *dataset.shape[1:]), "<u2")
@@ -104,14 +101,22 @@ class BrickWriter:
         """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
         self._brick[self.length - start :] = self._fill
-        rows, cols = self._tile_shape
-        tiles = (self._brick[:, y : y + rows, x : x + cols] for y, x in self._corners)
-        packed = self._pool.map(_packed, tiles)  # the first are written while the last are being packed
+        packed = self._pool.map(self._packed, self._strips)  # the first are written while others are packed
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
         return [
-            self._write_chunk((start, y, x), data, crc32)
-            for (y, x), (data, crc32) in zip(self._corners, packed, strict=True)
+            self._write_chunk((start, *corner), data, crc32)
+            for strip in packed
+            for corner, data, crc32 in strip
         ]
+
+    def _packed(self, strip: list[tuple[int, int]]) -> list[tuple[tuple[int, int], bytes, int]]:
+        """Corner, packed bytes and their checksum of the tiles of a strip."""
+        rows, cols = self._tile_shape
+        packed = []
+        for y, x in strip:
+            data = pack(np.ascontiguousarray(self._brick[:, y : y + rows, x : x + cols]))
+            packed.append(((y, x), data, zlib.crc32(data)))
+        return packed
 
     def copy(self, tiles: Iterable[Tile]) -> None:
         """Write those of the tiles that are of this dataset; the brick before them must be complete."""
