@@ -35,7 +35,6 @@ SCALE = 1 / 64
 RATE_HZ = 25.0
 GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
-OPTIONS = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
 
 def decode(data: bytes) -> Picture | Rejected:
@@ -67,7 +66,7 @@ class P2Pro:
     name = "p2pro"
     title = "InfiRay P2 Pro / Topdon TC001"
     quantity = "brightness_temperature"
-    options = OPTIONS
+    options = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
     def find(self) -> list[Found]:
         """Cameras with the chip maker's ids; the frame size tells when opening."""

@@ -53,7 +53,7 @@ Decode = Callable[[bytes], Picture | Rejected]
 
 
 def words(data: bytes, rows: int, columns: int) -> NDArray[np.uint16]:
-    """Bytes as little-endian words, shape (rows, columns), without copying."""
+    """Bytes, as many as that shape needs, as little-endian words (rows, columns), without copying."""
     return np.ndarray((rows, columns), _WORD, data)
 
 

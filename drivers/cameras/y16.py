@@ -31,7 +31,6 @@ SIZES = (
     (160, 120),
     (80, 60),
 )
-OPTIONS = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
 
 
 def decode(
@@ -69,7 +68,7 @@ class Y16:
     name = "y16"
     title = "any camera with Y16"
     quantity = "counts"
-    options = OPTIONS
+    options = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
 
     def find(self) -> list[Found]:
         """Nothing: every camera could be one, and a family's own driver knows more."""

@@ -6,7 +6,6 @@ raises: the recording must not notice whether anybody looks.
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
 import queue
@@ -139,9 +138,13 @@ class PlainView:
         self._thread.join(CLOSE_WITHIN_S)
 
     def _print(self) -> None:
-        with contextlib.suppress(OSError):  # the pipe's other end has gone
+        try:
             while (line := self._lines.get()) is not None:
                 print(line, file=self._file, flush=True)
+        except OSError:
+            pass  # the pipe's other end has gone
+        except ValueError:  # closed, or without the characters
+            log.exception("the plain lines ended")
 
     def _event(self, event: Event) -> str:
         return f" {self._when(event.time_ns, seconds=True)}  {words.told(event)}"
