@@ -45,8 +45,8 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
 
-    def discard(self) -> None:
-        """Forget everything received so far, before a fresh question."""
+    def ask(self, request: bytes) -> None:
+        """Forget everything received so far and send a fresh question."""
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""
@@ -77,11 +77,18 @@ class Framer:
         """The last bytes received, as far as they were no record."""
         return self._refused + self._buffer
 
-    def feed(self, chunk: bytes, mono_ns: int) -> None:
-        """A chunk that was read at `mono_ns`."""
+    def feed(self, layout: Layout, chunk: bytes, mono_ns: int) -> Stamped | None:
+        """The next record after a chunk that was read at `mono_ns`, None if the bytes do not make one yet."""
+        length = len(chunk)
+        self.received += length
+        if not self._buffer and 0 < length <= layout.longest:  # most chunks are one whole record
+            taken = layout.take(chunk)
+            if isinstance(taken, Record) and taken.length == length:
+                self._in_step, self._refused = True, b""
+                return Stamped(taken, chunk, mono_ns - length * self._byte_ns)
         self._buffer += chunk
-        self.received += len(chunk)
         self._arrivals.append((self.received, mono_ns))
+        return self.take(layout)
 
     def discard(self) -> None:
         """Forget everything received so far."""
@@ -89,27 +96,25 @@ class Framer:
         self._in_step = True
 
     def take(self, layout: Layout) -> Stamped | None:
-        """The next record, None if the bytes do not make one yet."""
+        """The next record of what is left of earlier chunks, None if there is none."""
         while buffer := self._buffer:
             taken = layout.take(buffer[: layout.longest])
             if taken is None and len(buffer) < layout.longest:
                 return None
             length = taken.length if taken else 1
+            self._buffer = buffer[length:]
             if isinstance(taken, Record):
                 self._in_step, self._refused = True, b""
-                stamped = Stamped(taken, buffer[:length], self._stamp(self.received - len(buffer)))
-                self._buffer = buffer[length:]
-                return stamped
+                return Stamped(taken, buffer[:length], self._stamp(self.received - len(buffer)))
             self.rejected += self._in_step
             self._in_step = False
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
-            self._buffer = buffer[length:]
         return None
 
     def _stamp(self, start: int) -> int:
         """When the byte with `start` others before it was on the wire."""
-        arrivals = self._arrivals
-        while arrivals[0][0] <= start:
-            arrivals.popleft()
-        received, mono_ns = arrivals[0]
+        received, mono_ns = self._arrivals[0]
+        while received <= start:
+            self._arrivals.popleft()
+            received, mono_ns = self._arrivals[0]
         return mono_ns - (received - start) * self._byte_ns

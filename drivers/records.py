@@ -2,20 +2,33 @@
 
 A meter's protocol is a `Layout`: one pure function that looks at the start of a buffer and
 says "a record", "not a record, drop so many bytes" or "too short to tell". Everything that
-moves bytes (the serial port, `fieldkit decode`) works with that alone. What is made for every record is a
-tuple: at ten readings a second the interpreter is cold, and every step of making one is felt.
+moves bytes (the serial port, `fieldkit decode`) works with that alone. A record keeps its numbers apart from
+what is said of them, which hardly ever changes: at ten readings a second the interpreter is cold, and every
+step of making a reading is felt.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality
 
 GOOD, NO_VALUE = Quality.GOOD, Quality.NO_VALUE
 """Flags by plain names: looking them up in their class, or combining them, costs more than a reading."""
+
+
+class Channel(NamedTuple):
+    """What an instrument says beside a number: which one it is, its unit, and how far to trust it.
+
+    `words` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
+    """
+
+    name: str
+    unit: str
+    quality: Quality = GOOD
+    words: tuple[str, ...] = ()
 
 
 class Value(NamedTuple):
@@ -37,16 +50,33 @@ class Value(NamedTuple):
 
 
 class Record(NamedTuple):
-    """One record at the start of a buffer, `length` bytes long.
+    """One record at the start of a buffer, `length` bytes long: numbers, and the channel of each.
 
+    A decoder that gives the very same `channels` again while nothing but the numbers changes is the quicker.
     `note` says in words what is no value (a request, a mode, a range); `device_time` is the
     instrument's own time.
     """
 
     length: int
-    values: tuple[Value, ...] = ()
+    numbers: tuple[float, ...] = ()
+    channels: tuple[Channel, ...] = ()
     note: str = ""
-    device_time: int | None = None
+    device_time: int = NO_COUNTER
+
+    @classmethod
+    def of(
+        cls, length: int, values: Iterable[Value], note: str = "", device_time: int = NO_COUNTER
+    ) -> Record:
+        """A record of `values`."""
+        told = tuple(values)
+        channels = tuple(Channel(one.channel, one.unit, one.quality, one.words) for one in told)
+        return cls(length, tuple(one.value for one in told), channels, note, device_time)
+
+    @property
+    def values(self) -> tuple[Value, ...]:
+        """Each number with what is said of it."""
+        pairs = zip(self.numbers, self.channels, strict=True)
+        return tuple(Value(number, one.unit, one.name, one.quality, one.words) for number, one in pairs)
 
 
 class Rejected(NamedTuple):

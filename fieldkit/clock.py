@@ -32,7 +32,12 @@ class ClockCheck:
 
 
 class Clock(Protocol):
-    """What a session needs of a clock. Times are int64 nanoseconds."""
+    """What a session needs of a clock. Times are int64 nanoseconds.
+
+    `is_real` says that its time passes by itself: then to wait in the kernel is to wait by this clock.
+    """
+
+    is_real: bool
 
     def mono_ns(self) -> int:
         """Monotonic time, never steps."""
@@ -57,14 +62,13 @@ class Clock(Protocol):
 
 
 class HostClock:
-    """The computer's own clock."""
+    """The computer's own clock; `mono_ns` is CLOCK_MONOTONIC in nanoseconds."""
+
+    is_real = True
+    mono_ns = staticmethod(time.monotonic_ns)
 
     def __init__(self) -> None:
         self.anchor = self.check()
-
-    def mono_ns(self) -> int:
-        """CLOCK_MONOTONIC in nanoseconds."""
-        return time.monotonic_ns()
 
     def to_utc_ns(self, mono_ns: int) -> int:
         """UTC nanoseconds since 1970 by the anchor of the start."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,8 +75,7 @@ class EventKind(enum.IntEnum):
     REGION = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One picture of a camera.
 
     `counts` has shape (rows, cols), uint16; `metadata_rows` (extra rows, cols), uint16, is
@@ -96,8 +95,7 @@ class Frame:
     seq: int = -1
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """One reading of a meter: a value per channel in the stream's unit, NaN where there is none.
 
     `raw` keeps the bytes as they came. `seq` is given by the recorder.

@@ -61,6 +61,8 @@ class SimulatedClock:
         How many seconds of the scene may pass in a real one; infinite: as fast as the work allows.
     """
 
+    is_real = False
+
     def __init__(self, start_utc_ns: int, speed: float = math.inf) -> None:
         if not speed > 0:
             raise ValueError(f"speed must be positive, not {speed}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import h5py
@@ -226,4 +226,4 @@ def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.uint16]:
 def _verified(sample: Sample, crc32: int) -> Sample:
     if sample_crc32(sample, *sample_bytes(sample)) == crc32:
         return sample
-    return replace(sample, quality=sample.quality | Quality.BAD_CRC)
+    return sample._replace(quality=sample.quality | Quality.BAD_CRC)

@@ -7,7 +7,7 @@ of several versions in a file the newest holds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ class TimeStep:
 def mapped(steps: Sequence[TimeStep], sample: Sample) -> Sample:
     """The sample with its time corrected by a map."""
     add = [step.add_ns for step in steps if step.mono_ns <= sample.mono_ns]
-    return replace(sample, time_ns=sample.time_ns + add[-1]) if add else sample
+    return sample._replace(time_ns=sample.time_ns + add[-1]) if add else sample
 
 
 def mapped_ns(

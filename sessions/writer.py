@@ -22,7 +22,6 @@ import threading
 import time
 import uuid
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from fieldkit.clock import Clock, ClockCheck
@@ -111,7 +110,7 @@ class SessionWriter:
         """Store a sample: in the journal when this returns. It gets the next number of its stream."""
         self._check(sample)
         with self._lock:
-            self._store(replace(sample, seq=self._counts[sample.stream]))
+            self._store(sample._replace(seq=self._counts[sample.stream]))
             self._counts[sample.stream] += 1
 
     def event(self, event: Event) -> None:

@@ -54,7 +54,7 @@ def take(buffer: bytes) -> Taken:
         if not math.isnan(value.value) and not low <= value.value <= high:
             reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
             return Rejected(skip_to(_START, buffer), reason)
-    return Record(LENGTH, (main, sub), f"type {'J' if buffer[1] & 0x08 else 'K'}")
+    return Record.of(LENGTH, (main, sub), f"type {'J' if buffer[1] & 0x08 else 'K'}")
 
 
 def _value(buffer: bytes, place: int) -> Value | None:

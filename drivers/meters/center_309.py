@@ -27,6 +27,7 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from operator import truediv
 from typing import Any, NamedTuple
 
 from fieldkit.clock import Clock
@@ -37,12 +38,12 @@ from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.drivers.records import (
     GOOD,
     NO_VALUE,
+    Channel,
     Decoded,
     Layout,
     Record,
     Rejected,
     Taken,
-    Value,
     decode_records,
     skip_to,
 )
@@ -64,6 +65,7 @@ LIMITS = {"°C": (-210.0, 1800.0), "°F": (-346.0, 3272.0)}  # widest of the ven
 _START = b"\x02"
 _STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x01, "recording"))
 _COUNTS = struct.Struct(">4h")
+_ALL_MEASURE = (False,) * 4
 _EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_background"}
 _HINT = "switch the thermometer on and check its cable; it answers only while no menu is open"
 
@@ -76,43 +78,41 @@ def take(buffer: bytes) -> Taken:
         return None
     if buffer[44] != 0x03:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
-    values = []
-    channels, low, high = _channels(buffer[1], buffer[2], buffer[39], buffer[43])
-    for count, channel in zip(_COUNTS.unpack_from(buffer, 7), channels, strict=True):
-        if not channel.divisor or count == OPEN_PROBE:
-            values.append(channel.missing)
-            continue
-        number = count / channel.divisor
-        if not low <= number <= high:
-            reason = f"{channel.name} = {number:g} {channel.unit} is beyond any thermocouple"
-            return Rejected(skip_to(_START, buffer), reason)
-        values.append(Value(number, channel.unit, channel.name, channel.quality, channel.words))
-    return Record(LENGTH, tuple(values))
+    counts = _COUNTS.unpack_from(buffer, 7)
+    without = tuple([count == OPEN_PROBE for count in counts]) if OPEN_PROBE in counts else _ALL_MEASURE
+    channels, divisors, low, high = _meaning(buffer[1], buffer[2], buffer[39], buffer[43], without)
+    numbers = tuple(map(truediv, counts, divisors))
+    if beyond := [number for number in numbers if number < low or number > high]:
+        channel = channels[numbers.index(beyond[0])]
+        reason = f"{channel.name} = {beyond[0]:g} {channel.unit} is beyond any thermocouple"
+        return Rejected(skip_to(_START, buffer), reason)
+    return Record(LENGTH, numbers, channels)
 
 
-class Channel(NamedTuple):
-    """What the flags say of one channel; `divisor` is 0 where it has no value, which then is `missing`."""
+class Meaning(NamedTuple):
+    """What the flags say of each channel; a count over a divisor of NaN is no value."""
 
-    divisor: int
-    unit: str
-    name: str
-    quality: Quality
-    words: tuple[str, ...]
-    missing: Value
+    channels: tuple[Channel, ...]
+    divisors: tuple[float, ...]
+    low: float
+    high: float
 
 
 @lru_cache(maxsize=64)
-def _channels(first: int, second: int, overload: int, whole: int) -> tuple[tuple[Channel, ...], float, float]:
-    """What the four bytes of flags, which hardly ever change, say of each channel, and the limits."""
+def _meaning(first: int, second: int, overload: int, whole: int, without: tuple[bool, ...]) -> Meaning:
+    """Of the four bytes of flags and the channels without a probe, which hardly ever change."""
     unit = "°C" if first & 0x80 else "°F"
     quality = Quality.STALE if first & 0x20 else GOOD
     words = _words(first, second)
-    channels = []
+    channels, divisors = [], []
     for place, name in enumerate(CHANNELS):
-        divisor = 0 if overload >> place & 1 else 1 if whole >> place & 1 else 10
-        missing = Value(math.nan, unit, name, quality | NO_VALUE, ("overload", *words))
-        channels.append(Channel(divisor, unit, name, quality, words, missing))
-    return tuple(channels), *LIMITS[unit]
+        if overload >> place & 1 or without[place]:
+            channels.append(Channel(name, unit, quality | NO_VALUE, ("overload", *words)))
+            divisors.append(math.nan)
+        else:
+            channels.append(Channel(name, unit, quality, words))
+            divisors.append(1.0 if whole >> place & 1 else 10.0)
+    return Meaning(tuple(channels), tuple(divisors), *LIMITS[unit])
 
 
 def _words(first: int, second: int) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ def take_model(buffer: bytes) -> Taken:
         return None
     if buffer[3] != 0x0D:
         return Rejected(1, "three digits without CR")
-    return Record(4, (Value(float(buffer[:3]), "", "model"),))
+    return Record(4, (float(buffer[:3]),), (Channel("model", ""),))
 
 
 LAYOUT = Layout(take, LENGTH)
@@ -183,7 +183,6 @@ def open_thermometer(
 
 def ask_model(port: SerialPort) -> str:
     """The model by ``K``, empty for a sibling that does not know the question."""
-    port.discard()
-    port.write(b"K")
+    port.ask(b"K")
     answer = port.read(MODEL, meter.ANSWER_S)
     return answer.raw[:3].decode() if answer else ""

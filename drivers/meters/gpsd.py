@@ -22,7 +22,7 @@ from fieldkit.drivers.framing import Framer, Stamped
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality
 
 LONGEST = 16_384
 PORT = 2947
@@ -51,7 +51,7 @@ def _meaning(report: dict[str, Any], length: int) -> Record:
     if kind == "PPS":
         seconds = float(report["clock_sec"] - report["real_sec"])
         error_s = seconds + float(report["clock_nsec"] - report["real_nsec"]) * 1e-9
-        return Record(length, (Value(error_s, "s", "clock error"),), "PPS")
+        return Record.of(length, (Value(error_s, "s", "clock error"),), "PPS")
     return Record(length, note=f"{str(kind)[:20]}: not read")
 
 
@@ -64,11 +64,11 @@ def _position(report: dict[str, Any], length: int) -> Record:
         number = float(report.get(given[name], math.nan)) if known[name] else math.nan
         quality = Quality.GOOD if math.isfinite(number) else Quality.NO_VALUE
         values.append(Value(number, unit, name, quality))
-    return Record(length, tuple(values), f"TPV mode {mode}", _time_ns(report.get("time")))
+    return Record.of(length, values, f"TPV mode {mode}", _time_ns(report.get("time")))
 
 
-def _time_ns(text: Any) -> int | None:
-    return round(datetime.fromisoformat(text).timestamp() * 1e9) if text else None
+def _time_ns(text: Any) -> int:
+    return round(datetime.fromisoformat(text).timestamp() * 1e9) if text else NO_COUNTER
 
 
 LAYOUT = Layout(take, LONGEST)
@@ -100,34 +100,36 @@ class SocketPort:
         except OSError as error:
             raise self._lost() from error
 
-    def discard(self) -> None:
-        """Forget everything received so far."""
+    def ask(self, request: bytes) -> None:
+        """Forget everything received so far and send."""
         self.framer.discard()
+        self.write(request)
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (found := self.framer.take(layout)) is None:
+        found = self.framer.take(layout)
+        while found is None:
             remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
             if not self._clock.wait_readable(self._socket.fileno(), remaining_s):
                 return None
-            self._fill()
+            found = self.framer.feed(layout, self._chunk(), self._clock.mono_ns())
         return found
 
     def close(self) -> None:
         """Close the connection; a second call does nothing."""
         self._socket.close()
 
-    def _fill(self) -> None:
+    def _chunk(self) -> bytes:
         try:
             chunk = os.read(self._socket.fileno(), 4096)
         except BlockingIOError:
-            return
+            return b""
         except OSError as error:
             raise self._lost() from error
         if not chunk:
             raise self._lost()
-        self.framer.feed(chunk, self._clock.mono_ns())
+        return chunk
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(f"gpsd at {self.path} hung up", fix="sudo systemctl restart gpsd")

@@ -123,7 +123,7 @@ def _long(buffer: bytes) -> Taken:
     if matches[0] is None:
         values.insert(0, Value(math.nan, names[0][1], names[0][0] + where, Quality.NO_VALUE, words))
     note = f"head {head}, command {command.decode()}, range {chr(status[2])}"
-    return Record(LONG, tuple(values), note)
+    return Record.of(LONG, values, note)
 
 
 def _states(status: bytes) -> tuple[Quality, tuple[str, ...]]:
@@ -192,8 +192,7 @@ class KonicaMinolta:
 
 def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     """Command 54 must come first; the meter then needs half a second."""
-    port.discard()
-    port.write(request(0, "54", "1"))
+    port.ask(request(0, "54", "1"))
     if port.read(LAYOUT, meter.ANSWER_S) is None:
         raise DeviceTimeoutError(f"{name}: no answer to the PC mode command from {port.path}", fix=_HINT)
     clock.sleep(0.5)

@@ -28,7 +28,7 @@ import math
 import re
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
@@ -38,12 +38,12 @@ from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import (
     GOOD,
     NO_VALUE,
+    Channel,
     Decoded,
     Layout,
     Record,
     Rejected,
     Taken,
-    Value,
     decode_records,
     skip_to,
 )
@@ -69,25 +69,33 @@ def take(buffer: bytes) -> Taken:
         return None
     head, digits = _head(buffer[:7]), buffer[7:15]
     if head is not None and buffer[15] == _END:
-        divisor, unit, display, words = head
         if digits.isdigit():
-            return Record(LENGTH, (Value(int(digits) / divisor, unit, display, GOOD, words),))
+            return Record(LENGTH, (int(digits) / head.divisor,), head.channels)
         if _OVERLOAD in digits and digits.replace(_OVERLOAD, b"0").isdigit():
-            value = Value(math.nan, unit, display, NO_VALUE, ("overload", *words))
-            return Record(LENGTH, (value,))
+            return Record(LENGTH, (math.nan,), head.overload)
     return Rejected(skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D")
 
 
+class Head(NamedTuple):
+    """What stands before the digits: signed divisor, and the channel of a number and of an overload."""
+
+    divisor: int
+    channels: tuple[Channel, ...]
+    overload: tuple[Channel, ...]
+
+
 @lru_cache(maxsize=64)
-def _head(start: bytes) -> tuple[int, str, str, tuple[str, ...]] | None:
-    """Signed divisor, unit, display and words by all but the digits, which hardly ever changes."""
+def _head(start: bytes) -> Head | None:
+    """The meaning of all but the digits, which hardly ever changes; None if it has none."""
     found = _HEAD.fullmatch(start)
     if found is None:
         return None
     display, code, polarity, decimals = (part.decode() for part in found.groups())
-    unit = UNITS.get(code)
+    unit = UNITS.get(code, f"code {code}")
+    words = () if code in UNITS else ("unknown_unit",)
     divisor = 10 ** int(decimals) * (-1 if polarity == "1" else 1)
-    return divisor, unit or f"code {code}", display, () if unit else ("unknown_unit",)
+    overload = Channel(display, unit, NO_VALUE, ("overload", *words))
+    return Head(divisor, (Channel(display, unit, GOOD, words),), (overload,))
 
 
 LAYOUT = Layout(take, LENGTH)
@@ -116,7 +124,7 @@ class Lutron:
         """Open the port and wait for the first record, which tells what the meter measures."""
         port = open_port(settings, LINE, clock)
         first = meter.first_record(port, LAYOUT, settings.name, _HINT)
-        unit = first.record.values[0].unit
+        unit = first.record.channels[0].unit
         if unit in ("lx", "fc"):
             names = options.labels(settings, ("lux",))
             info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names)

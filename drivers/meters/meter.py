@@ -8,15 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_, or_
+from typing import NamedTuple
 
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.drivers.meters.units import TO_SI
-from fieldkit.drivers.records import GOOD, NO_VALUE, Layout, Record
+from fieldkit.drivers.records import NO_VALUE, Channel, Layout
 from fieldkit.errors import DecodeError, DeviceTimeoutError
-from fieldkit.samples import NO_COUNTER, Quality, Reading
+from fieldkit.samples import Quality, Reading
 
 FIRST_RECORD_S = 5.0
 ANSWER_S = 1.0
@@ -56,14 +59,16 @@ class Meter:
         asking: Asking | None = None,
     ) -> None:
         self.info = info
+        self._name = info.name
         self._port = port
         self._layout = layout
         self._clock = clock
-        self._columns = {key: column for column, key in enumerate(keys)}
-        self._units = tuple(units) or (info.unit,) * len(keys)
+        self._keys, self._units = tuple(keys), tuple(units) or (info.unit,) * len(keys)
+        self._channels: tuple[Channel, ...] = ()
+        self._conversion: Conversion | None = None
         self._asking = asking
         self._every_ns = max(int(asking.every_s * 1e9), 1) if asking else 0
-        self._range_max = info.settings.get("range_max_lx", math.inf) if info.unit == "lx" else math.inf
+        self._range_max = info.settings.get("range_max_lx") if info.unit == "lx" else None
         self._due_ns = clock.mono_ns()
         self._foreign = 0
 
@@ -102,51 +107,54 @@ class Meter:
         if asking.trigger:
             self._port.write(asking.trigger)
             self._clock.sleep(asking.settle_s)
-        self._port.discard()
-        self._port.write(asking.request)
+        self._port.ask(asking.request)
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
-        record, raw, mono_ns = found
-        converted = self._convert(record)
-        if converted is None:
-            self._foreign += bool(record.values)  # a line without values is not wrong
+        (_, numbers, channels, _, device_time), raw, mono_ns = found
+        if channels is not self._channels:
+            self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
+        if self._conversion is None:
+            self._foreign += bool(numbers)  # a line without values is not wrong
             return None
-        values, quality = converted
-        device_time = NO_COUNTER if record.device_time is None else record.device_time
+        steps, quality = self._conversion
+        values = tuple([(numbers[place] + add) / by for place, add, by in steps])
+        if self._range_max is not None and any(value >= self._range_max for value in values):
+            quality |= Quality.OVERRANGE
         utc_ns = self._clock.to_utc_ns(mono_ns)
-        return Reading(self.info.name, mono_ns, utc_ns, values, raw, quality, device_time)
+        return Reading(self._name, mono_ns, utc_ns, values, raw, quality, device_time)
 
-    def _convert(self, record: Record) -> tuple[tuple[float, ...], Quality] | None:
-        """Values of the stream's channels and what to think of them; None if none is the stream's."""
-        values = [math.nan] * len(self._units)
-        quality = GOOD
-        mine = known = False
-        for number, shown, channel, doubt, _ in record.values:
-            column = self._columns.get(channel)
-            if column is None:
-                continue
-            if shown != self._units[column]:
-                law = TO_SI.get((shown, self._units[column]))
-                if law is None:
-                    continue
-                number = (number + law[0]) / law[1]
-            mine = True
-            values[column] = number
-            known |= number == number
-            if doubt is not GOOD and doubt is not NO_VALUE:
-                quality |= doubt & ~NO_VALUE  # one open probe does not spoil the others
-            if number >= self._range_max:
-                quality |= Quality.OVERRANGE
-        if not known:
-            quality |= NO_VALUE
-        return (tuple(values), quality) if mine else None
+
+class Conversion(NamedTuple):
+    """How a record becomes the stream's values: for each the number's place, what to add and divide by."""
+
+    steps: tuple[tuple[int, float, float], ...]
+    quality: Quality
+
+
+def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence[str]) -> Conversion | None:
+    """From what a record says of its numbers; None if none of them is a channel of the stream.
+
+    A channel that the record has not is NaN; only if all are without a value, the reading is.
+    """
+    steps, doubts = [], []
+    for key, unit in zip(keys, units, strict=True):
+        step = (0, math.nan, 1.0)
+        for place, channel in enumerate(channels):
+            law = (0.0, 1.0) if channel.unit == unit else TO_SI.get((channel.unit, unit))
+            if channel.name == key and law is not None:
+                step = (place, *law)
+                doubts.append(channel.quality)
+        steps.append(step)
+    if not doubts:
+        return None
+    missing = reduce(and_, doubts) & NO_VALUE
+    return Conversion(tuple(steps), reduce(or_, doubts) & ~NO_VALUE | missing)
 
 
 def first_answer(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
     """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
-    port.discard()
-    port.write(request)
+    port.ask(request)
     return first_record(port, layout, name, hint, ANSWER_S)
 
 

@@ -97,13 +97,13 @@ def _answer(frame: bytes, register_map: RegisterMap | None) -> Taken:
     registers = struct.unpack(f">{frame[2] // 2}H", frame[3:-2])
     note = f"answer of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
     if register_map is None:
-        values = tuple(Value(float(count), "", f"register {place}") for place, count in enumerate(registers))
-        return Record(len(frame), values, note)
+        values = (Value(float(count), "", f"register {place}") for place, count in enumerate(registers))
+        return Record.of(len(frame), values, note)
     if len(registers) != register_map.count:
         return Rejected(
             len(frame), f"{len(registers)} registers; the map {register_map.title} has {register_map.count}"
         )
-    return Record(len(frame), register_map.values(registers), note)
+    return Record.of(len(frame), register_map.values(registers), note)
 
 
 def layout(register_map: RegisterMap | None) -> Layout:

@@ -94,17 +94,18 @@ def _meaning(message: Any, length: int) -> Taken:
     when = Value(moment.timestamp(), "s since 1970", "utc")
     note = f"{message.msgID} {moment:%Y-%m-%d %H:%M:%S.%f} UTC"
     if message.msgID == "ZDA":
-        return Record(length, (when,), note, time_ns)
+        return Record.of(length, (when,), note, time_ns)
     valid = message.status == "A"
     place = _place(message.lat, message.lon, valid)
-    return Record(length, (*place, when) if valid else place, note, time_ns)
+    return Record.of(length, (*place, when) if valid else place, note, time_ns)
 
 
 def _gga(message: Any, length: int) -> Record:
     valid = message.quality not in ("", 0)
-    height = Value(_number(message.alt) if valid else math.nan, "m", "altitude", _quality(valid))
+    altitude = _number(message.alt) if valid else math.nan
+    height = Value(altitude, "m", "altitude", _quality(math.isfinite(altitude)))
     counts = (Value(_number(message.quality), "", "fix"), Value(_number(message.numSV), "", "satellites"))
-    return Record(length, (*_place(message.lat, message.lon, valid), height, *counts), "GGA")
+    return Record.of(length, (*_place(message.lat, message.lon, valid), height, *counts), "GGA")
 
 
 def _place(latitude: Any, longitude: Any, valid: bool) -> tuple[Value, Value]:
@@ -144,8 +145,11 @@ class Nmea:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.records.Decodes`. The last sentence needs no line end."""
-        whole = data if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:] else data + b"\n"
-        return decode_records(whole, LAYOUT)
+        if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:]:
+            return decode_records(data, LAYOUT)
+        decoded = decode_records(data + b"\n", LAYOUT)
+        own = (one._replace(length=min(one.length, len(data) - one.offset)) for one in decoded.rejected)
+        return replace(decoded, rejected=tuple(one for one in own if one.length))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first sentence."""

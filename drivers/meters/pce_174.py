@@ -56,7 +56,7 @@ def take(buffer: bytes) -> Taken:
         return Rejected(skip_to(_START[:1], buffer), "the meter's clock is not decimal")
     year, _, month, day, hour, minute, second = (clock[start : start + 2] for start in range(0, 14, 2))
     note = f"meter's clock 20{year}-{month}-{day} {hour}:{minute}:{second}"
-    return Record(LENGTH, (_value(buffer),), note)
+    return Record.of(LENGTH, (_value(buffer),), note)
 
 
 def _value(buffer: bytes) -> Value:

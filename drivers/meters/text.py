@@ -28,7 +28,7 @@ from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.errors import ConfigError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality
 
 LONGEST = 512
 LINE = Line(115_200)
@@ -87,7 +87,7 @@ class Grammar:
                 return Rejected(length, f"{part.strip()!r} is not name=value unit")
             unit = UNITS.get(found[3].lower(), found[3])
             values.append(self._value(found[1], found[2], unit))
-        return Record(length, tuple(values))
+        return Record.of(length, values)
 
     def _row(self, fields: list[str], length: int) -> Taken:
         names = self.columns or tuple(f"column {place + 1}" for place in range(len(fields)))
@@ -99,7 +99,7 @@ class Grammar:
         row = dict(zip(names, fields, strict=True))
         clock = row.pop("ms", "")
         values = tuple(self._value(name, field, _unit_of(name)) for name, field in row.items())
-        return Record(length, values, device_time=int(clock) if clock.isdecimal() else None)
+        return Record.of(length, values, device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
 
     def _value(self, name: str, field: str, unit: str) -> Value:
         number = float(field or "nan")
@@ -158,17 +158,17 @@ class Text:
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
         first = meter.first_record(port, grammar.layout, settings.name, _HINT).record
-        while not first.values:
+        while not first.channels:
             grammar = replace(grammar, columns=grammar.columns or header([first.note]))
             first = meter.first_record(port, grammar.layout, settings.name, _HINT).record
-        shown = first.values[0].unit
-        keys = [value.channel for value in first.values if value.unit == shown]
+        shown = first.channels[0].unit
+        keys = [channel.name for channel in first.channels if channel.unit == shown]
         unit = STREAM_UNITS.get(shown, shown)
         names = options.labels(settings, keys)
         info = meter.describe(
             settings, port, grammar.layout, QUANTITIES.get(unit, "number"), unit, names, model="text"
         )
-        info = replace(info, device_time_unit="ms" if first.device_time is not None else "")
+        info = replace(info, device_time_unit="ms" if first.device_time != NO_COUNTER else "")
         return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
 
 

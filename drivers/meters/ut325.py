@@ -64,7 +64,7 @@ def take(buffer: bytes) -> Taken:
     else:
         number = int(re.sub(rb"[:;]", b"", digits)) / 10
         value = Value(-number if b";" in digits else number, UNITS[unit], NAMES[channel])
-    return Record(LENGTH, (value,))
+    return Record.of(LENGTH, (value,))
 
 
 LAYOUT = Layout(take, LENGTH)
@@ -97,15 +97,18 @@ class HidBridge:
         with explained(self.path):
             self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
 
-    def discard(self) -> None:
-        """Forget everything received so far."""
+    def ask(self, request: bytes) -> None:
+        """Forget everything received so far and send."""
         self.framer.discard()
+        self.write(request)
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (found := self.framer.take(layout)) is None and self._clock.mono_ns() < deadline_ns:
-            self._fill()
+        found = self.framer.take(layout)
+        while found is None and self._clock.mono_ns() < deadline_ns:
+            report = self._report()
+            found = self.framer.feed(layout, characters(report), self._clock.mono_ns())
         return found
 
     def close(self) -> None:
@@ -114,15 +117,15 @@ class HidBridge:
 
         usb.util.dispose_resources(self._unit)
 
-    def _fill(self) -> None:
+    def _report(self) -> bytes:
+        """The next report, empty if none comes for a while."""
         with explained(self.path):
             try:
-                report = bytes(self._unit.read(0x82, 8, _READ_MS))
+                return bytes(self._unit.read(0x82, 8, _READ_MS))
             except OSError as error:
                 if error.errno == errno.ETIMEDOUT:
-                    return
+                    return b""
                 raise
-        self.framer.feed(characters(report), self._clock.mono_ns())
 
 
 def characters(report: bytes) -> bytes:

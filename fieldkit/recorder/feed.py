@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -178,7 +178,7 @@ class Feed:
             and isinstance(sample, Frame)
             and np.array_equal(before.counts, sample.counts)
         )
-        return replace(sample, quality=sample.quality | Quality.DUPLICATE) if same else sample
+        return sample._replace(quality=sample.quality | Quality.DUPLICATE) if same else sample
 
     def _deadline_s(self) -> float:
         """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""

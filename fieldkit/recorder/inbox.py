@@ -9,7 +9,6 @@ from __future__ import annotations
 import queue
 import threading
 from collections import Counter
-from dataclasses import replace
 
 from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
 
@@ -45,7 +44,7 @@ class Inbox:
             self._waiting[sample.stream] += 1
         if lost:
             self.tell(_gap(sample, lost))
-            sample = replace(sample, quality=sample.quality | Quality.DROPPED_BEFORE)
+            sample = sample._replace(quality=sample.quality | Quality.DROPPED_BEFORE)
         self._queue.put(sample)
         return True
 

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol, TypeAlias
 
@@ -166,7 +166,7 @@ class Recorder:
         self._house.arrived(sample)
         if isinstance(sample, Frame) and (self._is_refused or not self._house.disk.pictures):
             return
-        sample = replace(sample, seq=self._counts[sample.stream])
+        sample = sample._replace(seq=self._counts[sample.stream])
         if not self._stored(lambda: self.writer.append(sample)):
             return
         self._counts[sample.stream] += 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +27,7 @@ def aligned(session: Session, foreign: Foreign) -> Foreign:
                   if np.isfinite(reading.values).any()), start_ns)  # fmt: skip
     name, found = _best_stream(session, quantity, log, start_ns)
     shift_ns = round(found.offset_s * 1e9)
-    moved = [replace(one, time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
+    moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
     said = (
         f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
         f"correlation {found.correlation:.3f}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import select
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,8 @@ class Foreign:
 
 class StampedClock:
     """A clock that stands where the imported stamps are; `anchor_ns` is UTC less its monotonic time."""
+
+    is_real = False
 
     def __init__(self, start_ns: int, anchor_ns: int = 0) -> None:
         self.now_ns = start_ns
@@ -132,7 +134,7 @@ class _Flagged:
 
     def __iter__(self) -> Iterator[Frame]:
         for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was left out
-            yield replace(frame, quality=frame.quality | Quality.STALE) if is_late else frame
+            yield frame._replace(quality=frame.quality | Quality.STALE) if is_late else frame
 
 
 def flag_bunched(

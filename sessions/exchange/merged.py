@@ -82,5 +82,5 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
 
 def _by_time(session: Session, added: Iterable[Sample]) -> Iterator[Sample]:
     """All samples by the session's monotonic clock, which the added ones are given."""
-    anchored = (replace(sample, mono_ns=sample.time_ns - session.anchor_ns) for sample in added)
+    anchored = (sample._replace(mono_ns=sample.time_ns - session.anchor_ns) for sample in added)
     return heapq.merge(session.samples(), anchored, key=lambda sample: sample.mono_ns)

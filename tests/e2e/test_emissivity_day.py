@@ -7,7 +7,6 @@ import json
 import shutil
 import tomllib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -163,12 +162,12 @@ def in_fahrenheit(sample: Sample) -> Sample:
     if isinstance(sample, Frame) or sample.stream != "thermometer":
         return sample
     celsius = (value - 273.15 for value in sample.values)  # stored in kelvin, as the driver took it for °C
-    return replace(sample, values=tuple(1.8 * value + 32.0 + 273.15 for value in celsius))
+    return sample._replace(values=tuple(1.8 * value + 32.0 + 273.15 for value in celsius))
 
 
 def ten_minutes_late(sample: Sample) -> Sample:
     late_ns = 600_000_000_000 if sample.stream == "thermometer" else 0
-    return replace(sample, time_ns=sample.time_ns + late_ns)
+    return sample._replace(time_ns=sample.time_ns + late_ns)
 
 
 def twice_corrected(sample: Sample) -> Sample:
@@ -177,7 +176,7 @@ def twice_corrected(sample: Sample) -> Sample:
     kelvin = sample.counts * 0.01
     for _ in range(2):
         kelvin = surface_temperature_k(kelvin, TRUE_EMISSIVITY, 229.15)
-    return replace(sample, counts=np.round(np.nan_to_num(kelvin, nan=100.0) / 0.01).astype(np.uint16))
+    return sample._replace(counts=np.round(np.nan_to_num(kelvin, nan=100.0) / 0.01).astype(np.uint16))
 
 
 @pytest.mark.parametrize(

@@ -195,7 +195,7 @@ def uniform(source: Path, to: Path, offsets_k: dict[str, float], hours_later: fl
                 kelvin[region.mask(frame.counts.shape)] += offsets_k.get(region.name, 0.0)
             at = start + later_ns + number * 1_300_000_000
             counts = np.round(kelvin / 0.01).astype(np.uint16)
-            samples.append(replace(frame, time_ns=at, mono_ns=at, counts=counts))
+            samples.append(frame._replace(time_ns=at, mono_ns=at, counts=counts))
     write_foreign(to, header, Foreign(header.streams, samples), str(source))
     return to
 

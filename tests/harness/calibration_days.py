@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +44,6 @@ def rewritten(source: Path, to: Path, change: Callable[[Sample], Sample]) -> Pat
     with open_session(source) as session:
         header = session.header
         samples = sorted((change(one) for one in session.samples()), key=lambda one: one.time_ns)
-    clockless = (replace(one, mono_ns=one.time_ns) for one in samples)
+    clockless = (one._replace(mono_ns=one.time_ns) for one in samples)
     write_foreign(to, header, Foreign(header.streams, list(clockless)), str(source))
     return to

@@ -100,17 +100,19 @@ def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
         text.Grammar().layout if name == "text" else module.layout(None)
     )
     whole, pieces = Framer(1), Framer(1)
-    whole.feed(stream, 0)
     expected, found = [], []
-    while taken := whole.take(layout):
+    taken = whole.feed(layout, stream, 0)
+    while taken:
         expected.append(taken.raw)
+        taken = whole.take(layout)
     position = 0
     while position < len(stream):
         size = chunks[len(found) % len(chunks)]
-        pieces.feed(stream[position : position + size], 0)
+        taken = pieces.feed(layout, stream[position : position + size], 0)
         position += size
-        while taken := pieces.take(layout):
+        while taken:
             found.append(taken.raw)
+            taken = pieces.take(layout)
     assert found == expected
 
 

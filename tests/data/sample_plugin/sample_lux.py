@@ -18,7 +18,7 @@ def take(buffer):
     found = RECORD.fullmatch(buffer[:end])
     if not found:
         return Rejected(end + 1, "not LUX and a number")
-    return Record(end + 1, (Value(float(found[1]), "lx", "lux"),))
+    return Record.of(end + 1, (Value(float(found[1]), "lx", "lux"),))
 
 
 LAYOUT = Layout(take, longest=12)

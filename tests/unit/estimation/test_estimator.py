@@ -147,7 +147,7 @@ def test_flagged_pictures_are_held_out_but_not_forgotten(yard, flag):
     samples = yard.samples(21)
     hot = np.full((60, 80), 65000, np.uint16)
     spoilt = [
-        replace(s, counts=hot, quality=flag) if isinstance(s, Frame) and i % 17 == 0 else s
+        s._replace(counts=hot, quality=flag) if isinstance(s, Frame) and i % 17 == 0 else s
         for i, s in enumerate(samples)
     ]
     kept = [s for s in spoilt if not s.quality]
@@ -158,7 +158,7 @@ def test_flagged_pictures_are_held_out_but_not_forgotten(yard, flag):
 
 def test_overrange_light_is_no_light(yard):
     samples = [
-        replace(s, quality=Quality.OVERRANGE) if isinstance(s, Reading) else s for s in yard.samples(21)
+        s._replace(quality=Quality.OVERRANGE) if isinstance(s, Reading) else s for s in yard.samples(21)
     ]
     minute = run(yard, samples)[-1]
     assert minute.estimates[0].state == SlopeState.NO_DATA
@@ -227,7 +227,7 @@ def test_moved_picture_is_noticed_once_and_flagged(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     moved_at = yard.start_ns + 6 * MINUTE_NS
     shifted = [
-        replace(s, counts=np.roll(s.counts, (3, 2), (0, 1)))
+        s._replace(counts=np.roll(s.counts, (3, 2), (0, 1)))
         if isinstance(s, Frame) and s.time_ns >= moved_at
         else s
         for s in samples
@@ -243,7 +243,7 @@ def test_frozen_picture_is_seen_without_the_drivers_help(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     first = next(s for s in samples if isinstance(s, Frame))
     still = [
-        replace(s, counts=first.counts)
+        s._replace(counts=first.counts)
         if isinstance(s, Frame) and s.time_ns >= yard.start_ns + 5 * MINUTE_NS
         else s
         for s in samples
@@ -271,7 +271,7 @@ def test_no_reference_is_said_in_words(yard):
 def test_known_offset_of_a_region_is_taken_out(yard):
     settings = EstimatorSettings(window_s=3600.0)
     warm = [
-        replace(s, counts=np.where(yard.beds[1].mask((60, 80)), s.counts + 100, s.counts).astype(np.uint16))
+        s._replace(counts=np.where(yard.beds[1].mask((60, 80)), s.counts + 100, s.counts).astype(np.uint16))
         if isinstance(s, Frame)
         else s
         for s in yard.samples(61)
@@ -292,7 +292,7 @@ def test_camera_with_a_law_of_its_own_gives_the_same_temperatures(yard):
     camera = replace(yard.streams[0], scale=math.nan, law="planck", settings=constants)
     other = replace(yard, streams=(camera, *yard.streams[1:]))
     samples = yard.samples(12)
-    own = [replace(s, counts=to_counts(s.counts)) if isinstance(s, Frame) else s for s in samples]
+    own = [s._replace(counts=to_counts(s.counts)) if isinstance(s, Frame) else s for s in samples]
     for one, same in zip(run(yard, samples), run(other, own), strict=True):
         for name, kelvin in one.temperature_k.items():
             assert same.temperature_k[name] == pytest.approx(kelvin, abs=0.1)  # a count is 0.08 K here
@@ -332,7 +332,7 @@ def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
         minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
         if isinstance(sample, Frame) and minutes > 0.0:
             warmer = np.where(mask, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
-            sample = replace(sample, counts=warmer.astype(np.uint16))
+            sample = sample._replace(counts=warmer.astype(np.uint16))
         creeping.append(sample)
     minutes = run(yard, creeping)
     told = [by_name(minute)["b17"] for minute in minutes]
@@ -352,7 +352,7 @@ def test_no_drift_is_told_where_all_regions_leave_together(yard):
         minutes = (sample.time_ns - yard.start_ns) / MINUTE_NS - 70.0
         if isinstance(sample, Frame) and minutes > 0.0:
             warmer = np.where(beds, sample.counts + round(minutes / 60.0 * 2.0 * 100), sample.counts)
-            sample = replace(sample, counts=warmer.astype(np.uint16))
+            sample = sample._replace(counts=warmer.astype(np.uint16))
         drifting.append(sample)
     reasons = [one.reason for minute in run(yard, drifting) for one in minute.estimates]
     assert not any("alone left" in reason for reason in reasons)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -33,10 +32,8 @@ def recorded(
     clock = CountedClock()
     writer = SessionWriter(path, HEADER, clock)
     for seq, mono in enumerate(times_ns):
-        frame = replace(
-            sample(CAMERA, seq, mono, clock.to_utc_ns(mono)), quality=(flags or {}).get(seq, Quality.GOOD)
-        )
-        writer.append(frame)
+        frame = sample(CAMERA, seq, mono, clock.to_utc_ns(mono))
+        writer.append(frame._replace(quality=(flags or {}).get(seq, Quality.GOOD)))
     for event in more.get("events", ()):  # type: ignore[attr-defined]
         writer.event(event)
     for compared in more.get("checks", ()):  # type: ignore[attr-defined]

@@ -107,7 +107,7 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="declared"):
         writer.append(sample(header((12, 32)).streams[0], 0))
     with pytest.raises(ValueError, match="raw bytes"):
-        writer.append(dataclasses.replace(sample(HEADER.streams[1], 0), raw=bytes(17)))
+        writer.append(sample(HEADER.streams[1], 0)._replace(raw=bytes(17)))
     with pytest.raises(ValueError, match="b99"):
         writer.minute(0, [SlopeEstimate(0, "b99", SlopeState.OK)])
     many = tuple((float(n), float(n % 7)) for n in range(65))
@@ -210,7 +210,7 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
     while writer._bricks.error is None:
         threading.Event().wait(0.005)
     appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
-    appended[-1] = dataclasses.replace(appended[-1], time_ns=clock.to_utc_ns(appended[-1].mono_ns))
+    appended[-1] = appended[-1]._replace(time_ns=clock.to_utc_ns(appended[-1].mono_ns))
     writer.append(appended[-1])
     report = writer.close()
     assert report.counts["camera"] == 61

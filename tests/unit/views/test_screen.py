@@ -27,7 +27,7 @@ def latest(site, regions, streams, frame, make_minute) -> Latest:
         now = START_NS + second * SECOND_NS
         counts = (StreamHealth("camera", 9 * second, 0, 0), StreamHealth("lux", second, 2, 0, rejected=3))
         latest.take(Health(now, now, counts, 11_200_000_000, 9_100_000))
-    latest.take(replace(frame, time_ns=now))
+    latest.take(frame._replace(time_ns=now))
     latest.take(Reading("lux", now, now, (55_210.0,)))
     latest.take(Reading("thermometer", now, now, (300.05, float("nan"))))
     latest.take(make_minute(60))
@@ -70,7 +70,7 @@ def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
     counts = latest.frame.counts.copy()
     bed = next(region for region in latest.regions if region.name == "b15")
     counts[bed.mask((counts.shape[0], counts.shape[1]))] = 30_215
-    latest.take(replace(latest.frame, counts=counts))
+    latest.take(latest.frame._replace(counts=counts))
     line = next(line for line in letters(latest, 80, 24) if line.startswith("b15"))
     assert "29.00" in line  # 302.15 K
     assert "first minute: as seen" in line

@@ -47,6 +47,18 @@ def test_damaged_or_cut_sentences_are_rejected(broken):
     assert isinstance(take(broken), Rejected)
 
 
+def test_a_fix_without_height_has_no_height():
+    sentence = b"GPGGA,021530.00,3541.36682,N,13945.30120,E,1,08,0.9,,M,,M,,"
+    heights = [one for one in take(signed(sentence)).values if one.channel == "altitude"]
+    assert [one.quality for one in heights] == [Quality.NO_VALUE]
+
+
+@pytest.mark.parametrize("cut", [b"*", b"*7", b"$GPRMC*00", b"$GPGGA,1*"])
+def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
+    told = Nmea().decode(cut, {})
+    assert (sum(one.length for one in told.rejected), told.rest) == (len(cut), 0)
+
+
 def test_other_sentences_are_let_by():
     assert take(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
 
