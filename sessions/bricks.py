@@ -13,14 +13,14 @@ import zlib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import groupby
-from operator import itemgetter
+from itertools import chain
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.sessions.disk import BEGIN_BYTES, begin_sync
 from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 
@@ -76,14 +76,15 @@ class BrickWriter:
     """One dataset of pictures: gathers frames into a brick and writes it tile by tile."""
 
     def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:
-        self._dataset = dataset
+        self._dataset, self._name = dataset, dataset.name
         self._file = h5py.h5i.get_file_id(dataset.id)
         self._pool = pool
         self.depth, rows, cols = dataset.chunks
-        self._strips = [list(strip) for _, strip in groupby(corners(dataset), key=itemgetter(0))]
+        self._corners = corners(dataset)
         self._fill = int(dataset.fillvalue)
-        self._tile_shape = rows, cols
-        self._brick = np.empty((self.depth, *dataset.shape[1:]), "<u2")
+        down, across = dataset.shape[1] // rows, dataset.shape[2] // cols
+        # Cut while it is gathered, so that each tile lies in one piece when the brick is full.
+        self._tiles = np.empty((down, across, self.depth, rows, cols), "<u2")
         self.length = 0
         self.bytes_written = 0
 
@@ -94,29 +95,24 @@ class BrickWriter:
 
     def put(self, picture: NDArray[np.uint16]) -> None:
         """Take one frame; write the brick before the next when it is full."""
-        self._brick[self.length % self.depth] = picture
+        down, across, depth, rows, cols = self._tiles.shape
+        self._tiles[:, :, self.length % depth] = picture.reshape(down, rows, across, cols).swapaxes(1, 2)
         self.length += 1
 
     def write(self) -> list[Chunk]:
         """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
-        self._brick[self.length - start :] = self._fill
-        packed = self._pool.map(self._packed, self._strips)  # the first are written while others are packed
+        self._tiles[:, :, self.length - start :] = self._fill
+        packed = self._pool.map(_packed, self._tiles)  # the first strips are written while others are packed
+        before = self._file.get_filesize()
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        return [
+        chunks = [
             self._write_chunk((start, *corner), data, crc32)
-            for strip in packed
-            for corner, data, crc32 in strip
+            for corner, (data, crc32) in zip(self._corners, chain.from_iterable(packed), strict=True)
         ]
-
-    def _packed(self, strip: list[tuple[int, int]]) -> list[tuple[tuple[int, int], bytes, int]]:
-        """Corner, packed bytes and their checksum of the tiles of a strip."""
-        rows, cols = self._tile_shape
-        packed = []
-        for y, x in strip:
-            data = pack(np.ascontiguousarray(self._brick[:, y : y + rows, x : x + cols]))
-            packed.append(((y, x), data, zlib.crc32(data)))
-        return packed
+        if (written := self._file.get_filesize() - before) >= BEGIN_BYTES:
+            begin_sync(self._file.get_vfd_handle(), before, written)
+        return chunks
 
     def copy(self, tiles: Iterable[Tile]) -> None:
         """Write those of the tiles that are of this dataset; the brick before them must be complete."""
@@ -131,18 +127,27 @@ class BrickWriter:
         end = self._file.get_filesize()
         self._dataset.id.write_direct_chunk(corner, data)
         self.bytes_written += len(data)
-        return Chunk(self._dataset.name, *corner, self._place(corner, data, end), len(data), crc32)
+        return Chunk(self._name, *corner, self._place(corner, data, end), len(data), crc32)
 
     def _place(self, corner: tuple[int, int, int], data: bytes, end: int) -> int:
         """Where a chunk just written lies: nearly always at what was the `end` of the file.
 
-        The library itself looks through all chunks there are to answer that, longer and longer. That
-        the chunk ends there is enough to know: whoever reads it there compares its checksum.
+        The library itself looks through all chunks there are to answer that, longer and longer. That the file
+        has grown by just the chunk is enough to know, or that the chunk ends there: whoever reads it
+        there compares its checksum.
         """
         tail = bytes(data[-_TAIL:])
-        if os.pread(self._file.get_vfd_handle(), len(tail), end + len(data) - len(tail)) == tail:
+        if (
+            self._file.get_filesize() == end + len(data)
+            or os.pread(self._file.get_vfd_handle(), len(tail), end + len(data) - len(tail)) == tail
+        ):
             return end
         return int(self._dataset.id.get_chunk_info_by_coord(corner).byte_offset)
+
+
+def _packed(strip: NDArray[np.uint16]) -> list[tuple[bytes, int]]:
+    """Packed bytes of each tile of a strip, and their checksum."""
+    return [(data, zlib.crc32(data)) for data in map(pack, strip)]
 
 
 class _ColumnWriter:

@@ -11,9 +11,9 @@ import numpy as np
 
 from fieldkit.clock import ClockCheck
 from fieldkit.errors import SessionError
+from fieldkit.sessions.disk import sync
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
-from fieldkit.sessions.journal import sync
 from fieldkit.sessions.layout import encode_text
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.time_map import TimeStep

@@ -12,7 +12,6 @@ but the pictures) and where each picture's chunks lie in the file moves to
 from __future__ import annotations
 
 import contextlib
-import os
 import sqlite3
 import threading
 from collections import deque
@@ -22,6 +21,7 @@ from pathlib import Path
 
 from fieldkit.errors import StorageError
 from fieldkit.samples import Frame, Reading
+from fieldkit.sessions.disk import sync
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
 
@@ -199,15 +199,6 @@ def close_uncopied(database: sqlite3.Connection, path: Path) -> None:
 def wal_of(path: Path) -> Path:
     """The write-ahead log of a database."""
     return path.with_name(path.name + "-wal")
-
-
-def sync(path: Path) -> None:
-    """Ask the disk to keep what was written to a file or folder; raises `OSError`."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 class Keeper:

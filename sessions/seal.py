@@ -14,8 +14,8 @@ import numpy as np
 
 from fieldkit.errors import IntegrityError
 from fieldkit.samples import Quality
+from fieldkit.sessions.disk import sync
 from fieldkit.sessions.in_place import write_in_place
-from fieldkit.sessions.journal import sync
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session, open_session

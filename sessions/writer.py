@@ -19,7 +19,6 @@ import os
 import shutil
 import sqlite3
 import threading
-import time
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,20 +27,21 @@ from fieldkit.clock import Clock, ClockCheck
 from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.sessions.brick_thread import BrickThread
+from fieldkit.sessions.disk import sync
 from fieldkit.sessions.header import SessionHeader, check_region
-from fieldkit.sessions.journal import Identity, Journal, sync, wal_of
+from fieldkit.sessions.journal import Identity, Journal
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, journal_path, raw_width
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
+from fieldkit.sessions.sync_thread import SyncThread
 from fieldkit.site import Region
 from fieldkit.slope import SlopeEstimate
 
 log = logging.getLogger(__name__)
 
-SYNC_EVERY_S = 1.0
 RESERVE_BYTES = 64_000_000
 
 
@@ -56,7 +56,6 @@ class SessionWriter:
         self.path = path
         self.header = header
         self.is_closed = False
-        self.sync_ms = 0.0
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
         self._shapes = {info.name: info.shape for info in header.streams}
@@ -90,8 +89,8 @@ class SessionWriter:
                 f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
                 fix="choose a folder that can be written and has room",
             ) from error
+        self._syncer = SyncThread(self._journal, self._disk_did_not_confirm)
         self._bricks.start()
-        self._syncer = _Syncer(self)
         self._syncer.start()
 
     # --- what comes in
@@ -100,6 +99,11 @@ class SessionWriter:
     def bytes_written(self) -> int:
         """Bytes given to the disk so far, in the journal and in the file."""
         return self._journal.bytes_written + self._bricks.file.bytes_written
+
+    @property
+    def sync_ms(self) -> float:
+        """How long the last sync of the journal took."""
+        return self._syncer.took_ms
 
     @property
     def counts(self) -> dict[str, int]:
@@ -153,6 +157,7 @@ class SessionWriter:
         if self.is_closed:
             raise SessionError(f"{self.path} is closed")
         number, crc32 = self._journal.append(record)
+        self._syncer.notice()
         self._bricks.offer(number, record, crc32)
 
     def _check(self, sample: Sample) -> None:
@@ -236,6 +241,9 @@ class SessionWriter:
             self._bricks.close()
         return False
 
+    def _disk_did_not_confirm(self, text: str) -> None:
+        self._tell(text, Severity.ERROR)
+
     def _brick_side_failed(self, error: Exception) -> None:
         text = f"the session file cannot be written: {error}; recording goes on in the journal"
         self._tell(text, Severity.ERROR)
@@ -246,52 +254,6 @@ class SessionWriter:
         event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)
         with contextlib.suppress(StorageError, SessionError):
             self.event(event)
-
-
-class _Syncer(threading.Thread):
-    """Once a second, has the disk keep what the journal was given; never on the journal's thread."""
-
-    def __init__(self, writer: SessionWriter) -> None:
-        super().__init__(name="session-sync", daemon=True)
-        self._writer = writer
-        self._stopping = threading.Event()
-        self._first = 1
-
-    def run(self) -> None:
-        while not self._stopping.wait(SYNC_EVERY_S):
-            self._sync()
-
-    def stop(self) -> None:
-        """End, after a last sync."""
-        self._stopping.set()
-        self.join()
-        self._sync()
-
-    def _sync(self) -> None:
-        journal, began = self._writer._journal, time.monotonic()
-        try:
-            journal.prepare()
-            last = journal.number
-            for number in range(self._first, last + 1):
-                _data_sync(wal_of(journal.part_path(number)))
-            self._first = last
-        except (OSError, sqlite3.Error) as error:
-            # A sync tells of a failure once only: what came since the last one may be gone.
-            text = f"the disk did not confirm the last second: {error}"
-            log.error(text)
-            self._writer._tell(text, Severity.ERROR)
-        self._writer.sync_ms = (time.monotonic() - began) * 1000.0
-
-
-def _data_sync(path: Path) -> None:
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        return  # a part that has gone because the session file has its samples
-    try:
-        os.fdatasync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _reserve(folder: Path) -> Path:

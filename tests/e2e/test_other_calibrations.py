@@ -10,7 +10,6 @@ import time
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -164,7 +163,7 @@ def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path)
 def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:
     """An hour wrong, as a forgotten daylight saving time would be."""
     wrong = rewritten(
-        three_beds, tmp_path / "wrong.h5", lambda one: replace(one, time_ns=one.time_ns - 3_600_000_000_000)
+        three_beds, tmp_path / "wrong.h5", lambda one: one._replace(time_ns=one.time_ns - 3_600_000_000_000)
     )
     found = json.loads(fieldkit("calibrate", "clock", wrong, "--sun", "--json").stdout)
     assert found["value"] == pytest.approx(3600.0, abs=max(600.0, 2 * found["expanded_uncertainty"]))

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from fieldkit.errors import FieldkitError, StorageError
-from fieldkit.sessions import brick_thread, writer
+from fieldkit.sessions import brick_thread, bricks, sync_thread, writer
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
@@ -31,7 +31,8 @@ MARKS = "marks"
 
 def hurry() -> None:
     """Everything that happens each second or each few hundred megabytes happens all the time."""
-    writer.SYNC_EVERY_S = 0.02
+    sync_thread.SYNC_EVERY_S = 0.02
+    bricks.BEGIN_BYTES = sync_thread.BEGIN_BYTES = 5_000
     writer.RESERVE_BYTES = 100_000
     brick_thread.FLUSH_EVERY_S = 0.01
     brick_thread.SYNC_EVERY_S = 0.05

@@ -1,0 +1,46 @@
+"""Asking the disk to keep what was written.
+
+Linux leaves written bytes in memory for half a minute. A sync then has all of them to wait for, while the
+disk has had nothing to do; so whoever writes much has the disk begin early.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+BEGIN_BYTES = 8_000_000
+"""After so much the disk should begin; to begin with less is not worth a call and wears a small card."""
+
+
+def sync(path: Path) -> None:
+    """Ask the disk to keep what was written to a file or folder; raises `OSError`."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sync_data(path: Path) -> None:
+    """The same for a file's bytes alone; one that has gone needs none. Raises `OSError`."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return
+    try:
+        os.fdatasync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def begin_sync(descriptor: int, start: int, length: int) -> None:
+    """Have the disk begin with bytes just written, without waiting for it; only a sync says that it has them.
+
+    "Not needed soon" is the one way that Python has to say so. Bytes on their way to the disk stay in memory
+    all the same, so a reader that follows finds them there.
+    """
+    if hasattr(os, "posix_fadvise"):
+        with contextlib.suppress(OSError):  # a file system that cannot begin early begins late
+            os.posix_fadvise(descriptor, start, length, os.POSIX_FADV_DONTNEED)
