@@ -96,7 +96,7 @@ def _os_write(path: Path, data: Frames) -> None:
     os.close(descriptor)
 
 
-def _plain_pack(tile: Frames) -> memoryview:
+def _plain_pack(tile: Frames, _: int) -> memoryview:
     return tile.data.cast("B")
 
 

@@ -28,7 +28,9 @@ from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample
 SCHEMA_VERSION = 1
 PART_BYTES = 256_000_000
 KEPT_NAME = "000000.sqlite"
-_LARGE_PIXELS = 150_000
+LARGE_PIXELS = 150_000
+"""A picture of so many and more is large: its camera alone can keep a computer busy."""
+
 _TABLES = """
 CREATE TABLE session(schema_version INTEGER, session_id TEXT, start_ns INTEGER, anchor_ns INTEGER,
     header TEXT);
@@ -179,7 +181,7 @@ def create_part(path: Path, identity: Identity) -> sqlite3.Connection:
 def _page_size(header: SessionHeader) -> int:
     """Large pages halve the cost of a large picture, but each reading of a meter costs one of them."""
     largest = max((info.shape[0] * info.shape[1] for info in header.streams if info.is_camera), default=0)
-    return 65_536 if largest >= _LARGE_PIXELS else 4096
+    return 65_536 if largest >= LARGE_PIXELS else 4096
 
 
 def open_part(path: Path) -> sqlite3.Connection:

@@ -102,6 +102,7 @@ def shell(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.timeout(300)  # one page records four hours of an afternoon
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_a_page_shows_is_what_is_printed(page, shell):
     for command, shown in commands(page):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -12,10 +13,24 @@ import pytest
 from fieldkit.device import StreamInfo
 from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, unpack
 from fieldkit.sessions.layout import Column, brick_shape
+from fieldkit.sessions.schema import _brick_dataset
 
 
 def camera(rows: int, cols: int, rate_hz: float) -> StreamInfo:
     return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), 0.01, rate_hz=rate_hz)
+
+
+def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> None:
+    info = camera(512, 640, 30.0)
+    frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
+    with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
+        dataset = _brick_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+        writer = BrickWriter(dataset, pool)
+        for number, one in enumerate(frames, 1):
+            writer.put(one)
+            if writer.is_full or number == len(frames):
+                writer.write()
+        assert np.array_equal(dataset[:], frames)
 
 
 def test_brick_shapes_of_the_known_cameras() -> None:
@@ -26,9 +41,10 @@ def test_brick_shapes_of_the_known_cameras() -> None:
     assert brick_shape(camera(13, 521, 1.0)) == (8, 13, 521)
 
 
-def test_chunk_unpacks_to_what_was_packed() -> None:
+@pytest.mark.parametrize("strategy", [zlib.Z_DEFAULT_STRATEGY, zlib.Z_RLE])
+def test_chunk_unpacks_to_what_was_packed(strategy: int) -> None:
     tile = np.random.default_rng(1).integers(0, 65536, (9, 60, 80)).astype("<u2")
-    assert np.array_equal(unpack(pack(tile), tile.shape), tile)
+    assert np.array_equal(unpack(pack(tile, strategy), tile.shape), tile)
     with pytest.raises(ValueError, match="chunk"):
         unpack(pack(tile)[:-20], tile.shape)
     with pytest.raises(ValueError, match="chunk"):
