@@ -146,9 +146,12 @@ class SerialPort:
             elif not self._clock.wait_readable(self._fd, max(timeout_s, 0.0)):
                 return b""
             chunk = os.read(self._fd, CHUNK_BYTES)
+            if chunk or not self._clock.wait_readable(self._fd, 0.0):
+                return chunk
+            chunk = os.read(self._fd, CHUNK_BYTES)  # something came just now, unless it is hung up
         except (OSError, termios.error) as error:
             raise self._lost() from error
-        if not chunk and self._clock.wait_readable(self._fd, 0.0):  # readable, yet nothing to read: hung up
+        if not chunk:
             raise self._lost()
         return chunk
 

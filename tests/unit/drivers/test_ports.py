@@ -67,6 +67,17 @@ def test_silence_is_none(port):
     assert port.read(LAYOUT, 0.01) is None
 
 
+def test_a_record_that_comes_just_as_the_wait_for_it_ends_is_no_lost_port(wire):
+    class Late(HostClock):
+        def wait_readable(self, fd, timeout_s):
+            wire.say(RECORD)
+            return super().wait_readable(fd, timeout_s)
+
+    port = SerialPort(wire.path, Line(9600), Late())
+    assert port.read(LAYOUT, 0.05).raw == RECORD
+    port.close()
+
+
 def test_old_bytes_are_discarded(wire, port):
     wire.say(RECORD)
     port.ask(b"A")
