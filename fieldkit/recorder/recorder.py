@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -23,7 +24,7 @@ from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
-QUEUE_S = 3.0
+QUEUE_S, QUEUE_BYTES = 3.0, 32_000_000
 Shown: TypeAlias = Sample | Event | Minute | Health
 log = logging.getLogger(__name__)
 
@@ -263,5 +264,6 @@ class Recorder:
 
 
 def _queue_limit(info: StreamInfo) -> int:
-    """Room for three seconds of samples, and for a burst."""
-    return max(64, round(QUEUE_S * info.rate_hz))
+    """Room for three seconds of samples or for 32 MB of them, whichever is more, and for a burst."""
+    sample_bytes = 1000 + 2 * math.prod(info.shape)
+    return max(64, round(QUEUE_S * info.rate_hz), QUEUE_BYTES // sample_bytes)
