@@ -9,7 +9,8 @@ from typing import TypeVar
 import pytest
 
 T = TypeVar("T")
-LITTLE = 0.05
+LITTLE = 0.25
+"""Python runs on one processor at a time: with less than this of two left, none is."""
 
 
 def places_in(sent: Sequence[int], received: Sequence[int]) -> list[int]:
@@ -42,12 +43,13 @@ def first_without_loss(attempt: Callable[[], tuple[T, int]], tries: int = 3) -> 
     return result
 
 
-def nothing_lost(lost: int, idle_share: float = 1.0) -> None:
+def nothing_lost(lost: int, idle_share: float = 1.0, told: Sequence[str] = ()) -> None:
     """Assert that nothing was lost; where no processor time was left, skip instead of accusing fieldkit.
 
-    The lab alone keeps the load of this computer below two; `idle_share` is of the guest's processor.
+    `idle_share` is of the guest's processors, `told` what the recorder said of it. The lab alone keeps the
+    load of this computer below three.
     """
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
     if lost and (load > cores + 1 or idle_share < LITTLE):
         pytest.skip(f"{lost} lost where no processor time was left: a load of {load:.1f} on {cores} cores")
-    assert lost == 0
+    assert lost == 0, told

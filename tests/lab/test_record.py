@@ -62,7 +62,7 @@ STARTING_NS = 3 * SECOND_NS
 class Recorded:
     """A recording, its session, and what was on the cables meanwhile: pictures' checksums, lux records.
 
-    `idle_share` is that of the guest's processor.
+    `idle_share` is that of the guest's processors.
     """
 
     recording: Recording
@@ -117,7 +117,8 @@ def test_no_picture_and_no_reading_is_lost(recorded: Recorded):
     assert all(streams[name]["unflagged_duplicates"] == 0 for name in ("camera", "second"))
     places = places_in(recorded.pictures_sent, recorded.settled("camera", "sums"))
     numbers = recorded.settled("second", "counters")  # it has none of its own: they are the kernel's
-    nothing_lost(skipped(places) + skipped(numbers), recorded.idle_share)
+    told = [event["text"] for event in recorded.session["events"]]
+    nothing_lost(skipped(places) + skipped(numbers), recorded.idle_share, told)
 
 
 def test_pictures_carry_the_kernels_stamp_and_a_number(recorded: Recorded):

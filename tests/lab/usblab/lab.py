@@ -94,7 +94,7 @@ class Lab:
         return time.monotonic_ns() + self._mono_offset_ns
 
     def idle_s(self) -> float:
-        """For how long the guest's processor has had nothing to do since power-on."""
+        """For how long the guest's processors have had nothing to do since power-on, on average."""
         idle: float = self.guest.call("usblab.inside.nodes:idle_s")
         return idle
 

@@ -57,8 +57,9 @@ class Recording:
                 ended = self.job.poll()
                 assert ended is None, f"the recording ended by itself: {ended}"
             if time.monotonic() > deadline:
+                blocked = self.lab.guest.call("usblab.inside.nodes:blocked")
                 self.job.signal(signal.SIGABRT)
-                raise TimeoutError(f"waited {timeout_s} s in vain: {self.job.wait(10)}")
+                raise TimeoutError(f"waited {timeout_s} s in vain: {blocked=} {self.job.wait(10)}")
 
     def stop(self) -> dict[str, Any]:
         """Stop it as Ctrl-C does, see that it sealed a session, and look at that."""

@@ -16,9 +16,12 @@ from typing import Any
 from usblab.guest import image, initramfs, kernel, packages
 
 CAMERA_PORTS = 3
+PROCESSORS = 2
 SERIAL_NUMBERS = ("LUX0001", "TMP0001", "LUX0002")
 SOFTWARE = ("tcg,thread=multi", "max", 180.0)
 HARDWARE = ("kvm", "host,-arch-capabilities", 15.0)
+ONE_CLOCK = "tsc=reliable"
+"""Of two emulated processors the kernel distrusts the time stamp counters, though they are one."""
 
 
 class GuestError(RuntimeError):
@@ -156,11 +159,11 @@ class Guest:
 
         command = [
             "qemu-system-x86_64", "-accel", acceleration, "-cpu", processor,
-            "-M", "q35", "-smp", "1", "-m", "2048",
+            "-M", "q35", "-smp", str(PROCESSORS), "-m", "2048",
             "-nodefaults", "-no-user-config", "-display", "none", "-no-reboot",
             "-rtc", f"base={self._clock_base}",
             "-kernel", str(self._kernel.image), "-initrd", str(self.home / "initramfs"),
-            "-append", "console=ttyS0 quiet loglevel=4 panic=-1 mitigations=off",
+            "-append", f"console=ttyS0 quiet loglevel=4 panic=-1 mitigations=off {ONE_CLOCK}",
             "-serial", f"file:{self.home / 'console'}",
             "-drive", f"file={self._root},format=raw,if=virtio,readonly=on",
             "-device", "qemu-xhci,id=xhci,p2=8,p3=4",

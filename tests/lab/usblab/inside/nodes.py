@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import grp
 import os
 import stat
@@ -56,8 +57,18 @@ def clock(set_utc_ns: int | None = None) -> tuple[int, int]:
 
 
 def idle_s() -> float:
-    """For how long the guest's processor has had nothing to do since power-on."""
-    return float(Path("/proc/uptime").read_text().split()[1])
+    """For how long the guest's processors have had nothing to do since power-on, on average."""
+    return float(Path("/proc/uptime").read_text().split()[1]) / (os.cpu_count() or 1)
+
+
+def blocked() -> dict[str, str]:
+    """Where in the kernel each task stands that cannot be interrupted, by its name and number."""
+    found = {}
+    for task in Path("/proc").glob("[0-9]*/task/[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            if "State:\tD" in (task / "status").read_text():
+                found[f"{(task / 'comm').read_text().strip()} {task.name}"] = (task / "stack").read_text()
+    return found
 
 
 def _about(path: Path) -> dict[str, str]:

@@ -13,8 +13,8 @@ from fieldkit.drivers.cameras.v4l2 import V4l2Source
 
 def ask_p2pro_while_streaming(path: str) -> dict[str, Any]:
     """Read the firmware date, set low gain and read it back, pictures flowing before, between and after."""
+    device = usb.core.find(idVendor=0x0BDA, idProduct=0x5830)  # loads libusb, for longer than buffers last
     source = V4l2Source(path, "YUYV", [(256, 384)], HostClock())
-    device = usb.core.find(idVendor=0x0BDA, idProduct=0x5830)
     sequences: list[int] = []
     try:
         _watch(source, sequences)
