@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
 from fieldkit.clock import HostClock
-from fieldkit.recorder.recorder import QUEUE_S
+from fieldkit.recorder.inbox import room_for
 from fieldkit.sessions.writer import SessionWriter
 
 SECONDS = float(os.environ.get("FIELDKIT_BENCH_S", "20"))
@@ -35,9 +35,10 @@ def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
     ready, waits = pictures(info.shape), []  # type: ignore[arg-type]
     writer = SessionWriter(place / "paced.h5", header(info), clock)
     count, late = int(SECONDS * info.rate_hz), 0
+    patience_s = room_for(info) / info.rate_hz
     began, used = time.monotonic(), time.process_time()
     for number in range(count):
-        late += time.monotonic() - began - number / info.rate_hz > QUEUE_S
+        late += time.monotonic() - began - number / info.rate_hz > patience_s
         sample = frame(info, ready[number % len(ready)], clock)
         before = time.perf_counter()
         writer.append(sample)

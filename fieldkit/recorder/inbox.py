@@ -6,13 +6,22 @@ which are counted; a reading thread never waits here.
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 from collections import Counter
 
+from fieldkit.device import StreamInfo
 from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
 
 Item = Sample | Event
+ROOM_S, ROOM_BYTES, BURST = 3.0, 32_000_000, 64
+
+
+def room_for(info: StreamInfo) -> int:
+    """How many samples of a stream may wait: three seconds or 32 MB of them, if that is more, and a burst."""
+    sample_bytes = 1000 + 2 * math.prod(info.shape)
+    return max(BURST, round(ROOM_S * info.rate_hz), ROOM_BYTES // sample_bytes)
 
 
 class Inbox:

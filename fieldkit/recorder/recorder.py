@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
 from collections import Counter
@@ -13,18 +12,17 @@ from functools import partial
 from typing import Protocol, TypeAlias
 
 from fieldkit.clock import Clock
-from fieldkit.device import Device, StreamInfo
+from fieldkit.device import Device
 from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.housekeeping import Housekeeping
-from fieldkit.recorder.inbox import Inbox, Item
+from fieldkit.recorder.inbox import Inbox, Item, room_for
 from fieldkit.recorder.watch import DiskWatch, FlagWatch
 from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
-QUEUE_S, QUEUE_BYTES = 3.0, 32_000_000
 Shown: TypeAlias = Sample | Event | Minute | Health
 log = logging.getLogger(__name__)
 
@@ -76,7 +74,7 @@ class Recorder:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self._inbox = Inbox({device.info.name: _queue_limit(device.info) for device in self.devices})
+        self._inbox = Inbox({device.info.name: room_for(device.info) for device in self.devices})
         self._feeds = [self._feed(device) for device in self.devices]
         disk = DiskWatch(self.disk_reserve_bytes)
         self._house = Housekeeping(
@@ -261,9 +259,3 @@ class Recorder:
             self._views.remove(view)
             if not self.writer.is_closed:
                 self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
-
-
-def _queue_limit(info: StreamInfo) -> int:
-    """Room for three seconds of samples or for 32 MB of them, whichever is more, and for a burst."""
-    sample_bytes = 1000 + 2 * math.prod(info.shape)
-    return max(64, round(QUEUE_S * info.rate_hz), QUEUE_BYTES // sample_bytes)

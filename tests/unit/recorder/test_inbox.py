@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from fieldkit.recorder.inbox import Inbox
+from fieldkit.device import StreamInfo
+from fieldkit.recorder.inbox import Inbox, room_for
 from fieldkit.samples import Event, EventKind, Quality, Reading
 
 
@@ -23,6 +24,15 @@ def test_keeps_the_order_of_arrival_over_streams() -> None:
         assert inbox.put(sample)
     assert drain(inbox) == put
     assert not inbox.is_busy()
+
+
+def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> None:
+    def picture(rows: int, cols: int, rate_hz: float) -> StreamInfo:
+        return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), rate_hz=rate_hz)
+
+    assert room_for(picture(512, 640, 30.0)) == 90
+    assert room_for(picture(192, 256, 25.0)) == 32_000_000 // (192 * 256 * 2 + 1000)
+    assert room_for(StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=2.0)) > 3600
 
 
 def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> None:
