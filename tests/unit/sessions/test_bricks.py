@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from fieldkit.device import StreamInfo
-from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, unpack
+from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, strategy_for, unpack
+from fieldkit.sessions.exchange.purethermal import read_purethermal
 from fieldkit.sessions.layout import Column, brick_shape
 from fieldkit.sessions.schema import _brick_dataset
+from tests.shared_data import shared
 
 
 def camera(rows: int, cols: int, rate_hz: float) -> StreamInfo:
@@ -49,6 +51,29 @@ def test_chunk_unpacks_to_what_was_packed(strategy: int) -> None:
         unpack(pack(tile)[:-20], tile.shape)
     with pytest.raises(ValueError, match="chunk"):
         unpack(b"not zlib at all", tile.shape)
+
+
+def test_noise_is_packed_by_runs_and_a_quiet_picture_by_repeats() -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.normal(29_500, 5, (25, 64, 64)).round().astype("<u2")
+    quiet = np.repeat(rng.normal(29_500, 5, (1, 64, 64)).round().astype("<u2"), 25, axis=0)
+    assert strategy_for(noise) == zlib.Z_RLE
+    assert strategy_for(quiet) == zlib.Z_DEFAULT_STRATEGY
+
+
+def test_a_real_recording_is_packed_to_less_than_2_8_of_it(tmp_path: Path) -> None:
+    """A PureThermal's, see the README beside it; measured in the file, whole bricks alone."""
+    source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
+    frames = [sample.counts for sample in read_purethermal(source).samples]
+    info = camera(120, 160, 9.0)
+    with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
+        dataset = _brick_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+        writer, size = BrickWriter(dataset, pool), 0
+        for one in frames[: len(frames) // writer.depth * writer.depth]:
+            writer.put(one)
+            if writer.is_full:
+                size += sum(chunk.size for chunk in writer.write())
+        assert writer.length * 2 * 120 * 160 / size >= 2.8
 
 
 def test_hdf5_reads_bricks_and_their_places_are_told(tmp_path: Path) -> None:
