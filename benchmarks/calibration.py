@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from benchmarks.result import Result
 from fieldkit.calibration.emissivity import Shared, fit_emissivity, single_pair
 from fieldkit.errors import CalibrationError
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.choice import choose
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import band_radiance

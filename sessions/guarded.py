@@ -15,7 +15,7 @@ from types import TracebackType
 
 import h5py
 
-from fieldkit.sessions.schema import LIBVER
+from fieldkit.sessions.datasets import LIBVER
 
 
 def write_new(path: Path, data: bytes) -> None:

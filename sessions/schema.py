@@ -1,24 +1,28 @@
-"""Makes the tree of a session file: groups, datasets, scales and attributes, all before the first sample.
-
-The format level is pinned to HDF5 1.10: newer levels cannot be read by older tools, older
-ones know no single-writer-multiple-reader mode. Filters are shuffle and gzip only.
-Creation order is tracked everywhere, which netCDF asks for.
-"""
+"""Makes the tree of a session file: groups, datasets, scales and attributes, all before the first sample."""
 
 from __future__ import annotations
 
 import platform
 import uuid
-from collections.abc import Iterable, Mapping
-from datetime import UTC, datetime
 from importlib import metadata
-from typing import Any
 
 import h5py
 import numpy as np
 
 import fieldkit
 from fieldkit.device import StreamInfo
+from fieldkit.sessions.datasets import (
+    LIBVER,
+    attach,
+    iso_utc,
+    labels,
+    put_bricks,
+    put_columns,
+    put_group,
+    put_scale,
+    put_text,
+    set_attributes,
+)
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import (
@@ -30,12 +34,10 @@ from fieldkit.sessions.layout import (
     TIME_MAP_COLUMNS,
     Column,
     brick_shape,
-    encode_text,
     entry_columns,
     stream_columns,
 )
 
-LIBVER = ("v110", "v110")
 ISO_WIDTH = 32
 _PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pyserial", "pyusb")
 
@@ -65,82 +67,6 @@ def _tree(file: h5py.File, identity: Identity) -> None:
     _time_map(file)
 
 
-def iso_utc(time_ns: int) -> str:
-    """UTC of nanoseconds since 1970 as ISO 8601 with microseconds."""
-    seconds, rest_ns = divmod(time_ns, 10**9)
-    moment = datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest_ns // 1000)
-    return moment.isoformat(timespec="microseconds")
-
-
-def put_text(group: h5py.Group, name: str, text: str, width: int = 0, **attributes: Any) -> h5py.Dataset:
-    """A scalar dataset of UTF-8 text of fixed width."""
-    data = encode_text(text, width) if width else text.encode()
-    kind = h5py.string_dtype("utf-8", width or max(1, len(data)))
-    dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind, track_order=True)
-    set_attributes(dataset, attributes)
-    return dataset
-
-
-def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any]) -> None:
-    """Attributes, text as fixed-length UTF-8 because every reader knows that kind."""
-    for name, value in attributes.items():
-        if isinstance(value, str):
-            data = value.encode() or b" "
-            node.attrs.create(name, np.array(data, h5py.string_dtype("utf-8", len(data))))
-        else:
-            node.attrs[name] = value
-
-
-def put_columns(group: h5py.Group, columns: Iterable[Column], time_name: str = "time") -> None:
-    """The empty, growing datasets of a table, with their scales."""
-    for column in columns:
-        dtype = h5py.string_dtype("utf-8", int(column.dtype[1:])) if column.is_text else column.dtype
-        dataset = group.create_dataset(
-            column.name, (0, *column.shape), dtype, maxshape=(None, *column.shape),
-            chunks=(column.chunk_rows, *column.shape), fillvalue=column.fill, track_order=True,
-        )  # fmt: skip
-        named = {} if "standard_name" in column.attributes else {"long_name": _words(column.name)}
-        set_attributes(dataset, {**named, **column.attributes})
-        if column.fill is not None:
-            dataset.attrs["_FillValue"] = np.array(column.fill, dataset.dtype)
-        if column.name == time_name:
-            dataset.make_scale(time_name)
-        else:
-            attach(dataset, time_name, *column.dims)
-
-
-def attach(dataset: h5py.Dataset, *names: str) -> None:
-    """Give the axes of a dataset their scales, which stand in the same group."""
-    for axis, name in enumerate(names):
-        scale = dataset.parent[name]
-        dataset.dims[axis].attach_scale(scale)
-
-
-def put_scale(group: h5py.Group, name: str, values: Any, **attributes: Any) -> None:
-    """A dimension scale of given values."""
-    dataset = group.create_dataset(name, data=values, track_order=True)
-    set_attributes(dataset, {"long_name": _words(name), **attributes})
-    dataset.make_scale(name)
-
-
-def _words(name: str) -> str:
-    """A name in words, its unit left to the units attribute."""
-    for unit in ("_deg", "_ns", "_us", "_ms", "_bytes"):
-        name = name.removesuffix(unit)
-    return name.replace("_", " ")
-
-
-def _labels(names: Iterable[str], width: int = 32) -> np.ndarray[Any, Any]:
-    data = [encode_text(name, width) for name in names] or [b""]
-    return np.array(data, h5py.string_dtype("utf-8", width))
-
-
-def _group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -> h5py.Group:
-    group = parent.create_group(name, track_order=True)
-    set_attributes(group, {"NX_class": nx_class, **attributes})
-    return group
-
-
 def _root_attributes(file: h5py.File, identity: Identity) -> None:
     header = identity.header
     set_attributes(
@@ -160,7 +86,7 @@ def _root_attributes(file: h5py.File, identity: Identity) -> None:
 
 def _entry(file: h5py.File, identity: Identity) -> None:
     header = identity.header
-    entry = _group(file, "entry", "NXentry", default=next((s.name for s in header.streams), ""))
+    entry = put_group(file, "entry", "NXentry", default=next((s.name for s in header.streams), ""))
     put_text(entry, "title", header.title)
     put_text(entry, "definition", "NXfieldkit")
     put_text(entry, "program_name", "fieldkit", version=fieldkit.__version__)
@@ -171,9 +97,9 @@ def _entry(file: h5py.File, identity: Identity) -> None:
     set_attributes(complete, {"flag_values": np.arange(3, dtype="u1"), "flag_meanings": meanings})
     anchor = entry.create_dataset("utc_minus_mono_ns", data=np.int64(identity.anchor_ns), track_order=True)
     set_attributes(anchor, {"units": "ns", "long_name": "UTC less host monotonic clock, taken at the start"})
-    put_text(_group(entry, "user", "NXuser"), "name", header.operator)
-    put_text(_group(entry, "sample", "NXsample"), "description", header.description)
-    site = _group(entry, "site", "NXcollection")
+    put_text(put_group(entry, "user", "NXuser"), "name", header.operator)
+    put_text(put_group(entry, "sample", "NXsample"), "description", header.description)
+    site = put_group(entry, "site", "NXcollection")
     for name, value, units in (
         ("latitude", header.site.latitude_deg, "degree_north"),
         ("longitude", header.site.longitude_deg, "degree_east"),
@@ -181,13 +107,13 @@ def _entry(file: h5py.File, identity: Identity) -> None:
     ):
         set_attributes(site.create_dataset(name, data=float(value), track_order=True), {"units": units})
     put_text(site, "timezone", header.site.timezone)
-    instrument = _group(entry, "instrument", "NXinstrument")
+    instrument = put_group(entry, "instrument", "NXinstrument")
     for info in header.streams:
         _instrument(instrument, info)
 
 
 def _instrument(parent: h5py.Group, info: StreamInfo) -> None:
-    group = _group(parent, info.name, "NXdetector" if info.is_camera else "NXsensor")
+    group = put_group(parent, info.name, "NXdetector" if info.is_camera else "NXsensor")
     for name in ("vendor", "model", "serial_number", "firmware", "port", "identity", "driver"):
         put_text(group, name, getattr(info, name))
     for name, value, units in (
@@ -200,9 +126,9 @@ def _instrument(parent: h5py.Group, info: StreamInfo) -> None:
 
 
 def _stream_group(file: h5py.File, info: StreamInfo) -> None:
-    axes = {"axes": _labels(["time", "y", "x"] if info.is_camera else ["time"])}
+    axes = {"axes": labels(["time", "y", "x"] if info.is_camera else ["time"])}
     signal = "counts" if info.is_camera else "value"
-    group = _group(file, info.name, "NXdata", signal=signal, **axes)
+    group = put_group(file, info.name, "NXdata", signal=signal, **axes)
     if info.is_camera:
         rows, cols = info.shape
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
@@ -214,15 +140,15 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
     for column in columns:
         if column.name == "value" and column.dims:
             put_scale(group, "channel", np.arange(info.shape[0], dtype="<i4"), units="1")
-            labels = group.create_dataset("label", data=_labels(info.channels, 32), track_order=True)
-            attach(labels, *(("channel",) if len(info.channels) == info.shape[0] else ()))
+            label = group.create_dataset("label", data=labels(info.channels, 32), track_order=True)
+            attach(label, *(("channel",) if len(info.channels) == info.shape[0] else ()))
         if column.name == "raw":
             put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
     put_columns(group, columns)
 
 
 def _pictures(group: h5py.Group, info: StreamInfo) -> None:
-    counts = _brick_dataset(group, "counts", brick_shape(info), info.shape, FILL_COUNT)
+    counts = put_bricks(group, "counts", brick_shape(info), info.shape, FILL_COUNT)
     attach(counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
     scaled = {"scale_factor": float(info.scale), "add_offset": float(info.offset), "units": "K"}
@@ -233,35 +159,24 @@ def _pictures(group: h5py.Group, info: StreamInfo) -> None:
     if info.metadata_shape[0]:
         put_scale(group, "metadata_row", np.arange(info.metadata_shape[0], dtype="<i4"), units="1")
         depth = brick_shape(info)[0]
-        rows = _brick_dataset(
-            group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None
-        )
+        rows = put_bricks(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
         set_attributes(rows, {"long_name": "rows the camera sent with the picture", "units": "1"})
         same_width = info.metadata_shape[1] == info.shape[1]
         attach(rows, "time", "metadata_row", *(("x",) if same_width else ()))
 
 
-def _brick_dataset(
-    group: h5py.Group, name: str, bricks: tuple[int, ...], shape: tuple[int, ...], fill: int | None
-) -> h5py.Dataset:
-    return group.create_dataset(
-        name, (0, *shape), "<u2", maxshape=(None, *shape), chunks=bricks, fillvalue=fill,
-        shuffle=True, compression="gzip", compression_opts=1, track_order=True,
-    )  # fmt: skip
-
-
 def _entry_group(file: h5py.File, name: str, columns: list[Column], header: SessionHeader) -> None:
-    signal = {"signal": "value", "axes": _labels(["time"])} if name == "irradiance" else {}
-    group = _group(
+    signal = {"signal": "value", "axes": labels(["time"])} if name == "irradiance" else {}
+    group = put_group(
         file, name, {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection"), **signal
     )
     if name == "estimates":
-        put_scale(group, "region", _labels(header.region_names, 64), long_name="name of the region")
+        put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
     if name == "health":
-        put_scale(group, "stream", _labels(info.name for info in header.streams))
+        put_scale(group, "stream", labels(info.name for info in header.streams))
     if name == "regions":
         put_scale(group, "vertex", np.arange(columns[-2].shape[0], dtype="<i4"), units="1")
-        put_scale(group, "xy", _labels(["x", "y"], 1))
+        put_scale(group, "xy", labels(["x", "y"], 1))
     put_columns(group, columns)
 
 
@@ -271,7 +186,7 @@ def _masks(file: h5py.File, header: SessionHeader) -> None:
     if camera is None:
         return
     group, (rows, cols) = file["regions"], camera.shape
-    put_scale(group, "region_name", _labels(header.region_names, 64))
+    put_scale(group, "region_name", labels(header.region_names, 64))
     put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1")
     put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1")
     zeros = np.zeros((group["region_name"].size, rows, cols), "u1")
@@ -281,11 +196,11 @@ def _masks(file: h5py.File, header: SessionHeader) -> None:
 
 
 def _calibration(file: h5py.File, header: SessionHeader) -> None:
-    parent = _group(file, "calibration", "NXcollection")
+    parent = put_group(file, "calibration", "NXcollection")
     for info in header.streams:
-        group = _group(parent, info.name, "NXcalibration")
+        group = put_group(parent, info.name, "NXcalibration")
         coefficients = np.array([info.offset, info.scale])
-        put_scale(group, "term", _labels(["offset", "scale"]))
+        put_scale(group, "term", labels(["offset", "scale"]))
         data = group.create_dataset("coefficients", data=coefficients, track_order=True)
         set_attributes(data, {"units": info.unit, "long_name": "value = stored * scale + offset"})
         attach(data, "term")
@@ -295,7 +210,7 @@ def _calibration(file: h5py.File, header: SessionHeader) -> None:
 def _config(file: h5py.File, header: SessionHeader) -> None:
     from hashlib import sha256
 
-    group = _group(file, "config", "NXcollection")
+    group = put_group(file, "config", "NXcollection")
     digest = sha256(header.config_toml.encode()).hexdigest()
     put_text(group, "session_toml", header.config_toml, sha256=digest)
     put_text(group, "header", header.to_json(), long_name="everything declared before the first sample, JSON")
@@ -312,15 +227,15 @@ def _version(package: str) -> str:
 
 
 def _integrity(file: h5py.File, header: SessionHeader) -> None:
-    group = _group(file, "integrity", "NXcollection")
+    group = put_group(file, "integrity", "NXcollection")
     streams = max(1, len(header.streams))
-    put_scale(group, "stream", _labels(info.name for info in header.streams))
+    put_scale(group, "stream", labels(info.name for info in header.streams))
     for column in INTEGRITY_COLUMNS:
         dataset = group.create_dataset(column.name, data=column.unknown(streams), track_order=True)
         set_attributes(dataset, column.attributes)
         attach(dataset, "stream")
     tables = list(entry_columns(header))
-    put_scale(group, "table", _labels(tables))
+    put_scale(group, "table", labels(tables))
     crc = group.create_dataset("table_crc32", data=np.zeros(len(tables), "<u4"), track_order=True)
     set_attributes(crc, {"long_name": "CRC-32 over the columns of the table", "units": "1"})
     attach(crc, "table")
@@ -330,5 +245,5 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
 
 def _time_map(file: h5py.File) -> None:
     """Corrections of the clock, written afterwards and only when asked: data, not edits."""
-    group = _group(file, "time_map", "NXcollection")
+    group = put_group(file, "time_map", "NXcollection")
     put_columns(group, TIME_MAP_COLUMNS)

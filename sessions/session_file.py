@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 
 from fieldkit.samples import Frame, Reading, Sample
 from fieldkit.sessions.bricks import BrickWriter, PackedBrick, TableWriter
+from fieldkit.sessions.datasets import iso_utc
 from fieldkit.sessions.disk import sync
 from fieldkit.sessions.guarded import GuardedFile, write_new
 from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.journal import Chunk, Identity
 from fieldkit.sessions.layout import encode_text, entry_columns, raw_width, stream_columns
 from fieldkit.sessions.records import Record, RegionRecord, sample_bytes, sample_crc32
-from fieldkit.sessions.schema import ISO_WIDTH, file_image, iso_utc
+from fieldkit.sessions.schema import ISO_WIDTH, file_image
 from fieldkit.sessions.tables import EntryRows
 
 PARTIAL_AFTER_S = 1.3

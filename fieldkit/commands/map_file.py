@@ -17,8 +17,8 @@ import numpy as np
 import fieldkit
 from fieldkit.campaign.cache import code_version
 from fieldkit.commands.mapping import MappedSession
+from fieldkit.sessions.datasets import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import Session
-from fieldkit.sessions.schema import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.site import RegionKind
 from fieldkit.slope import SlopeState
 

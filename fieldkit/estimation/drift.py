@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows
-from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
+from fieldkit.estimation.bounds import cramer_rao, tangents
+from fieldkit.estimation.choice import choose
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.physics.facet import FloatArray
 
 RECENT_MINUTES = 20

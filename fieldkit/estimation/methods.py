@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation import quality
 from fieldkit.estimation.balance import Rows
+from fieldkit.estimation.choice import choose
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
@@ -26,7 +27,7 @@ from fieldkit.estimation.likelihood import (
     region_known_azimuth,
     with_doubts,
 )
-from fieldkit.estimation.normal import Misfit, choose, solve, solve_known_azimuth
+from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
 from fieldkit.estimation.posterior import posterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.estimation.normal import cramer_rao, mirror, tangents
+from fieldkit.estimation.bounds import cramer_rao, mirror, tangents
 from fieldkit.physics.facet import FloatArray, cos_incidence, tilt_azimuth
 from fieldkit.physics.surface import (
     STEFAN_BOLTZMANN,

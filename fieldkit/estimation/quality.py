@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from fieldkit.estimation.normal import tangents
+from fieldkit.estimation.bounds import tangents
 from fieldkit.physics.facet import FloatArray
 
 ALARM_PROBABILITY = 0.01

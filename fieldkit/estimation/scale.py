@@ -16,7 +16,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fieldkit.errors import CalibrationError
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.choice import choose
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.physics.facet import FloatArray
 
 LEAST_SIGNAL = 5.0

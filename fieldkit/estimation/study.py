@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.choice import choose
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.plan import GRAZING, cosine_noise
 from fieldkit.estimation.posterior import posterior
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error

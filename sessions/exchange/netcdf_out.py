@@ -9,9 +9,9 @@ from pathlib import Path
 
 import h5py
 
+from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session
-from fieldkit.sessions.schema import LIBVER
 
 _SCALE_MARKS = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from fieldkit.errors import ConfigError, StorageError
 from fieldkit.samples import Frame
 from fieldkit.sessions.analysis import camera_of, own_scale
+from fieldkit.sessions.datasets import iso_utc
 from fieldkit.sessions.reader import Session
-from fieldkit.sessions.schema import iso_utc
 
 TIFF_KELVIN_PER_COUNT = 0.01
 _WIDTH, _BAR = 640, 36

@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 
+from fieldkit.estimation.bounds import cramer_rao
+from fieldkit.estimation.choice import choose
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     DoubtfulMisfit,
@@ -9,7 +11,7 @@ from fieldkit.estimation.likelihood import (
     region_known_azimuth,
     with_doubts,
 )
-from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.site import Site

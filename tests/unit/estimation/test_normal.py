@@ -7,14 +7,9 @@ here is astropy's, 0.0015 degrees away, which sets the tolerances.
 import numpy as np
 import pytest
 
-from fieldkit.estimation.normal import (
-    Misfit,
-    choose,
-    cramer_rao,
-    mirror,
-    solve,
-    solve_known_azimuth,
-)
+from fieldkit.estimation.bounds import cramer_rao, mirror
+from fieldkit.estimation.choice import choose
+from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference

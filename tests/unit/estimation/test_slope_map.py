@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.choice import choose
+from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.slope_map import MapSums
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from fieldkit.physics.sun import sun_vectors

@@ -12,9 +12,9 @@ import pytest
 
 from fieldkit.device import StreamInfo
 from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, strategy_for, unpack
+from fieldkit.sessions.datasets import put_bricks
 from fieldkit.sessions.exchange.purethermal import read_purethermal
 from fieldkit.sessions.layout import Column, brick_shape
-from fieldkit.sessions.schema import _brick_dataset
 from tests.shared_data import shared
 
 
@@ -26,7 +26,7 @@ def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> 
     info = camera(512, 640, 30.0)
     frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
-        dataset = _brick_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
         writer = BrickWriter(dataset, pool)
         for number, one in enumerate(frames, 1):
             writer.put(one)
@@ -67,7 +67,7 @@ def test_a_real_recording_is_packed_to_less_than_2_8_of_it(tmp_path: Path) -> No
     frames = [sample.counts for sample in read_purethermal(source).samples]
     info = camera(120, 160, 9.0)
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
-        dataset = _brick_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
         writer, size = BrickWriter(dataset, pool), 0
         for one in frames[: len(frames) // writer.depth * writer.depth]:
             writer.put(one)

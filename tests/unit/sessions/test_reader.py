@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import SessionError
+from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
