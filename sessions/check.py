@@ -64,7 +64,7 @@ def _integrity(session: Session) -> Iterator[Finding]:
         return
     sealed = session.integrity()
     for place, name in enumerate(session.streams):
-        stored = session.stream(name).column("crc32").tolist()
+        stored = session.stream(name).column("crc32")
         if len(stored) != sealed["count"][place] or crc_of_crcs(stored) != sealed["crc_of_crcs"][place]:
             yield Finding(
                 "fail", name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others"

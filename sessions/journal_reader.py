@@ -134,10 +134,10 @@ class JournalReader:
         sound = "SELECT id, seq FROM sample WHERE stream = ? AND typeof(seq) = 'integer' ORDER BY id"
         yield from self._merged(sound, stream)
 
-    def crc32s(self, stream: int) -> list[int]:
+    def crc32s(self, stream: int) -> Iterator[int]:
         """The checksums of that stream's samples, in order."""
         statement = "SELECT id, crc32 FROM sample WHERE stream = ? ORDER BY id"
-        return [crc32 for _, crc32 in self._merged(statement, stream)]
+        return (crc32 for _, crc32 in self._merged(statement, stream))
 
     def entries(self) -> Iterator[Entry]:
         """Everything that is no sample, in order."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import shutil
 import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
+from itertools import chain, zip_longest
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.errors import IntegrityError
 from fieldkit.samples import Quality
@@ -34,18 +36,19 @@ class SealReport:
     verified: int
 
 
-def seal(path: Path, expected: dict[str, list[int]], state: int) -> SealReport:
+def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealReport:
     """Verify a closed session file and mark it complete with `state`.
 
-    `expected` has the checksums of each stream's samples, in order. Raises `IntegrityError`
-    where the file does not have exactly these.
+    `expected` has the checksums of each stream's samples, in order, and is gone through once. Raises
+    `IntegrityError` where the file does not have exactly these.
     """
     with open_session(path) as session:
         crcs = {name: _verified(session, name, crc32s) for name, crc32s in expected.items()}
+        counts = {name: len(session.stream(name)) for name in expected}
         spans = {name: _span(session, name) for name in expected}
         table_crcs = [table_crc32(session, name) for name in entry_columns(session.header)]
     columns = {
-        "count": [len(crc32s) for crc32s in expected.values()],
+        "count": list(counts.values()),
         "first_time": [span[0] for span in spans.values()],
         "last_time": [span[1] for span in spans.values()],
         "crc_of_crcs": list(crcs.values()),
@@ -54,11 +57,10 @@ def seal(path: Path, expected: dict[str, list[int]], state: int) -> SealReport:
     write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})
     write_in_place(path, {"entry/complete": state})  # last, one byte: the session is complete or it is not
     sync(path.parent)
-    counts = {name: len(crc32s) for name, crc32s in expected.items()}
     return SealReport(path, counts, path.stat().st_size, sum(counts.values()))
 
 
-def journal_crc32s(journal: JournalReader) -> dict[str, list[int]]:
+def journal_crc32s(journal: JournalReader) -> dict[str, Iterator[int]]:
     """The checksums of every journalled sample, per stream."""
     streams = journal.identity.header.streams
     return {info.name: journal.crc32s(number) for number, info in enumerate(streams)}
@@ -75,9 +77,9 @@ def remove_journal(folder: Path) -> None:
     sync(folder.parent)
 
 
-def crc_of_crcs(crc32s: list[int]) -> int:
+def crc_of_crcs(crc32s: NDArray[np.uint32]) -> int:
     """One number for all samples of a stream."""
-    return zlib.crc32(np.array(crc32s, "<u4").tobytes())
+    return zlib.crc32(crc32s.astype("<u4").tobytes())
 
 
 def table_crc32(session: Session, name: str) -> int:
@@ -88,13 +90,13 @@ def table_crc32(session: Session, name: str) -> int:
     return crc
 
 
-def _verified(session: Session, stream: str, expected: list[int]) -> int:
+def _verified(session: Session, stream: str, expected: Iterable[int]) -> int:
     """CRC of the checksums of a stream, all of whose samples are as expected."""
     reader = session.stream(stream)
-    stored = reader.column("crc32").tolist()
-    if stored != expected:
+    stored = reader.column("crc32")
+    if any(one != other for one, other in zip_longest(stored, expected)):  # a day has a million
         raise IntegrityError(
-            f"{session.path}: {stream} has {len(stored)} samples, the journal {len(expected)}"
+            f"{session.path}: the {len(stored)} samples of {stream} are not those of the journal"
         )
     with ThreadPoolExecutor(_THREADS) as pool:  # one reads while the other computes checksums
         bad = list(chain.from_iterable(pool.map(partial(_bad, reader), range(0, len(reader), _BLOCK))))
