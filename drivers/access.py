@@ -14,7 +14,8 @@ from fieldkit.drivers.cameras import thermal_master_bulk
 from fieldkit.drivers.cameras.source import cameras
 from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
 from fieldkit.drivers.meters import ut325
-from fieldkit.drivers.ports import UDEV_FIX, permission_fix, serial_ports
+from fieldkit.drivers.permission import UDEV_FIX, permission_fix
+from fieldkit.drivers.ports import serial_ports
 
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import grp
 import math
 import os
 import termios
@@ -22,6 +21,7 @@ from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.framing import Framer, Stamped
 from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.permission import UDEV_FIX, group_of, permission_fix
 from fieldkit.drivers.records import Layout
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
@@ -254,7 +254,8 @@ def open_failure(path: str, error: Exception) -> DeviceError:
         )
     if code in (errno.EACCES, errno.EPERM):
         return DeviceAccessError(
-            f"no permission for {path} (it belongs to group {_group(path)})", fix=permission_fix(_group(path))
+            f"no permission for {path} (it belongs to group {group_of(path)})",
+            fix=permission_fix(group_of(path)),
         )
     if code in (errno.EAGAIN, errno.EBUSY):
         return DeviceAccessError(
@@ -262,22 +263,6 @@ def open_failure(path: str, error: Exception) -> DeviceError:
             fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: {UDEV_FIX}",
         )
     return DeviceAccessError(f"{path} cannot be opened: {error}", fix="fieldkit doctor looks for the cause")
-
-
-UDEV_FIX = "fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules"
-
-
-def permission_fix(group: str) -> str:
-    """What to type when a node may not be opened; nobody should join the group root for it."""
-    rules = f"{UDEV_FIX}, then unplug and plug it"
-    return rules if group == "root" else f"{rules}; or: sudo usermod -aG {group} $USER, then log in again"
-
-
-def _group(path: str) -> str:
-    try:
-        return grp.getgrgid(os.stat(path).st_gid).gr_name
-    except (OSError, KeyError):
-        return "dialout"
 
 
 def _sysfs_node(path: str) -> Path:

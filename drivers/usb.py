@@ -12,7 +12,7 @@ from typing import Any
 
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.ports import permission_fix
+from fieldkit.drivers.permission import permission_fix
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 

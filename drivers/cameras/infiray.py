@@ -24,7 +24,7 @@ from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers import options
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.ports import permission_fix
+from fieldkit.drivers.permission import permission_fix
 from fieldkit.drivers.usb import explained, usb_instruments
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
 

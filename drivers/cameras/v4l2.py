@@ -16,7 +16,7 @@ from contextlib import suppress
 from fieldkit.clock import Clock
 from fieldkit.device import Buffer
 from fieldkit.drivers.cameras import videodev2 as api
-from fieldkit.drivers.ports import permission_fix
+from fieldkit.drivers.permission import permission_fix
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 BUFFERS = 8  # a second of a 9 Hz camera, a quarter of a 30 Hz one

@@ -8,7 +8,7 @@ import pytest
 
 from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
-from fieldkit.drivers import ports
+from fieldkit.drivers import permission, ports
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
 from fieldkit.drivers.ports import Line, SerialPort, open_failure, open_port
@@ -126,7 +126,7 @@ def test_missing_port_lists_what_is_there(monkeypatch):
 
 @pytest.mark.parametrize(("group", "joins"), [("dialout", True), ("root", False)])
 def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypatch, group, joins):
-    monkeypatch.setattr(ports.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
+    monkeypatch.setattr(permission.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
     assert "doctor --udev" in failure.fix
