@@ -21,7 +21,7 @@ test-lab: $(VENV)/.test
 lint: $(VENV)/.lint
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
-	$(RUN) -m mypy -p fieldkit
+	$(RUN) -m mypy -p fieldkit -p benchmarks
 	$(VENV)/bin/lint-imports
 
 bench: $(VENV)/.test

@@ -70,7 +70,7 @@ def _emissivity() -> list[Result]:
 
 
 def _percent(yes: ArrayLike) -> float:
-    return 100.0 * float(np.mean(yes))
+    return 100.0 * float(np.asarray(yes, np.float64).mean())
 
 
 def _other(name: str, table: FloatArray) -> Iterable[Result]:

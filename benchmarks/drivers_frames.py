@@ -83,7 +83,7 @@ def lepton_bytes() -> bytes:
 def _lepton() -> list[Result]:
     data = lepton_bytes()
     try:
-        from flirpy.camera.lepton import Lepton  # type: ignore[import-not-found]
+        from flirpy.camera.lepton import Lepton
 
         camera, how = Lepton.__new__(Lepton), "flirpy's telemetry and the user's conversion"
     except ImportError:
@@ -201,7 +201,7 @@ def _seq() -> list[Result]:
         return image, bed.mean_k(image)
 
     try:
-        from flirpy.io.fff import Fff  # type: ignore[import-not-found]
+        from flirpy.io.fff import Fff
 
         def theirs() -> Any:
             return Fff(data).get_radiometric_image()

@@ -119,25 +119,26 @@ def _their_lutron(path: str) -> tuple[Read, Callable[[], None]]:
     return read, port.close
 
 
-def _blocking(path: str) -> serial.Serial:
-    """A port whose reads wait up to a second in the kernel."""
+def _blocking(path: str) -> tuple[serial.Serial, int]:
+    """A port whose reads wait up to a second in the kernel, and its descriptor."""
     port = serial.Serial(path, 9600)
-    attributes = termios.tcgetattr(port.fd)
+    line = port.fileno()
+    attributes = termios.tcgetattr(line)
     attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, 10
-    termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
-    os.set_blocking(port.fd, True)
-    return port
+    termios.tcsetattr(line, termios.TCSANOW, attributes)
+    os.set_blocking(line, True)
+    return port, line
 
 
 def _least_lutron(path: str) -> tuple[Read, Callable[[], None]]:
     """A system call, the layout and a reading: no exact time-out, no second record, no layers."""
-    port = _blocking(path)
+    port, line = _blocking(path)
 
     def read() -> Reading:
-        line = os.read(port.fd, 4096)
-        now, taken = time.monotonic_ns(), lutron.take(line)
+        frame = os.read(line, 4096)
+        now, taken = time.monotonic_ns(), lutron.take(frame)
         assert isinstance(taken, Record)
-        return Reading("lux", now, now, taken.numbers, line, taken.channels[0].quality)
+        return Reading("lux", now, now, taken.numbers, frame, taken.channels[0].quality)
 
     return read, port.close
 
@@ -149,12 +150,12 @@ def _our_center(path: str) -> tuple[Read, Callable[[], None]]:
 
 def _least_center(path: str) -> tuple[Read, Callable[[], None]]:
     """Three system calls, the layout and a reading in kelvin: no turns, no layers."""
-    port = _blocking(path)
+    port, line = _blocking(path)
 
     def read() -> Reading:
-        termios.tcflush(port.fd, termios.TCIFLUSH)
-        os.write(port.fd, b"A")
-        frame = os.read(port.fd, 4096)
+        termios.tcflush(line, termios.TCIFLUSH)
+        os.write(line, b"A")
+        frame = os.read(line, 4096)
         now, taken = time.monotonic_ns(), center_309.take(frame)
         assert isinstance(taken, Record)
         kelvin = tuple([number + 273.15 for number in taken.numbers])
@@ -170,7 +171,7 @@ def _channels(frame: bytes) -> tuple[float, ...] | None:
 
 
 def _pymeasure_center(path: str) -> tuple[Read, Callable[[], None]]:
-    from pymeasure.adapters import SerialAdapter  # type: ignore[import-not-found]
+    from pymeasure.adapters import SerialAdapter
 
     adapter = SerialAdapter(path, baudrate=9600, timeout=1.0)
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -80,7 +81,11 @@ def _looks(
 def windows() -> Iterator[Result]:
     """Mean tilt error and share of answers with 20 minutes and with the default window."""
     for day, weather in days():
-        for azimuth, beds in (("known", BEDS_SOUTH), ("free", ANY_SIDE)):
+        ways: tuple[tuple[Literal["known", "free"], tuple[Bed, ...]], ...] = (
+            ("known", BEDS_SOUTH),
+            ("free", ANY_SIDE),
+        )
+        for azimuth, beds in ways:
             for model in ("paper", "full"):
                 given = replace(EstimatorSettings(model=model, slab=SLAB), azimuth=azimuth)
                 short, short_note = _errors(weather, beds, replace(given, window_s=PAPER_WINDOW_S))

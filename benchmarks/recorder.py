@@ -141,7 +141,7 @@ def _timed(writer: SessionWriter) -> list[float]:
         append(sample)  # type: ignore[arg-type]
         times.append(time.perf_counter() - start)
 
-    writer.append = timed  # type: ignore[method-assign, assignment]
+    writer.append = timed  # type: ignore[method-assign]
     return times
 
 

@@ -24,6 +24,7 @@ from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
 from fieldkit.sessions import bricks, schema
 from fieldkit.sessions.bricks import BrickWriter
+from fieldkit.sessions.datasets import LIBVER, put_bricks
 from fieldkit.sessions.layout import brick_shape
 from fieldkit.sessions.writer import SessionWriter
 
@@ -107,7 +108,7 @@ def _os_write_twice(place: Path, data: Frames) -> None:
 
 def _bricks(path: Path, info: StreamInfo, data: Frames) -> None:
     with (
-        h5py.File(path, "w", libver=schema.LIBVER) as file,
+        h5py.File(path, "w", libver=LIBVER) as file,
         ThreadPoolExecutor(2) as pool,
         mock.patch.object(bricks, "pack", _plain_pack),
     ):
@@ -140,7 +141,7 @@ def _session_uncompressed(path: Path, info: StreamInfo, data: Frames) -> None:
     """A whole recording, journal included, up to where every byte is in both and synced."""
     clock = HostClock()
     with (
-        mock.patch.object(schema, "_brick_dataset", _plain_dataset),
+        mock.patch.object(schema, "put_bricks", _plain_dataset),
         mock.patch.object(bricks, "pack", _plain_pack),
     ):
         writer = SessionWriter(path, header(info), clock)
@@ -192,8 +193,8 @@ def _naive(path: Path, data: Frames) -> None:
 
 
 def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
-    with h5py.File(path, "w", libver=schema.LIBVER) as file, ThreadPoolExecutor(2) as pool:
-        dataset = schema._brick_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+    with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
+        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
         writer = BrickWriter(dataset, pool)
         for one in data:
             writer.put(one)
