@@ -19,7 +19,7 @@ from fieldkit.drivers.cameras import videodev2 as api
 from fieldkit.drivers.permission import permission_fix
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
-BUFFERS = 8  # a second of a 9 Hz camera, a quarter of a 30 Hz one
+BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a picture
 
 
 class V4l2Source:
