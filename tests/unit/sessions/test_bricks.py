@@ -61,7 +61,7 @@ def test_noise_is_packed_by_runs_and_a_quiet_picture_by_repeats() -> None:
     assert strategy_for(quiet) == zlib.Z_DEFAULT_STRATEGY
 
 
-def test_a_real_recording_is_packed_to_less_than_2_8_of_it(tmp_path: Path) -> None:
+def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
     """A PureThermal's, see the README beside it; measured in the file, whole bricks alone."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
     frames = [sample.counts for sample in read_purethermal(source).samples]
