@@ -19,7 +19,7 @@ ROOM_S, ROOM_BYTES, BURST = 3.0, 32_000_000, 64
 
 
 def room_for(info: StreamInfo) -> int:
-    """How many samples of a stream may wait: three seconds or 32 MB of them, if that is more, and a burst."""
+    """How many samples of a stream may wait: three seconds, 32 MB or a burst of them, whichever is most."""
     sample_bytes = 1000 + 2 * math.prod(info.shape)
     return max(BURST, round(ROOM_S * info.rate_hz), ROOM_BYTES // sample_bytes)
 
