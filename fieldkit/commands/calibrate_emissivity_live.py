@@ -19,8 +19,9 @@ from fieldkit.calibration.steady import STEADY_K_MIN, drift_k_min, steady_stretc
 from fieldkit.commands import common
 from fieldkit.commands.calibrate_gather import Gathering, Setup
 from fieldkit.commands.calibrate_setup import setup_of
+from fieldkit.commands.preflight import preflight
 from fieldkit.commands.record import parse_duration
-from fieldkit.commands.recording import instruments, preflight, record_session, refuse_second, session_path
+from fieldkit.commands.recording import instruments, record_session, refuse_second, session_path
 from fieldkit.errors import CalibrationError
 from fieldkit.estimation.estimator import Minute
 from fieldkit.recorder.recorder import Shown

@@ -12,8 +12,9 @@ import click
 from fieldkit.commands import common
 from fieldkit.commands.estimating import as_document, estimates_of, estimator_for, minutes_of
 from fieldkit.commands.init import make_campaign
+from fieldkit.commands.preflight import preflight
 from fieldkit.commands.record import live_views
-from fieldkit.commands.recording import instruments, preflight, record_session, session_path
+from fieldkit.commands.recording import instruments, record_session, session_path
 from fieldkit.commands.report import report_session
 from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config

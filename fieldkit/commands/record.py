@@ -43,13 +43,8 @@ def command(
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
-    from fieldkit.commands.recording import (
-        instruments,
-        preflight,
-        record_session,
-        refuse_second,
-        session_path,
-    )
+    from fieldkit.commands.preflight import preflight
+    from fieldkit.commands.recording import instruments, record_session, refuse_second, session_path
 
     if lasting and until:
         raise click.UsageError("give --for or --until, not both")

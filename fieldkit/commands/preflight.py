@@ -1,0 +1,76 @@
+"""What would spoil a session, told before it is begun: regions, disk, calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from fieldkit.calibration.doubts import doubts
+from fieldkit.commands import common
+from fieldkit.commands.recording import SECOND_NS, Instruments, disk_reserve_bytes, sampling_of
+from fieldkit.config import Config
+from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError, RefusedError
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.recorder import Sampling
+
+
+def preflight(config: Config, tools: Instruments, duration_s: float | None) -> None:
+    """Raise `ConfigError` or `RefusedError` for what would spoil the session, before it is begun.
+
+    Calibrations that are old or of another instrument are warned of.
+    """
+    _check_regions(config, tools.streams)
+    needed = _bytes_per_second(tools.streams, sampling_of(config))
+    _check_space(needed, duration_s, tools.free_bytes(), disk_reserve_bytes(config))
+    now_ns = tools.clock.to_utc_ns(tools.clock.mono_ns())
+    sun_vectors(now_ns, config.site)  # the first sun of a process reads tables: not while recording
+    now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
+    for key, record in config.calibrations().items():
+        for doubt in doubts(record, tools.streams, now):
+            common.say(f"warning: {key}: {doubt}")
+
+
+def _check_regions(config: Config, streams: Sequence[StreamInfo]) -> None:
+    """Raise `ConfigError` if there are no regions or one is not inside the picture."""
+    camera = next((info for info in streams if info.is_camera), None)
+    if camera is None:
+        return
+    if not config.regions:
+        raise ConfigError(
+            "no regions: nothing could be estimated",
+            fix="fieldkit roi add flat --reference --rect X,Y,WIDTH,HEIGHT, then one for each bed",
+        )
+    rows, cols = camera.shape
+    for region in config.regions:
+        if any(not (0 <= x <= cols - 1 and 0 <= y <= rows - 1) for x, y in region.vertices):
+            raise ConfigError(
+                f"region {region.name!r} reaches outside the picture of {cols} x {rows} pixels",
+                fix="fieldkit roi check, then correct its points_px in fieldkit.toml",
+            )
+
+
+def _bytes_per_second(streams: Sequence[StreamInfo], sampling: Sampling) -> float:
+    """How fast a session grows, journal and pictures together, uncompressed."""
+    total = 0.0
+    for info in streams:
+        rate_hz = info.rate_hz or 1.0
+        if info.is_camera:
+            per_frame = 2 * (info.shape[0] * info.shape[1] + info.metadata_shape[0] * info.metadata_shape[1])
+            kept_hz = sampling.burst_frames / sampling.every_s if sampling.every_s else rate_hz
+            total += 2 * per_frame * kept_hz
+        else:
+            total += 400 * rate_hz
+    return total
+
+
+def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserve: int) -> None:
+    """Raise `RefusedError` if the planned time does not fit the disk."""
+    if planned_s is None or needed_per_s * planned_s + reserve <= free:
+        return
+    lasts_min = max(0.0, free - reserve) / needed_per_s / 60
+    raise RefusedError(
+        f"{free / 1e9:.1f} GB are free and this session needs {needed_per_s * planned_s / 1e9:.1f} GB: "
+        f"the disk would be full after {lasts_min:.0f} min",
+        fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
+    )
