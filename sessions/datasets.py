@@ -64,7 +64,7 @@ def put_columns(group: h5py.Group, columns: Iterable[Column], time_name: str = "
         if column.name == time_name:
             dataset.make_scale(time_name)
         else:
-            attach(dataset, time_name, *column.dims)
+            attach(group, dataset, time_name, *column.dims)
 
 
 def put_bricks(
@@ -77,11 +77,10 @@ def put_bricks(
     )  # fmt: skip
 
 
-def attach(dataset: h5py.Dataset, *names: str) -> None:
-    """Give the axes of a dataset their scales, which stand in the same group."""
+def attach(group: h5py.Group, dataset: h5py.Dataset, *names: str) -> None:
+    """Give the axes of a dataset of `group` their scales, which stand there too."""
     for axis, name in enumerate(names):
-        scale = dataset.parent[name]
-        dataset.dims[axis].attach_scale(scale)
+        dataset.dims[axis].attach_scale(group[name])
 
 
 def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any]) -> None:

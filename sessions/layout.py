@@ -8,6 +8,7 @@ the host's monotonic clock.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -55,7 +56,7 @@ class Column:
     @property
     def row_bytes(self) -> int:
         """Bytes of one row."""
-        return int(np.dtype(self.dtype).itemsize * np.prod(self.shape, dtype=np.int64))
+        return np.dtype(self.dtype).itemsize * math.prod(self.shape)
 
     def unknown(self, rows: int) -> NDArray[Any]:
         """That many rows of the fill value."""
@@ -67,7 +68,7 @@ class Column:
     @property
     def chunk_rows(self) -> int:
         """Rows of a chunk: 1024, fewer where rows are wide, as the last chunk is rewritten each second."""
-        return int(np.clip(_CHUNK_BYTES // max(1, self.row_bytes), 16, 1024))
+        return min(max(_CHUNK_BYTES // max(1, self.row_bytes), 16), 1024)
 
 
 def _time(**more: Any) -> Column:

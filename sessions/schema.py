@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 import uuid
+from functools import cache
 from importlib import metadata
 
 import h5py
@@ -141,7 +142,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         if column.name == "value" and column.dims:
             put_scale(group, "channel", np.arange(info.shape[0], dtype="<i4"), units="1")
             label = group.create_dataset("label", data=labels(info.channels, 32), track_order=True)
-            attach(label, *(("channel",) if len(info.channels) == info.shape[0] else ()))
+            attach(group, label, *(("channel",) if len(info.channels) == info.shape[0] else ()))
         if column.name == "raw":
             put_scale(group, "byte", np.arange(column.shape[0], dtype="<i4"), units="1")
     put_columns(group, columns)
@@ -149,7 +150,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
 
 def _pictures(group: h5py.Group, info: StreamInfo) -> None:
     counts = put_bricks(group, "counts", brick_shape(info), info.shape, FILL_COUNT)
-    attach(counts, "time", "y", "x")
+    attach(group, counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
     scaled = {"scale_factor": float(info.scale), "add_offset": float(info.offset), "units": "K"}
     named = {"standard_name": "brightness_temperature", "units_metadata": "temperature: on_scale"}
@@ -162,7 +163,7 @@ def _pictures(group: h5py.Group, info: StreamInfo) -> None:
         rows = put_bricks(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
         set_attributes(rows, {"long_name": "rows the camera sent with the picture", "units": "1"})
         same_width = info.metadata_shape[1] == info.shape[1]
-        attach(rows, "time", "metadata_row", *(("x",) if same_width else ()))
+        attach(group, rows, "time", "metadata_row", *(("x",) if same_width else ()))
 
 
 def _entry_group(file: h5py.File, name: str, columns: list[Column], header: SessionHeader) -> None:
@@ -192,7 +193,7 @@ def _masks(file: h5py.File, header: SessionHeader) -> None:
     zeros = np.zeros((group["region_name"].size, rows, cols), "u1")
     mask = group.create_dataset("mask", data=zeros, track_order=True)
     set_attributes(mask, {"long_name": f"1 where a pixel of {camera.name} belongs to the region"})
-    attach(mask, "region_name", "y", "x")
+    attach(group, mask, "region_name", "y", "x")
 
 
 def _calibration(file: h5py.File, header: SessionHeader) -> None:
@@ -203,7 +204,7 @@ def _calibration(file: h5py.File, header: SessionHeader) -> None:
         put_scale(group, "term", labels(["offset", "scale"]))
         data = group.create_dataset("coefficients", data=coefficients, track_order=True)
         set_attributes(data, {"units": info.unit, "long_name": "value = stored * scale + offset"})
-        attach(data, "term")
+        attach(group, data, "term")
         put_text(group, "law", info.law)
 
 
@@ -215,8 +216,13 @@ def _config(file: h5py.File, header: SessionHeader) -> None:
     put_text(group, "session_toml", header.config_toml, sha256=digest)
     put_text(group, "header", header.to_json(), long_name="everything declared before the first sample, JSON")
     put_text(group, "command_line", header.command_line)
-    put_text(group, "packages", "\n".join(f"{name} {_version(name)}" for name in _PACKAGES))
+    put_text(group, "packages", _packages())
     put_text(group, "platform", f"{platform.platform()}, Python {platform.python_version()}")
+
+
+@cache  # what is installed is read from a file of each
+def _packages() -> str:
+    return "\n".join(f"{name} {_version(name)}" for name in _PACKAGES)
 
 
 def _version(package: str) -> str:
@@ -233,12 +239,12 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
     for column in INTEGRITY_COLUMNS:
         dataset = group.create_dataset(column.name, data=column.unknown(streams), track_order=True)
         set_attributes(dataset, column.attributes)
-        attach(dataset, "stream")
+        attach(group, dataset, "stream")
     tables = list(entry_columns(header))
     put_scale(group, "table", labels(tables))
     crc = group.create_dataset("table_crc32", data=np.zeros(len(tables), "<u4"), track_order=True)
     set_attributes(crc, {"long_name": "CRC-32 over the columns of the table", "units": "1"})
-    attach(crc, "table")
+    attach(group, crc, "table")
     verified = group.create_dataset("journal_verified", data=np.uint8(0), track_order=True)
     set_attributes(verified, {"long_name": "1: every sample was compared with the journal when sealing"})
 

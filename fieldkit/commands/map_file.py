@@ -78,7 +78,7 @@ def _put(file: h5py.File, name: str, values: Any, attributes: dict[str, Any]) ->
     set_attributes(dataset, attributes)
     if values.dtype.kind == "f":
         dataset.attrs["_FillValue"] = np.array(np.nan, dataset.dtype)
-    attach(dataset, "y", "x")
+    attach(file, dataset, "y", "x")
 
 
 def _region_numbers(found: MappedSession) -> np.ndarray[Any, np.dtype[np.uint8]]:
