@@ -21,7 +21,7 @@ from fieldkit.sessions.exchange.tables_out import export_tables
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
-from tests.harness.recording import CountedClock, fill, header, picture
+from tests.harness.recording import CountedClock, fill, header, picture, sample
 
 HEADER = header((24, 32))
 FRAMES = 20
@@ -110,6 +110,24 @@ def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> No
     reader = cv2.VideoCapture(str(film))
     assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
     reader.release()
+
+
+def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Path) -> None:
+    clock, info = CountedClock(), HEADER.streams[0]
+    writer = SessionWriter(tmp_path / "cooling.h5", HEADER, clock)
+    for seq in range(FRAMES):
+        counts = np.full((24, 32), 29_000, "<u2")
+        counts[14:18, 20:24] = 29_800 if seq else 30_000  # 2 % of the pixels, warmer by 2 K in the first
+        counts[19:23, 20:24] = 29_900
+        frame = sample(info, seq)
+        writer.append(frame._replace(counts=counts))
+    writer.close()
+    with open_session(tmp_path / "cooling.h5") as session:
+        first, second, *_ = export_pngs(session, tmp_path)
+    colours = [cv2.imread(str(path))[16 * 20, 22 * 20].tolist() for path in (first, second)]
+    same = cv2.imread(str(first))[21 * 20, 22 * 20].tolist()
+    assert colours[0] != same  # 30 000 and 29 900 counts in one picture
+    assert colours[0] != colours[1]
 
 
 def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> None:
