@@ -141,6 +141,8 @@ class DayPlan:
         elevation = self.elevation_deg[minute]
         if elevation < self.settings.low_sun_deg:
             return "poor: irradiance unknown near the horizon"
+        if not self._is_usable(row):
+            return f"poor: the sun is too low within {self.settings.window_min} min"
         feeble = [label(facet) for facet, weak in zip(self.facets, self.weak[:, minute], strict=True) if weak]
         if feeble:
             return f"weak for {', '.join(feeble)}"
