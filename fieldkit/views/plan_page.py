@@ -23,7 +23,7 @@ def heading(plan: DayPlan, site: Site, light: str) -> str:
     up = np.flatnonzero(plan.elevation_deg > RISING_DEG)
     noon = int(np.argmax(plan.elevation_deg))
     at = (words.clock_time(int(plan.time_ns[minute]), site) for minute in (up[0], up[-1], noon))
-    return "site {}  ({})   sun up {}–{}, noon {}, el {:.1f}°   {}".format(
+    return "site {} ({}); sun up {}–{}, noon {}, el {:.1f}°; {}".format(
         words.place(site),
         words.zone_name(int(plan.time_ns[noon]), site),
         *at,
