@@ -97,9 +97,9 @@ def _regions(session: Session) -> Iterator[Finding]:
     if not any(info.is_camera for info in session.streams.values()):
         return
     kinds = Counter(region.kind for region in session.regions)
-    text = f"{kinds[RegionKind.REFERENCE]} references, {kinds[RegionKind.TARGET]} targets"
+    text = f"references: {kinds[RegionKind.REFERENCE]}, targets: {kinds[RegionKind.TARGET]}"
     if not kinds[RegionKind.REFERENCE]:
         fix = "draw regions in fieldkit.toml (fieldkit roi add) and estimate again"
-        yield Finding("warn", "regions", f"{text}: slopes need a reference", fix)
+        yield Finding("warn", "regions", f"{text}; slopes need a reference", fix)
     else:
         yield Finding("ok", "regions", text)
