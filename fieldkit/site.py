@@ -7,7 +7,7 @@ azimuth of the surface normal from north, clockwise.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,3 +67,19 @@ class Region:
             if y0 != y1:
                 inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return inside | on_edge
+
+    def shrunk(self, pixels: float) -> Region:
+        """The same with every edge moved inwards by `pixels`; raises `ValueError` where nothing is left."""
+        corners = np.array(self.vertices, np.float64)
+        corners = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
+        along = np.roll(corners, -1, axis=0) - corners
+        left = along[:, ::-1] * (-1.0, 1.0) / np.linalg.norm(along, axis=1, keepdims=True)
+        inward = left * np.sign(np.sum(corners[:, 0] * along[:, 1] - corners[:, 1] * along[:, 0]))
+        before = np.roll(inward, 1, axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge that runs straight back has no inside
+            mitre = (before + inward) / (1.0 + np.sum(before * inward, axis=1, keepdims=True))
+            moved = corners + pixels * mitre
+        kept = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is turned round
+        if not (kept.all() and inward.any()):
+            raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
+        return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))

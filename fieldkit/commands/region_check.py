@@ -21,6 +21,7 @@ from fieldkit.site import Region
 MIN_PIXELS = 100
 EDGE_PX = 2
 UNEVEN_EDGE_K = 1.0
+MOST_SHRUNK_PX = 10
 PICTURES = 25
 DOUBTFUL = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.BAD_CRC | Quality.NO_VALUE
 
@@ -134,12 +135,29 @@ def _check_size(look: Look, rows: int, cols: int) -> None:
 def _check_evenness(look: Look, mask: NDArray[np.bool_], picture: Picture) -> None:
     """Spread of the region, and whether its rim sees something else than its inside."""
     look.spread_k = float(picture[mask].std())
-    inside = _shrunk(mask, EDGE_PX)
-    if not inside.any():
-        return
-    look.edge_k = float(picture[mask & ~inside].mean() - picture[inside].mean())
+    look.edge_k = _edge_k(mask, picture)
     if abs(look.edge_k) > UNEVEN_EDGE_K:
-        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K; make the region smaller")
+        pixels = _even_from(look.region, picture)
+        advice = f"fieldkit roi edit {look.region.name} --shrink {pixels}" if pixels else "draw it anew"
+        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K: {advice}")
+
+
+def _edge_k(mask: NDArray[np.bool_], picture: Picture) -> float:
+    """How much the outer pixels of a mask differ from those inside; NaN if there are none."""
+    inside = _shrunk(mask, EDGE_PX)
+    return float(picture[mask & ~inside].mean() - picture[inside].mean()) if inside.any() else math.nan
+
+
+def _even_from(region: Region, picture: Picture) -> int | None:
+    """How many pixels smaller the region looks at one thing only, None if too little would be left."""
+    for pixels in range(1, MOST_SHRUNK_PX + 1):
+        try:
+            mask = region.shrunk(pixels).mask((picture.shape[0], picture.shape[1]))
+        except ValueError:
+            return None
+        if mask.sum() >= MIN_PIXELS and abs(_edge_k(mask, picture)) <= UNEVEN_EDGE_K:
+            return pixels
+    return None
 
 
 def _shrunk(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:

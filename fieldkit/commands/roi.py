@@ -54,7 +54,6 @@ def add(
     fieldkit roi add flat --reference --rect 6,30,32,61
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
     """
-    from fieldkit.config import read_config
     from fieldkit.config.edit import add_region
 
     if (first is None) == (rect is None) or (rect and more):
@@ -72,10 +71,45 @@ def add(
     if options(ctx).json:
         print_json({"config": str(file), "region": region})
     say(f"region {name} added to {file}")
-    config, _ = read_config(file)
-    for look in _looks(config) if config else ():
-        if look.region.name == name and look.failures:
-            say(f"  {name}: {look.pixels} px; {'; '.join(look.failures)}; see fieldkit roi check")
+    _tell_failures(file, name)
+
+
+@command.command("edit")
+@click.argument("name")
+@click.option(
+    "--shrink", type=click.FloatRange(0, min_open=True), metavar="PX", help="Move every edge inwards."
+)
+@click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
+@click.option("--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise.")
+@click.option("--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band.")
+@click.pass_context
+def edit(
+    ctx: click.Context,
+    name: str,
+    shrink: float | None,
+    tilt: float | None,
+    azimuth: float | None,
+    emissivity: float | None,
+) -> None:
+    """Change the region NAME in fieldkit.toml: smaller, or with what was measured since.
+
+    Sessions keep the regions they were recorded with; estimate, report and map take
+    the new ones with --campaign.
+    """
+    from fieldkit.config.edit import change_region
+
+    known = {"tilt_deg": tilt, "azimuth_deg": azimuth, "emissivity": emissivity}
+    changes: dict[str, Any] = {key: value for key, value in known.items() if value is not None}
+    if shrink is not None:
+        changes["points_px"] = _shrunk_points(_read(ctx)[0], name, shrink)
+    if not changes:
+        raise click.UsageError("say what to change: --shrink, --tilt, --azimuth or --emissivity")
+    file = _file(ctx)
+    change_region(file, name, changes)
+    if options(ctx).json:
+        print_json({"config": str(file), "region": {"name": name, **changes}})
+    say(f"region {name} changed in {file}")
+    _tell_failures(file, name)
 
 
 @command.command("remove")
@@ -157,6 +191,26 @@ def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
     camera = config.tables.camera
     stated = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
     return check_regions(config.regions, stated if picture is None else picture.shape, picture)
+
+
+def _tell_failures(file: Path, name: str) -> None:
+    """Say at once if the region cannot be used as it is now."""
+    from fieldkit.config import read_config
+
+    config, _ = read_config(file)
+    for look in _looks(config) if config else ():
+        if look.region.name == name and look.failures:
+            say(f"  {name}: {look.pixels} px; {'; '.join(look.failures)}; see fieldkit roi check")
+
+
+def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:
+    """Corners of the region called `name`, that much smaller; none if there is no such region."""
+    region = next((region for region in config.regions if region.name == name), None)
+    try:
+        corners = region.shrunk(pixels).vertices if region else ()
+    except ValueError as error:
+        raise ConfigError(str(error), fix="a smaller --shrink") from error
+    return [[_short(round(x, 1)), _short(round(y, 1))] for x, y in corners]
 
 
 def _corners(x: float, y: float, width: float, height: float) -> list[Point]:

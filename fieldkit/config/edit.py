@@ -22,25 +22,45 @@ def add_region(file: Path, region: Mapping[str, Any]) -> None:
     lines = [assignment(key, value) for key, value in region.items()]
     text = "\n".join([_read(file).rstrip("\n"), "", "[[region]]", *lines, ""])
     index = len(tomllib.loads(text)["region"]) - 1
-    new = [said for _, said in mistakes_in(text, file) if said.path[:2] == ("region", index)]
-    if new:
-        where = f"the new region {region['name']!r}"
-        raise ConfigMistakesError([(where, said) for said in new], fix="nothing was changed")
-    _write(file, text)
+    _write_sound(file, text, index, f"the new region {region['name']!r}")
+
+
+def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
+    """Give keys of the region called `name` other values.
+
+    Raises `ConfigError` if there is none, `ConfigMistakesError` if it would be wrong then.
+    """
+    document = tomlkit.parse(_read(file))
+    regions, index = _find(document, name)
+    regions[index].update(changes)
+    _write_sound(file, tomlkit.dumps(document), index, f"region {name!r}")
 
 
 def remove_region(file: Path, name: str) -> None:
     """Take out the region called `name`; raises `ConfigError` if there is none."""
     document = tomlkit.parse(_read(file))
+    regions, index = _find(document, name)
+    del regions[index]
+    if not regions:
+        del document["region"]
+    _write(file, tomlkit.dumps(document))
+
+
+def _find(document: tomlkit.TOMLDocument, name: str) -> tuple[AoT, int]:
     regions = document.get("region")
     names = [region.get("name") for region in regions] if isinstance(regions, AoT) else []
     if not isinstance(regions, AoT) or name not in names:
         there = f"there are {', '.join(map(str, names))}" if names else "there is none"
         raise ConfigError(f"no region is called {name!r}", fix=there)
-    del regions[names.index(name)]
-    if not regions:
-        del document["region"]
-    _write(file, tomlkit.dumps(document))
+    return regions, names.index(name)
+
+
+def _write_sound(file: Path, text: str, index: int, where: str) -> None:
+    """Write, unless region number `index` has a mistake in it."""
+    found = [said for _, said in mistakes_in(text, file) if said.path[:2] == ("region", index)]
+    if found:
+        raise ConfigMistakesError([(where, said) for said in found], fix="nothing was changed")
+    _write(file, text)
 
 
 def _read(file: Path) -> str:

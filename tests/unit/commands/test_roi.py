@@ -108,6 +108,41 @@ def test_a_region_is_removed(roi, tmp_path):
     assert roi("remove", "flat").exit_code == 3
 
 
+def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
+    roi("add", "b15", "--reference", "--rect", "82,30,32,61", "--tilt", "15", "--azimuth", "180")
+    file = tmp_path / "fieldkit.toml"
+    file.write_text(
+        file.read_text().replace("\n[[region]]", "\n[[region]]  # sand of Tuesday"), encoding="utf-8"
+    )
+    assert roi("edit", "b15", "--shrink", "4", "--tilt", "15.5").exit_code == 0
+    (changed,) = regions(tmp_path)
+    assert changed.vertices == ((86, 34), (109, 34), (109, 86), (86, 86))
+    assert (changed.tilt_deg, changed.azimuth_deg) == (15.5, 180.0)
+    assert "[[region]]  # sand of Tuesday" in file.read_text()
+    told = roi("edit", "b15", "--shrink", "9")
+    assert told.exit_code == 0
+    assert "too small, needs 100 px" not in told.stderr
+    assert "too small, needs 100 px" in roi("edit", "b15", "--shrink", "2").stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("b15",), 2, "say what to change"),
+        (("b16", "--shrink", "2"), 3, "there are b15"),
+        (("b15", "--shrink", "16"), 3, "nothing of region 'b15' is 16 px inside its edge"),
+        (("b15", "--tilt", "15"), 3, "also needs azimuth_deg"),
+    ],
+)
+def test_a_change_that_is_none_or_wrong_leaves_the_file_alone(roi, tmp_path, arguments, code, said):
+    roi("add", "b15", "--rect", "82,30,32,61")
+    before = (tmp_path / "fieldkit.toml").read_bytes()
+    result = roi("edit", *arguments)
+    assert result.exit_code == code
+    assert said in result.stderr
+    assert (tmp_path / "fieldkit.toml").read_bytes() == before
+
+
 def test_check_counts_pixels_and_passes_good_regions(roi):
     roi("add", "flat", "--reference", "--rect", "6,30,32,61")
     result = roi("check")
@@ -181,5 +216,6 @@ def test_a_rim_that_sees_something_else_is_a_warning():
     )
     assert too_large.level == "warn"
     assert too_large.edge_k == pytest.approx(-10.0)
+    assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
     assert right.level == "ok"
     assert right.spread_k == 0.0
