@@ -21,6 +21,7 @@ from fieldkit.site import Region
 MIN_PIXELS = 100
 EDGE_PX = 2
 UNEVEN_EDGE_K = 1.0
+CLEAN_EDGE_K = 0.2
 MOST_SHRUNK_PX = 10
 PICTURES = 25
 DOUBTFUL = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.BAD_CRC | Quality.NO_VALUE
@@ -149,15 +150,24 @@ def _edge_k(mask: NDArray[np.bool_], picture: Picture) -> float:
 
 
 def _even_from(region: Region, picture: Picture) -> int | None:
-    """How many pixels smaller the region looks at one thing only, None if too little would be left."""
+    """How many pixels smaller the region looks at its bed alone, None if too little would be left.
+
+    A bed that is itself uneven is at least to come below what is warned of.
+    """
+    edges = list(_edges_inside(region, picture))
+    limits = (CLEAN_EDGE_K, UNEVEN_EDGE_K)
+    return next((pixels for limit in limits for pixels, edge_k in edges if abs(edge_k) <= limit), None)
+
+
+def _edges_inside(region: Region, picture: Picture) -> Iterator[tuple[int, float]]:
+    """Pixels that the region could be smaller, and what its edge would differ by then."""
     for pixels in range(1, MOST_SHRUNK_PX + 1):
         try:
             mask = region.shrunk(pixels).mask((picture.shape[0], picture.shape[1]))
         except ValueError:
-            return None
-        if mask.sum() >= MIN_PIXELS and abs(_edge_k(mask, picture)) <= UNEVEN_EDGE_K:
-            return pixels
-    return None
+            return
+        if mask.sum() >= MIN_PIXELS:
+            yield pixels, _edge_k(mask, picture)
 
 
 def _shrunk(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
