@@ -18,6 +18,14 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 
+_TILT = click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
+_AZIMUTH = click.option(
+    "--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise."
+)
+_EMISSIVITY = click.option(
+    "--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band."
+)
+
 
 @click.group(cls=VerbGroup)
 def command() -> None:
@@ -33,9 +41,9 @@ def command() -> None:
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
 @click.option("--rect", type=RECT, help="A rectangle: left, top, width, height.")
 @click.option("--reference/--target", help="The flat bed, or one whose slope is wanted [default: target].")
-@click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
-@click.option("--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise.")
-@click.option("--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band.")
+@_TILT
+@_AZIMUTH
+@_EMISSIVITY
 @click.pass_context
 def add(
     ctx: click.Context,
@@ -59,12 +67,11 @@ def add(
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
     points = [first, *more] if first else _corners(*rect) if rect else []
-    known = {"tilt_deg": tilt, "azimuth_deg": azimuth, "emissivity": emissivity}
     region = {
         "name": name,
         "kind": "reference" if reference else "target",
         "points_px": [[_short(x), _short(y)] for x, y in points],
-        **{key: value for key, value in known.items() if value is not None},
+        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity),
     }
     file = _file(ctx)
     add_region(file, region)
@@ -79,9 +86,9 @@ def add(
 @click.option(
     "--shrink", type=click.FloatRange(0, min_open=True), metavar="PX", help="Move every edge inwards."
 )
-@click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
-@click.option("--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise.")
-@click.option("--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band.")
+@_TILT
+@_AZIMUTH
+@_EMISSIVITY
 @click.pass_context
 def edit(
     ctx: click.Context,
@@ -98,8 +105,7 @@ def edit(
     """
     from fieldkit.config.edit import change_region
 
-    known = {"tilt_deg": tilt, "azimuth_deg": azimuth, "emissivity": emissivity}
-    changes: dict[str, Any] = {key: value for key, value in known.items() if value is not None}
+    changes = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity)
     if shrink is not None:
         changes["points_px"] = _shrunk_points(_read(ctx)[0], name, shrink)
     if not changes:
@@ -191,6 +197,10 @@ def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
     camera = config.tables.camera
     stated = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
     return check_regions(config.regions, stated if picture is None else picture.shape, picture)
+
+
+def _known(**values: float | None) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _tell_failures(file: Path, name: str) -> None:
