@@ -20,8 +20,8 @@ from fieldkit.site import Region
 
 MIN_PIXELS = 100
 EDGE_PX = 2
-UNEVEN_EDGE_K = 1.0
-CLEAN_EDGE_K = 0.2
+UNEVEN_EDGE_K = 1.0  # more is warned of
+CLEAN_EDGE_K = 0.2  # what shrinking by up to so many pixels is to reach
 MOST_SHRUNK_PX = 10
 PICTURES = 25
 DOUBTFUL = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.BAD_CRC | Quality.NO_VALUE
@@ -136,21 +136,28 @@ def _check_size(look: Look, rows: int, cols: int) -> None:
 def _check_evenness(look: Look, mask: NDArray[np.bool_], picture: Picture) -> None:
     """Spread of the region, and whether its rim sees something else than its inside."""
     look.spread_k = float(picture[mask].std())
-    look.edge_k = _edge_k(mask, picture)
+    look.edge_k = _edge_k(look.region, picture)
     if abs(look.edge_k) > UNEVEN_EDGE_K:
-        pixels = _even_from(look.region, picture)
-        advice = f"fieldkit roi edit {look.region.name} --shrink {pixels}" if pixels else "draw it anew"
-        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K: {advice}")
+        name, pixels = look.region.name, _pixels_to_shrink(look.region, picture)
+        advice = (
+            f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
+        )
+        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K: fieldkit {advice}")
 
 
-def _edge_k(mask: NDArray[np.bool_], picture: Picture) -> float:
-    """How much the outer pixels of a mask differ from those inside; NaN if there are none."""
-    inside = _shrunk(mask, EDGE_PX)
-    return float(picture[mask & ~inside].mean() - picture[inside].mean()) if inside.any() else math.nan
+def _edge_k(region: Region, picture: Picture) -> float:
+    """How much the outer pixels of a region differ from those inside; NaN if there are none of either."""
+    shape = picture.shape[0], picture.shape[1]
+    try:
+        inside = region.shrunk(EDGE_PX).mask(shape)
+    except ValueError:
+        return math.nan
+    rim = region.mask(shape) & ~inside
+    return float(picture[rim].mean() - picture[inside].mean()) if rim.any() and inside.any() else math.nan
 
 
-def _even_from(region: Region, picture: Picture) -> int | None:
-    """How many pixels smaller the region looks at its bed alone, None if too little would be left.
+def _pixels_to_shrink(region: Region, picture: Picture) -> int | None:
+    """How much smaller the region looks at its bed alone, None if too little would be left.
 
     A bed that is itself uneven is at least to come below what is warned of.
     """
@@ -160,19 +167,11 @@ def _even_from(region: Region, picture: Picture) -> int | None:
 
 
 def _edges_inside(region: Region, picture: Picture) -> Iterator[tuple[int, float]]:
-    """Pixels that the region could be smaller, and what its edge would differ by then."""
+    """Pixels that the region could be smaller, and by how many kelvin its edge would differ then."""
     for pixels in range(1, MOST_SHRUNK_PX + 1):
         try:
-            mask = region.shrunk(pixels).mask((picture.shape[0], picture.shape[1]))
+            smaller = region.shrunk(pixels)
         except ValueError:
             return
-        if mask.sum() >= MIN_PIXELS:
-            yield pixels, _edge_k(mask, picture)
-
-
-def _shrunk(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """The mask without its outer `pixels`."""
-    for _ in range(pixels):
-        wide = np.pad(mask, 1)
-        mask = mask & wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
-    return mask
+        if smaller.mask((picture.shape[0], picture.shape[1])).sum() >= MIN_PIXELS:
+            yield pixels, _edge_k(smaller, picture)

@@ -106,6 +106,7 @@ def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> No
     first = HEADER.regions[0].vertices[0]
     x, y = (int((one + 0.5) * 20) for one in first)
     assert image[y, x + 40].min() > 200  # the outline's upper edge
+    assert image[y + 7, x + 4].max() < 20  # beside the name
     (film,) = export_mp4(session, tmp_path)
     reader = cv2.VideoCapture(str(film))
     assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
