@@ -68,6 +68,11 @@ class Region:
                 inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return inside | on_edge
 
+    def is_within(self, shape: tuple[int, ...]) -> bool:
+        """Whether every corner lies in a picture of `shape` (rows, cols)."""
+        rows, cols = shape
+        return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.vertices)
+
     def shrunk(self, pixels: float) -> Region:
         """The same with every edge moved inwards by `pixels`; raises `ValueError` where nothing is left."""
         corners = np.array(self.vertices, np.float64)

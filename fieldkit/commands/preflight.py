@@ -43,7 +43,7 @@ def _check_regions(config: Config, streams: Sequence[StreamInfo]) -> None:
         )
     rows, cols = camera.shape
     for region in config.regions:
-        if any(not (0 <= x <= cols - 1 and 0 <= y <= rows - 1) for x, y in region.vertices):
+        if not region.is_within(camera.shape):
             raise ConfigError(
                 f"region {region.name!r} reaches outside the picture of {cols} x {rows} pixels",
                 fix="fieldkit roi check, then correct its points_px in fieldkit.toml",

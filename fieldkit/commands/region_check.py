@@ -127,7 +127,7 @@ def _around(regions: Sequence[Region]) -> tuple[int, int]:
 
 
 def _check_size(look: Look, rows: int, cols: int) -> None:
-    if any(not (0 <= x <= cols - 1 and 0 <= y <= rows - 1) for x, y in look.region.vertices):
+    if not look.region.is_within((rows, cols)):
         look.failures.append(f"outside the picture of {cols} x {rows} pixels")
     elif look.pixels < MIN_PIXELS:
         look.failures.append(f"too small, needs {MIN_PIXELS} px")
