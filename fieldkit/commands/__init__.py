@@ -8,6 +8,7 @@ imports no verb and none of the heavy libraries.
 from __future__ import annotations
 
 import importlib
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import click
@@ -36,7 +37,7 @@ VERBS: dict[str, tuple[Row, ...]] = {
     ),
     "Set up": (
         Row("live", "fieldkit.commands.live", "Picture and values as they are now, without recording."),
-        Row("roi", "fieldkit.commands.roi", "Regions of the picture: add, list, check, remove."),
+        Row("roi", "fieldkit.commands.roi", "Regions of the picture: add, list, check, edit, remove."),
         Row("calibrate", "fieldkit.commands.calibrate", "Emissivity, offsets, light, scale, clock."),
     ),
     "Record": (
@@ -116,6 +117,22 @@ class VerbTable(click.Group):
             return super().invoke(ctx)
 
 
+CITATION = """\
+The program: The fieldkit developers, "fieldkit: terrain slope from surface temperature", version {version}.
+
+The method: Satoshi Watanabe, Kyohei Otsu, Masatsugu Otsuki, Takashi Kubota, Gakuto Masuyama, Kazunori Umeda,
+"A Terrain Slope Estimation Scheme using Infrared Camera for Planetary Exploration Rovers".
+
+With every slope: which session, which method, and its uncertainty; fieldkit report prints all three."""
+
+
+def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
+    """Print what a publication should name, and end."""
+    if is_wanted and not ctx.resilient_parsing:
+        click.echo(CITATION.format(version=version("fieldkit")))
+        ctx.exit()
+
+
 @click.group(
     cls=VerbTable,
     table=VERBS,
@@ -123,6 +140,14 @@ class VerbTable(click.Group):
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="fieldkit", message="%(prog)s %(version)s")
+@click.option(
+    "--cite",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_cite,
+    help="What to cite in a publication.",
+)
 def main() -> None:
     """Terrain slope from surface temperature: record, estimate, report.
 

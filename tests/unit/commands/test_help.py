@@ -1,7 +1,9 @@
 """The help of the command line: grouped, complete, and light."""
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -25,8 +27,8 @@ def loaded_by(*arguments: str) -> set[str]:
     return set(out.rpartition("loaded:")[2].split())
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("--version",)])
-def test_help_and_version_load_nothing_heavy(arguments):
+@pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("--cite",)])
+def test_what_needs_no_verb_loads_nothing_heavy(arguments):
     assert loaded_by(*arguments) == set()
 
 
@@ -38,6 +40,14 @@ def test_importing_fieldkit_loads_nothing_heavy():
 
 def test_the_guard_against_heavy_imports_sees_a_heavy_import():
     assert "pydantic" in loaded_by("init", "--schema")
+
+
+def test_cite_names_everybody_and_every_title_of_the_citation_file():
+    told = " ".join(CliRunner().invoke(main, ["--cite"]).output.split())
+    cited = (Path(__file__).parents[3] / "CITATION.cff").read_text()
+    assert len(people := re.findall(r"family-names: (\w+), given-names: (\w+)", cited)) == 6
+    assert all(f"{given} {family}" in told for family, given in people)
+    assert all(title in told for title in re.findall(r'title: "(.+)"', cited))
 
 
 def test_help_names_every_verb_under_its_heading():
