@@ -35,22 +35,27 @@ from fieldkit.samples import NO_COUNTER
 WANTED = Wanted(((0x3474, 0x4281),), "YUYV", ((256, 386),))
 SIZES = ((256, 192), (160, 120))
 LENGTHS = {2 * (2 * height + 2) * width: (width, height) for width, height in SIZES}
+MARKED = (0, MARKER.size, 2 * MARKER.size)
+"""Bytes beside a frame: public programs keep it bare, with the marker before it, or with both."""
+
 MODELS = ("auto", "p2", "bulk")
 
 
 def decode(data: bytes) -> Picture | Rejected:
-    """A frame with or without its two markers, by the byte count."""
-    size, counter = LENGTHS.get(len(data)), NO_COUNTER
-    if size is None:
-        size = LENGTHS.get(len(data) - 2 * MARKER.size)
-        begin, end = marker(data, BEGIN), marker(data[-MARKER.size :], FINISH)
-        if size is None or begin is None or end is None:
-            lengths = " or ".join(str(length) for length in sorted(LENGTHS))
-            return Rejected(len(data), f"{len(data)} bytes; a frame has {lengths}, and 24 more with markers")
-        if begin.counter != end.counter:
+    """A frame without markers, with the one before it, or with both, by the byte count."""
+    bare = next((length for length in LENGTHS if len(data) - length in MARKED), None)
+    if bare is None:
+        lengths = " or ".join(str(length) for length in sorted(LENGTHS))
+        return Rejected(len(data), f"{len(data)} bytes; a frame has {lengths}, 12 more for each marker")
+    counter = NO_COUNTER
+    if len(data) > bare:
+        begin, end = marker(data, BEGIN), marker(data[MARKER.size + bare :], FINISH)
+        if begin is None or (end is None and len(data) > bare + MARKER.size):
+            return Rejected(len(data), f"{bare} bytes with more around them, but no markers")
+        if end is not None and begin.counter != end.counter:
             return Rejected(len(data), f"markers disagree: picture {begin.counter} and {end.counter}")
-        counter, data = begin.counter, data[MARKER.size : -MARKER.size]
-    width, height = size
+        counter, data = begin.counter, data[MARKER.size : MARKER.size + bare]
+    width, height = LENGTHS[bare]
     pixels = words(data, 2 * height + 2, width)
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
     return Picture(counts, rows, p2pro.SCALE, quality=p2pro.flags(counts), device_seq=counter)
@@ -73,8 +78,7 @@ class ThermalMaster:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.records.Decodes`."""
-        with_markers = tuple(length + 2 * MARKER.size for length in LENGTHS)
-        return decode_frames(data, decode, (*LENGTHS, *with_markers))
+        return decode_frames(data, decode, tuple(length + more for length in LENGTHS for more in MARKED))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open whichever of the family is there."""
@@ -104,10 +108,10 @@ def _facts(bulk: BulkSource | None) -> dict[str, Any]:
     if bulk is None:
         return {"commands": "not documented"}
     try:
-        texts = {
-            name: bulk.ask(item, 64)
-            for name, item in (("serial_number", SERIAL_NUMBER), ("model", PART_NUMBER))
+        return {
+            "serial_number": bulk.text(SERIAL_NUMBER),
+            "model": bulk.text(PART_NUMBER),
+            "gain": bulk.gain(),
         }
     except DeviceError as error:
         return {"commands": error.message}
-    return {name: text.split(b"\0")[0].decode("ascii", "replace").strip() for name, text in texts.items()}

@@ -2,9 +2,10 @@
 
 By pyusb: bulk transfers from endpoint 0x81 of interface 1 (alternate 1). Each picture stands between two
 markers of 12 bytes: length 0C, sync (8C or 8D begins, 8E or 8F ends), u32 counter equal at both ends, u32
-second counter, u16 third counter that rises 40 a picture, modulo 2048, so lost pictures can be counted
-exactly. A command has 18 bytes: type (as written), u16 parameter, u16 register, 6 zeros, u16 answer length,
-2 zeros, CRC-16 CCITT (start 0). Source: one public program and its forks.
+second counter, u16 third counter that rises 40 a picture, modulo 2048: pictures lost in gaps below two
+seconds are counted. A command has 18 bytes: type (as written), u16 parameter, u16 register, 6 zeros, u16
+answer length, 2 zeros, CRC-16 CCITT (start 0). Its status: 1 busy, 2 accepted, the answer ready, 3 done, else
+refused. Source: one public program and its forks, of which one measured the status on a TS2.
 """
 
 from __future__ import annotations
@@ -26,10 +27,11 @@ BEGIN, FINISH = (0x8C, 0x8D), (0x8E, 0x8F)
 STEP, WRAP = 40, 2048
 ENDPOINT, CHUNK = 0x81, 16_384
 SEND, RECEIVE, STATUS = (0x41, 0x20), (0xC1, 0x21), (0xC1, 0x22)
-READ, SHUTTER = b"\x01\x01", b"\x01\x36"
+READ, GAIN, SHUTTER = b"\x01\x01", b"\x01\x2f", b"\x01\x36"
 READ_SUBJECT, SHUTTER_SUBJECT = 0x81, 0x43
 SERIAL_NUMBER, PART_NUMBER = 7, 6
-DONE = 3
+GAINS = {b"\0": "low", b"\1": "high"}
+BUSY, ANSWERS, DONE = 1, 2, 3
 PATIENCE_S = 2.0
 
 
@@ -137,12 +139,14 @@ class BulkSource:
         """Not a UVC camera."""
         raise DeviceError("this camera has no extension units")
 
-    def ask(self, register: int, length: int) -> bytes:
-        """Read one register."""
-        with explained(self.port):
-            self._unit.ctrl_transfer(*SEND, 0, 0, command(READ, READ_SUBJECT, register, length))
-            self._wait()
-            return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
+    def text(self, register: int) -> str:
+        """A register of 64 characters."""
+        return self._ask(READ, register, 64).split(b"\0")[0].decode("ascii", "replace").strip()
+
+    def gain(self) -> str:
+        """``high``, or ``low``, which is for scenes above 150 °C alone."""
+        answer = self._ask(GAIN, 0, 1)
+        return GAINS.get(answer, f"unknown ({answer.hex()})")
 
     def run_shutter(self) -> None:
         """Close the shutter and calibrate."""
@@ -156,9 +160,17 @@ class BulkSource:
 
         usb.util.dispose_resources(self._unit)
 
+    def _ask(self, kind: bytes, register: int, length: int) -> bytes:
+        with explained(self.port):
+            self._unit.ctrl_transfer(*SEND, 0, 0, command(kind, READ_SUBJECT, register, length))
+            self._wait()
+            return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
+
     def _wait(self) -> None:
         deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
-        while self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0] != DONE:
+        while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (ANSWERS, DONE):
+            if status != BUSY:
+                raise DeviceError(f"the camera at {self.port} refuses the command: status {status}")
             if self._clock.mono_ns() > deadline_ns:
                 raise DeviceError(
                     f"the camera at {self.port} stays busy", fix="unplug it and plug it in again"

@@ -53,6 +53,15 @@ def test_markers_must_agree():
     assert decode(marked(7, 280)).device_seq == 7
     assert "disagree" in decode(marked(7, 280, end=8)).reason
     assert isinstance(decode(marked(7, 280)[:-1]), Rejected)
+    assert "no markers" in decode(bytes(LENGTH + 24)).reason
+
+
+def test_picture_may_be_kept_with_the_marker_before_it_alone():
+    kept = marked(7, 280)[:-12]  # what one transfer of a P3 holds, as the public programs write it
+    picture = decode(kept)
+    assert (picture.device_seq, picture.quality) == (7, Quality.GOOD)
+    assert np.array_equal(picture.counts, decode(frame()).counts)
+    assert len(ThermalMaster().decode(2 * kept, {}).values) == 6
 
 
 def test_pictures_are_assembled_from_transfers_and_losses_counted():

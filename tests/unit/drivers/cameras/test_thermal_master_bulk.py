@@ -1,4 +1,4 @@
-"""The bulk reader over real pyusb, against a P3 as the one public program describes it."""
+"""The bulk reader over real pyusb, against a P3 as nohous/p3-ir-camera and its kin describe it."""
 
 import struct
 
@@ -27,7 +27,7 @@ class P3(Instrument):
     def __init__(self, port=2):
         super().__init__(port)
         self.streams, self.number, self.lost, self.shutters, self.busy = False, 0, 0, 0, 0
-        self.answer, self.stream = b"", b""
+        self.answer, self.stream, self.gain, self.status = b"", b"", 1, 3
 
     def control(self, kind, request, value, index, data):
         if (kind, request, index) == (0x40, 0xEE, 1):
@@ -38,14 +38,19 @@ class P3(Instrument):
             return b""
         if (kind, request) == (0xC1, 0x22):
             self.busy -= 1
-            return b"\1" if self.busy >= 0 else b"\3"
-        return self.answer[:data] if (kind, request) == (0xC1, 0x21) else None
+            return b"\1" if self.busy >= 0 else bytes([self.status])
+        if (kind, request) == (0xC1, 0x21) and self.status == 2:
+            self.status = 3
+            return self.answer[:data]
+        return None
 
     def command(self, data):
-        self.busy = 2
+        self.busy, self.status = 2, 3
+        register, length = data[4], struct.unpack_from("<H", data, 12)[0]
         if data[:3] == b"\x01\x01\x81":
-            register, length = data[4], struct.unpack_from("<H", data, 12)[0]
-            self.answer = TEXTS[register].ljust(length, b"\0")
+            self.answer, self.status = TEXTS[register].ljust(length, b"\0"), 2
+        if data == bytes.fromhex("012f81000000000000000000010000004930"):
+            self.answer, self.status = bytes([self.gain]), 2
         self.shutters += data[:5] == b"\x01\x36\x43\0\0"
 
     def pending(self, endpoint):
@@ -84,6 +89,7 @@ def test_camera_is_found_and_tells_who_it_is(camera):
     device = opened(identity=found.identity)
     assert (device.info.model, device.info.serial_number) == ("P3-256X192", "P3-000042")
     assert (device.info.shape, device.info.scale) == ((192, 256), 1 / 64)
+    assert device.info.settings["gain"] == "high"
     device.close()
     device.close()
 
@@ -128,6 +134,22 @@ def test_camera_without_permission_says_what_to_type(camera):
     with pytest.raises(DeviceAccessError, match="no permission") as caught:
         opened()
     assert "doctor --udev" in caught.value.fix
+
+
+@pytest.mark.parametrize(("answer", "gain"), [(0, "low"), (0x35, "unknown (35)")])
+def test_gain_is_told_as_the_camera_has_it(camera, answer, gain):
+    camera.gain = answer
+    device = opened()
+    assert device.info.settings["gain"] == gain
+    device.close()
+
+
+def test_refused_command_says_so_at_once(camera, monkeypatch):
+    source = BulkSource(DeviceSettings("ir", "thermal-master"), HostClock())
+    monkeypatch.setattr(P3, "command", lambda self, data: setattr(self, "status", 4))  # as a TS2 refuses
+    with pytest.raises(DeviceError, match="refuses the command: status 4"):
+        source.run_shutter()
+    source.close()
 
 
 def test_busy_camera_is_an_error_after_a_while(camera, monkeypatch):
