@@ -1,9 +1,10 @@
 """FLIR Boson, Boson+ and Boson R: Y16 pictures, and commands by a serial port of the same USB device.
 
-320x256 or 640x512; a size with two more rows exists, whose layout is not established, so they are kept as
-they are. A plain Boson gives counts, never temperatures. A radiometric one (Boson+ R, Boson R) gives kelvin
-x 100 once its output is TLinear, which must be asked for (`radiometric = true`); the number of one of the
-two commands for it is disputed, so the result is believed only if it gives a plausible scene.
+320x256 or 640x512; a size with two more rows exists, whose place (above or below the picture) can be set in
+the camera, so it is taken only where there is no other and its last rows are kept as they are. A plain Boson
+gives counts, never temperatures. A radiometric one (Boson+ R, Boson R) gives kelvin x 100 once its output is
+TLinear, which must be asked for (`radiometric = true`). In low gain public sources disagree (x 100 or x 50),
+so there the scale must be told. The result is believed only if it gives a plausible scene.
 """
 
 from __future__ import annotations
@@ -72,11 +73,10 @@ class Boson:
         scale = kelvin_per_count(settings)
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
-        serial = serial_side(opened.usb, clock)
+        serial, facts = connect(opened.usb, clock)
         try:
             if radiometric:
-                scale = make_radiometric(serial)
-            facts = serial.facts() if serial else {"commands": "not reachable"}
+                scale = make_radiometric(serial, facts, scale)
         except DeviceError:
             opened.source.close()
             raise
@@ -94,24 +94,35 @@ class Boson:
 
 
 class BosonCamera(camera.ThermalCamera):
-    """A Boson: shutter and sensor temperature are asked once a second beside the pictures."""
+    """A Boson: shutter and sensor temperature are asked once a second beside the pictures.
+
+    Once the commands have failed they are not asked again: waiting for them would cost pictures.
+    """
 
     def __init__(self, *given: Any) -> None:
         *rest, serial = given
         super().__init__(*rest)
         self._serial: BosonSerial | None = serial
+        self._answers = serial is not None
         self._look_ns = 0
         self._told = (math.nan, False)
 
     def told(self, picture: Picture, mono_ns: int) -> Picture:
         """The picture with what the serial side said last."""
-        if self._serial is None:
-            return picture
-        if mono_ns >= self._look_ns:
+        if self._answers and mono_ns >= self._look_ns:
             self._look_ns = mono_ns + LOOK_NS
-            self._told = (self._serial.fpa_temperature_k(), self._serial.is_shutter_running())
+            self._told = self._ask()
         fpa, running = self._told
         return picture._replace(fpa_temperature_k=fpa, shutter=running or None)
+
+    def _ask(self) -> tuple[float, bool]:
+        """Temperature of the sensor, and whether a correction runs."""
+        assert self._serial is not None
+        try:
+            return self._serial.fpa_temperature_k(), self._serial.is_shutter_running()
+        except DeviceError:
+            self._answers = False
+            return math.nan, False
 
     def close(self) -> None:
         """Release pictures and commands."""
@@ -131,12 +142,32 @@ def serial_side(usb: UsbIdentity, clock: Clock) -> BosonSerial | None:
         return None
 
 
-def make_radiometric(serial: BosonSerial | None) -> float:
-    """Ask for TLinear; K per count then."""
+def connect(usb: UsbIdentity, clock: Clock) -> tuple[BosonSerial | None, dict[str, str]]:
+    """The commands of a camera and what they tell; (None, reason) where they cannot be reached."""
+    serial = serial_side(usb, clock)
     if serial is None:
-        raise DeviceError("the Boson's commands cannot be reached", fix="fieldkit doctor")
+        return None, {"commands": "not reachable"}
+    try:
+        return serial, serial.facts()
+    except DeviceError as error:
+        serial.close()
+        return None, {"commands": error.message}
+
+
+def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], told: float) -> float:
+    """Ask for TLinear; K per count then, which in low gain must be `told` (NaN if it is not)."""
+    if serial is None:
+        raise DeviceError(
+            f"the Boson cannot be asked for temperatures; its commands: {facts['commands']}",
+            fix="fieldkit doctor",
+        )
+    if facts["gain"] == "low" and math.isnan(told):
+        raise DeviceError(
+            "the Boson is in low gain, where public sources disagree about its kelvin per count",
+            fix="set it to high gain, or look at something known and write kelvin_per_count = 0.01 or 0.02",
+        )
     serial.make_radiometric()
-    return SCALE
+    return SCALE if math.isnan(told) else told
 
 
 def describe(

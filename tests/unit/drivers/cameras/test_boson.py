@@ -127,6 +127,39 @@ def test_serial_side_tells_sensor_and_shutter(reel, serial):
     assert serial.asked == ["radiometric", 0x00050007, "close"]
 
 
+def test_low_gain_needs_its_scale_told(reel, serial, monkeypatch):
+    monkeypatch.setattr(serial, "facts", lambda: {"gain": "low"})
+    with pytest.raises(DeviceError, match="low gain") as caught:
+        opened(reel(picture()), radiometric=True)
+    assert "kelvin_per_count" in caught.value.fix
+    hot = picture(count=14757)  # 295.15 K x 50
+    camera = opened(reel(hot, hot), radiometric=True, kelvin_per_count=0.02)
+    assert (camera.info.scale, camera.info.settings["gain"]) == (0.02, "low")
+
+
+def test_silent_commands_do_not_cost_the_pictures(reel, wire, monkeypatch):
+    monkeypatch.setattr(boson, "serial_side", lambda *_: BosonSerial(wire.path, HostClock()))
+    camera = opened(reel(picture(), picture(seed=1)), kelvin_per_count=0.01)
+    assert "does not answer" in camera.info.settings["commands"]
+    assert camera.read(1.0).quality == Quality.GOOD
+
+
+def test_commands_that_fall_silent_are_not_asked_again(reel, serial, monkeypatch):
+    camera = opened(reel(*(picture(seed=seed) for seed in range(40))), kelvin_per_count=0.01)
+    assert camera.read(1.0).fpa_temperature_k == 298.25
+    asked = []
+
+    def silent():
+        asked.append(1)
+        raise DeviceTimeoutError("the Boson does not answer")
+
+    monkeypatch.setattr(serial, "fpa_temperature_k", silent)
+    later = [camera.read(1.0) for _ in range(30)]
+    assert len(asked) == 1
+    assert math.isnan(later[-1].fpa_temperature_k)
+    assert later[-1].quality == Quality.GOOD
+
+
 def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):
     source = reel(picture(count=8000))
     with pytest.raises(DeviceError, match="no temperatures"):
