@@ -33,7 +33,7 @@ LENGTH = 2 * WIDTH * 2 * HEIGHT
 WANTED = Wanted(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
 SCALE = 1 / 64
 RATE_HZ = 25.0
-GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
+GREY = 0x80  # high byte of a grey picture taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
 
 
@@ -47,11 +47,10 @@ def decode(data: bytes) -> Picture | Rejected:
 
 def flags(counts: NDArray[np.uint16]) -> Quality:
     """What the temperatures alone betray: end of scale, not started, not corrected, or the grey half."""
-    coldest, hottest = extremes(counts)
-    quality = doubts((coldest, hottest), (0, 0xFFFF), SCALE)
-    row = counts[len(counts) // 2].astype(np.int32)
-    step = np.abs(row[1:] - row[:-1]).mean()
-    if step > UNCORRECTED_STEP or GREY[0] <= coldest <= hottest <= GREY[1]:
+    quality = doubts(extremes(counts), (0, 0xFFFF), SCALE)
+    rows = counts[[0, len(counts) // 2, -1]]  # halves that are exchanged or shifted leave one of them grey
+    step = np.abs(np.diff(rows.astype(np.int32))).mean()
+    if step > UNCORRECTED_STEP or (rows >> 8 == GREY).all(axis=1).any():
         quality |= Quality.NO_VALUE
     return quality
 

@@ -52,6 +52,12 @@ def test_exchanged_halves_have_no_value():
     assert decode(frame(GREY)).quality == Quality.NO_VALUE  # chroma 0x80 would read as 512 K
 
 
+@pytest.mark.parametrize("rows", [1, 96, 191, 193, 288, 383])
+def test_halves_out_of_step_have_no_value(rows):
+    whole = np.frombuffer(frame(), "<u2").reshape(384, 256)
+    assert decode(np.roll(whole, rows, axis=0).tobytes()).quality & Quality.NO_VALUE
+
+
 def test_picture_that_stands_still_betrays_the_shutter(reel):
     still, moving = frame(seed=1), [frame(seed=seed) for seed in range(2, 300)]
     pictures = [moving[0], moving[1], still, still, still, *moving[2:]]
