@@ -81,23 +81,33 @@ def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Deco
     """Explain a file or line of hex as pictures of one length.
 
     `lengths` are those the family has; the one that divides the data is taken, the longest that
-    fits otherwise. A picture becomes its minimum, mean and maximum.
+    fits otherwise, and what else it could be is noted. A picture becomes its minimum, mean and maximum.
     """
     length = _frame_length(len(data), lengths)
-    if not length:
-        return Decoded((), (), len(data))
+    whole = len(data) // length * length if length else 0
     values: list[Value] = []
     rejected: list[Rejected] = []
     notes: list[str] = []
-    whole = len(data) // length * length
-    for start in range(0, whole, length):
+    for start in range(0, whole, length or 1):
         picture = decode(data[start : start + length])
         if isinstance(picture, Rejected):
             rejected.append(Rejected(length, picture.reason, start))
         else:
             values.extend(summary(picture))
             notes.append(_note(picture))
+    notes += _other_readings(len(data), length, lengths)
     return Decoded(tuple(values), tuple(rejected), len(data) - whole, tuple(notes))
+
+
+def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[str]:
+    """What else so many bytes could be, or what they would have to be."""
+    if not size:
+        return []
+    if not length or size % length:
+        sizes = " or ".join(str(one) for one in sorted(lengths))
+        return [f"a picture of this family has {sizes} bytes"]
+    others = [one for one in sorted(lengths) if one != length and size % one == 0]
+    return [f"could also be {size // one} pictures of {one} bytes; cut the file to tell" for one in others]
 
 
 def _note(picture: Picture) -> str:
