@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from fieldkit.errors import DecodeError
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_table
 
-MAGIC = b"FFF\0"
+MAGIC = (b"FFF\0", b"AFF\0")
 HEADER, ENTRY, RAW_HEADER = 64, 32, 32
 RAW_PICTURE, CAMERA_INFORMATION = 0x01, 0x20
 MOST_RECORDS = 1024
 MOST_PIXELS = 1 << 24
-_PNG = b"\x89PNG"
+_PNG, _JPEG_LS = b"\x89PNG", b"\xff\xd8\xff\xf7"
 _INFORMATION_END = 0x394
 
 
@@ -98,7 +98,7 @@ def read_picture(data: bytes) -> FlirPicture:
 
 def _header(data: bytes | mmap, start: int) -> tuple[str, int, int]:
     """(byte order, directory offset, number of records); the version tells the byte order."""
-    if data[start : start + 4] != MAGIC or len(data) < start + HEADER:
+    if data[start : start + 4] not in MAGIC or len(data) < start + HEADER:
         raise DecodeError(f"no FFF file at byte {start}", data[start : start + 32])
     for order in "<>":
         version, directory, count = struct.unpack_from(f"{order}III", data, start + 0x14)
@@ -138,6 +138,12 @@ def _pixels(record: bytes) -> NDArray[np.uint16]:
     body = record[RAW_HEADER:]
     if body.startswith(_PNG):
         return _png(body, height, width)
+    if body.startswith(_JPEG_LS):
+        raise DecodeError(
+            f"the raw picture of {width}x{height} is compressed as JPEG-LS (a .csq)",
+            record[:RAW_HEADER],
+            fix="save it as .seq, or its pictures as radiometric JPEG, in the maker's program",
+        )
     if not 0 < width * height <= MOST_PIXELS or len(body) < 2 * width * height:
         raise DecodeError(f"the raw picture of {width}x{height} has {len(body)} bytes", record[:RAW_HEADER])
     return (

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import ConfigError
-from fieldkit.samples import EventKind, Frame, Quality
+from fieldkit.samples import EventKind, Frame, Quality, Severity
 from fieldkit.sessions.exchange.imported import bunched, write_foreign
 from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.exchange.stills import Scale, read_stills
@@ -247,10 +247,14 @@ def test_radiometric_jpeg_is_one_picture_of_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (b"", "cannot mmap an empty file"),
+        (b"", "is empty"),
         (fff(COUNTS, 0), "does not say when"),
         (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "picture 1 has another size"),
         (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
+        (
+            fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + b"\xff\xd8\xff\xf7".ljust(COUNTS.nbytes, b"\0"),
+            "compressed as JPEG-LS",  # as the pictures of a .csq begin
+        ),
     ],
 )
 def test_trouble_with_flir_files_is_told(tmp_path: Path, data: bytes, words: str) -> None:
@@ -260,6 +264,19 @@ def test_trouble_with_flir_files_is_told(tmp_path: Path, data: bytes, words: str
     with pytest.raises(ConfigError, match=words) as caught:
         read_flir(tmp_path / "a.seq", "camera")
     assert caught.value.fix
+
+
+@pytest.mark.parametrize("damage", [b"\0\0", fff(COUNTS, 1_480_000_002)[:-7]])
+def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: Path, damage: bytes) -> None:
+    from fieldkit.commands.import_flir import read_flir
+
+    whole = b"".join(fff(COUNTS + n, 1_480_000_000 + n) for n in range(2))
+    (tmp_path / "a.seq").write_bytes(whole + damage)
+    foreign = read_flir(tmp_path / "a.seq", "camera")
+    assert len(list(foreign.samples)) == 2
+    severity, words = foreign.remarks[1]
+    assert severity is Severity.WARNING
+    assert "nothing after picture 2" in words
 
 
 def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
