@@ -42,7 +42,16 @@ def stream_findings(session: Session, name: str) -> Iterator[Finding]:
     yield from _numbers(name, reader)
     yield from _times(name, reader)
     yield from _units(reader.info, lowest, highest)
+    yield from _emissivity(reader.info)
     yield from _flags(name, reader.column("flags"))
+
+
+def _emissivity(info: StreamInfo) -> Iterator[Finding]:
+    """Slopes take the emissivity of a bed into account; what a camera has taken out would count twice."""
+    applied = info.settings.get("emissivity", 1.0)
+    if info.is_camera and applied != 1.0:
+        text = f"the camera has corrected for an emissivity of {applied:g} itself"
+        yield Finding("warn", info.name, text, "set it to 1 in the camera; fieldkit corrects for each region")
 
 
 def _contents(reader: StreamReader) -> tuple[list[int], float, float]:

@@ -45,7 +45,9 @@ TLINEAR_ENDS, COUNTS_ENDS = (0, 0xFFFF), (0, 0x3FFF)
 """The ends of what a pixel can say; without TLinear it has 14 bits."""
 
 GAINS = {0: "high", 1: "low", 2: "automatic"}
+EMISSIVITY_WORD, EMISSIVITY_1 = 99, 8192
 OLD_REVISION = 8  # its FFC states are never, running, done
+FPA_COUNTS = (20_000, 40_000)  # no sensor works outside of 200 to 400 K
 RATE_HZ = 8.7
 SYSTEM_UNIT, OEM_UNIT, RADIOMETRY_UNIT = 6, 4, 0x15
 SERIAL, PART_NUMBER, RUN_FFC = (SYSTEM_UNIT, 3), (OEM_UNIT, 8), (SYSTEM_UNIT, 17)
@@ -66,7 +68,7 @@ def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
         return _untold(counts, rows, untold_scale)
     told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
     revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
-    if not (revision and fpa):  # the rows are not filled in
+    if not (revision and FPA_COUNTS[0] < fpa < FPA_COUNTS[1]):  # the rows are not filled in
         return _untold(counts, rows, untold_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
     quality = _doubts(counts, scale)
@@ -138,6 +140,8 @@ def describe(settings: DeviceSettings, opened: OpenedSource, first: Picture) -> 
     facts["scale_from"] = "telemetry" if told else "extension unit or configuration"
     if told:
         facts["gain"] = first.gain
+        if set_to := int(first.metadata_rows.ravel()[EMISSIVITY_WORD]):
+            facts["emissivity"] = round(set_to / EMISSIVITY_1, 4)  # the camera has applied it
     scale = first.scale
     return StreamInfo(
         name=settings.name,

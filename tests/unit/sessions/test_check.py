@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -56,6 +57,15 @@ def test_steady_camera_has_nothing_against_it(tmp_path: Path) -> None:
     assert said(path, "camera") == ""
     assert "60 samples, every checksum matches" in said(path, "camera", "ok")
     assert "compared with the journal" in said(path, "state", "ok")
+
+
+def test_camera_that_corrects_for_emissivity_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corrects = replace(CAMERA, settings={"emissivity": 0.98})
+    monkeypatch.setattr(f"{__name__}.HEADER", replace(HEADER, streams=(corrects, *HEADER.streams[1:])))
+    path = recorded(tmp_path / "a.h5", STEADY)
+    assert "corrected for an emissivity of 0.98" in said(path, "camera")
 
 
 def test_gap_and_order_and_bunches_are_found(tmp_path: Path) -> None:

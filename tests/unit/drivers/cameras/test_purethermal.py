@@ -45,6 +45,19 @@ def test_telemetry_documents_every_picture():
     assert told.quality == Quality.GOOD
 
 
+def test_emissivity_that_the_camera_applied_is_recorded(reel):
+    # 8028 in word 99 of danjulio/lepton's agc_off.tjsn: 0.98
+    told = [opened(reel(picture(w99=word))).info.settings for word in (8028, 8192, 0)]
+    assert [settings.get("emissivity") for settings in told] == [0.98, 1.0, None]
+
+
+def test_rows_of_ones_tell_nothing():
+    told = decode(picture()[: 2 * 120 * 160] + b"\xff" * 640)
+    assert told.quality & Quality.NO_VALUE
+    assert told.shutter is None
+    assert np.isnan(told.fpa_temperature_k)
+
+
 def test_lepton_2_has_three_telemetry_rows_of_eighty_words():
     data = picture()
     counts, rows = data[: 2 * 80 * 60], data[2 * 120 * 160 :][: 2 * 3 * 80]
