@@ -44,6 +44,13 @@ class UsbIdentity:
         return kind if len(alike) <= 1 or not self.path else self.path
 
 
+def right_one_fix(name: str, present: Sequence[object]) -> str:
+    """What to do when the instrument called `name` is not found among those `present`."""
+    if not present:
+        return "plug it in and switch it on; fieldkit devices shows what this computer sees"
+    return f'write the right one into the configuration of {name}: identity = "..."'
+
+
 def usb_parent(node: Path) -> UsbIdentity | None:
     """The USB device that a sysfs node (a tty, a video node) hangs on, or None."""
     for folder in (node, *node.parents):

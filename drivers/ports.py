@@ -20,7 +20,7 @@ from typing import Any
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.framing import Framer, Stamped
-from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
 from fieldkit.drivers.permission import UDEV_FIX, group_of, permission_fix
 from fieldkit.drivers.records import Layout
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -222,7 +222,7 @@ def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> st
     what = f"with identity {wanted}" if wanted else "that could be meant"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} serial ports {what}; {_listing(ports)}",
-        fix=f'write the right one into the configuration of {settings.name}: identity = "..."',
+        fix=right_one_fix(settings.name, ports),
     )
 
 

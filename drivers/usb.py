@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from fieldkit.device import DeviceSettings, Found
-from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.identity import UsbIdentity, right_one_fix
 from fieldkit.drivers.permission import permission_fix
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
@@ -44,7 +44,7 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tupl
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; there: {there}",
-        fix=f'write the right one into the configuration of {settings.name}: identity = "..."',
+        fix=right_one_fix(settings.name, present),
     )
 
 
@@ -70,7 +70,9 @@ def explained(where: str) -> Iterator[None]:
             raise DeviceLostError(
                 f"the USB instrument {where} is gone", fix="plug it back in; it is opened again by identity"
             ) from error
-        raise DeviceError(f"the USB instrument {where} refused: {error}") from error
+        raise DeviceError(
+            f"the USB instrument {where} refused: {error}", fix="unplug it and plug it in again"
+        ) from error
 
 
 def _identity(unit: Any) -> UsbIdentity:

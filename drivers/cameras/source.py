@@ -16,7 +16,7 @@ from fieldkit.device import DeviceSettings, Found, FrameSource
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.opencv import OpenCvSource
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
 from fieldkit.errors import DeviceNotFoundError
 
 
@@ -94,7 +94,7 @@ def _pick(
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} cameras {what}; {listing(present)}",
-        fix=f'write the right one into the configuration of {settings.name}: identity = "..."',
+        fix=right_one_fix(settings.name, present),
     )
 
 

@@ -88,5 +88,12 @@ def test_other_camera_is_an_error_never_a_fallback(present, identity):
     assert present == []
 
 
+def test_with_nothing_plugged_in_the_advice_is_to_plug_it_in(monkeypatch):
+    monkeypatch.setattr(source, "cameras", list)
+    with pytest.raises(DeviceNotFoundError, match="no USB camera is plugged in") as caught:
+        open_source(DeviceSettings("ir", "purethermal"), WANTED, HostClock())
+    assert "plug it in" in caught.value.fix
+
+
 def test_found_cameras_are_those_of_the_family(present):
     assert [found.identity for found in find_cameras("purethermal", "", WANTED)] == ["1e4e:0100:ABC"]
