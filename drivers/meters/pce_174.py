@@ -10,11 +10,13 @@ offset content
 3-9    year, weekday, month, day, hour, minute, second, each two BCD digits
 10-11  value, 100 x high + low, plain binary 0-99 each
 12-13  value without the relative zero, the same
-14     bit 7 auto power off is off, 6 hold, 5-3 mode, 2 foot-candle (else lux), 1-0 range
+14     bit 7 auto power off is off, 6 hold, 5-3 mode (0 normal, 2 peak min, 3 peak max,
+       4 max, 5 min, 6 relative), 2 foot-candle (else lux), 1-0 range
 15     bit 5 low battery, 4 minus
 16-17  record count, cursor
 ====== ==========================================================================
 
+The public program takes bytes 10-11 for the absolute value, its author's later description bytes 12-13.
 There is neither a check nor an overload flag; a value at the end of the largest range is flagged.
 """
 
@@ -37,8 +39,8 @@ KINDS = ((0x10C4, 0xEA60),)
 ASK_LIVE = bytes.fromhex("87 83 11")
 FULL_SCALE = {"lx": (400_000, 400, 4_000, 40_000), "fc": (40_000, 40, 400, 4_000)}
 STEPS = 4000  # counts that fill a range: 400 klx comes in steps of 100 lx
-MODES = ("", "peak_minimum", "peak_maximum", "maximum", "minimum", "relative", "mode_6", "mode_7")
-RELATIVE = 5
+MODES = ("", "mode_1", "peak_minimum", "peak_maximum", "maximum", "minimum", "relative", "mode_7")
+EXTREMES, RELATIVE = (2, 3, 4, 5), 6
 _START = b"\xaa\xdd\x00"
 _HINT = "switch the meter on and its USB output too"
 
@@ -68,7 +70,7 @@ def _value(buffer: bytes) -> Value:
     high, low = buffer[12:14] if mode == RELATIVE else buffer[10:12]
     minus = second & 0x10 and mode != RELATIVE
     value = (100 * high + low) * full_scale / STEPS
-    quality = Quality.STALE if state & 0x40 else Quality.GOOD
+    quality = Quality.STALE if state & 0x40 or mode in EXTREMES else Quality.GOOD  # not the light of now
     if value >= full_scale - full_scale / STEPS:
         quality |= Quality.OVERRANGE
     states = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))

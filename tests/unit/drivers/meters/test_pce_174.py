@@ -34,9 +34,25 @@ def test_unit_and_range_scale_the_value(state, unit, value):
 
 
 def test_relative_mode_gives_the_absolute_value():
-    (found,) = take(changed(_10=0, _11=5, _14=5 << 3)).values
+    (found,) = take(changed(_10=0, _11=5, _14=6 << 3)).values
     assert found.value == 98700
     assert found.flags == ["relative"]
+
+
+@pytest.mark.parametrize(
+    ("state", "flags"),  # the whole byte, and the mode that philpagel/PCE174-communication (protocol.md) names
+    [
+        (0x91, ["stale", "peak_minimum"]),
+        (0x99, ["stale", "peak_maximum"]),
+        (0xA1, ["stale", "maximum"]),
+        (0xA9, ["stale", "minimum"]),
+        (0xB1, ["relative"]),
+        (0x81, []),
+    ],
+)
+def test_modes_are_told_and_extremes_are_not_the_light_of_now(state, flags):
+    (found,) = take(changed(_14=state)).values
+    assert found.flags == flags
 
 
 def test_minus_and_low_battery_are_read():
