@@ -15,7 +15,8 @@ offset content
 ====== =====================================================================================
 
 Bits 7-6 of offset 2: 00 T1-T2 and T1, 01 T1-T2 and T2, 10 T1 and T2, 11 T2 and T1.
-A channel has no fixed place.
+A channel has no fixed place. Leading digits may be blank (B; one program, against a real meter).
+The models 300 and 302 have one probe: their sub is a timer, MM:SS with bit 4 of offset 2, else HH:MM.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from typing import Any
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.center_309 import LIMITS, open_thermometer
+from fieldkit.drivers.meters.center_309 import LIMITS, open_thermometer, told_model
+from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import find_ports
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
 from fieldkit.samples import Quality
@@ -35,38 +37,49 @@ from fieldkit.samples import Quality
 LENGTH = 8
 CHANNELS = ("T1", "T2")
 WINDOWS = (("T1-T2", "T1"), ("T1-T2", "T2"), ("T1", "T2"), ("T2", "T1"))
-_START = b"\x02"
+ONE_PROBE = ("300", "302")
+_START, _BLANK = b"\x02", "b"
 
 
 def take(buffer: bytes) -> Taken:
-    """The record at the start of `buffer`, by the table above."""
+    """The record of a model with two probes at the start of `buffer`, by the table above."""
+    return _take(buffer, 2)
+
+
+def take_one(buffer: bytes) -> Taken:
+    """The record of a model with one probe: its main value is T1."""
+    return _take(buffer, 1)
+
+
+def _take(buffer: bytes, probes: int) -> Taken:
     if not buffer.startswith(_START):
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
     if len(buffer) < LENGTH:
         return None
     if buffer[7] != 0x03:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 8 bytes")
-    main, sub = _value(buffer, 0), _value(buffer, 1)
-    if main is None or sub is None:
+    names = WINDOWS[buffer[2] >> 6] if probes == 2 else ("T1",)
+    values = [_value(buffer, place, name) for place, name in enumerate(names)]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
         return Rejected(skip_to(_START, buffer), "digits are not decimal")
-    low, high = LIMITS[main.unit]
-    for value in (main, sub):
+    for value in known:
+        low, high = LIMITS[value.unit]
         if not math.isnan(value.value) and not low <= value.value <= high:
             reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
             return Rejected(skip_to(_START, buffer), reason)
-    return Record.of(LENGTH, (main, sub), f"type {'J' if buffer[1] & 0x08 else 'K'}")
+    return Record.of(LENGTH, known, f"type {'J' if buffer[1] & 0x08 else 'K'}")
 
 
-def _value(buffer: bytes, place: int) -> Value | None:
+def _value(buffer: bytes, place: int, channel: str) -> Value | None:
     """The main (0) or sub (1) value; None if its digits are not decimal."""
     flags = buffer[2] >> 3 * place
-    channel = WINDOWS[buffer[2] >> 6][place]
     unit = "°C" if buffer[1] & 0x80 else "°F"
     quality = Quality.STALE if buffer[1] & 0x20 else Quality.GOOD
     words = _words(buffer[1])
     if flags & 1:
         return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *words))
-    digits = buffer[3 + 2 * place : 5 + 2 * place].hex()
+    digits = buffer[3 + 2 * place : 5 + 2 * place].hex().lstrip(_BLANK)
     if not digits.isdigit():
         return None
     number = int(digits) / (1 if flags & 4 else 10)
@@ -78,29 +91,31 @@ def _words(first: int) -> tuple[str, ...]:
     return tuple(word for bits, word in states if first & bits)
 
 
-LAYOUT = Layout(take, LENGTH)
+LAYOUT, LAYOUT_ONE = Layout(take, LENGTH), Layout(take_one, LENGTH)
 
 
 class Center303:
     """Driver of the one- and two-channel thermometers with the 8-byte record.
 
-    Options: `labels` (names of T1, T2) and those of every meter. A difference T1-T2 on the display is
-    not recorded.
+    Options: `labels` (names of T1, T2), `model` (of a meter that does not tell it) and those of every meter.
+    A difference T1-T2 on the display is not recorded, nor is a timer.
     """
 
     name = "center-303"
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
-    options = meter.OPTIONS
+    options = (*meter.OPTIONS, "model")
 
     def find(self) -> list[Found]:
         """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
-        return decode_records(data, LAYOUT)
+        """Explain bytes; option `model` for those of a 300 or 302, see `fieldkit.drivers.records.Decodes`."""
+        is_one = told_model(for_bytes(self.name, options)) in ONE_PROBE
+        return decode_records(data, LAYOUT_ONE if is_one else LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, ask for the model, and wait for one record."""
-        return open_thermometer(settings, clock, LAYOUT, CHANNELS)
+        others = dict.fromkeys(ONE_PROBE, (LAYOUT_ONE, CHANNELS[:1]))
+        return open_thermometer(settings, clock, (LAYOUT, CHANNELS), others)

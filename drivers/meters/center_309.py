@@ -18,7 +18,7 @@ offset content
 Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read. Sure: all of the table but
 the sign, which stands on one source: below 0 °C is unproven. There is no checksum and 02, 03
 occur inside; a record whose channels lie outside what thermocouples can show is rejected.
-An open probe shows as overload or as 7FFF.
+An open probe shows as overload, as 7FFF or as 8000.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import truediv
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from fieldkit.clock import Clock
@@ -53,7 +54,7 @@ from fieldkit.samples import Quality
 LENGTH = 45
 LINE = Line(9600)
 CHANNELS = ("T1", "T2", "T3", "T4")
-OPEN_PROBE = 0x7FFF
+OPEN_PROBE = (0x7FFF, -0x8000)
 DRIVERS = {
     **dict.fromkeys(("300", "301", "302", "303"), "center-303"),
     **dict.fromkeys(("304", "309"), "center-309"),
@@ -79,7 +80,8 @@ def take(buffer: bytes) -> Taken:
     if buffer[44] != 0x03:
         return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
     counts = _COUNTS.unpack_from(buffer, 7)
-    without = tuple([count == OPEN_PROBE for count in counts]) if OPEN_PROBE in counts else _ALL_MEASURE
+    is_open = OPEN_PROBE[0] in counts or OPEN_PROBE[1] in counts
+    without = tuple([count in OPEN_PROBE for count in counts]) if is_open else _ALL_MEASURE
     channels, divisors, low, high = _meaning(buffer[1], buffer[2], buffer[39], buffer[43], without)
     numbers = tuple(map(truediv, counts, divisors))
     if beyond := [number for number in numbers if number < low or number > high]:
@@ -158,15 +160,23 @@ class Center309:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port, ask for the model, and wait for one record."""
-        return open_thermometer(settings, clock, LAYOUT, CHANNELS)
+        return open_thermometer(settings, clock, (LAYOUT, CHANNELS))
+
+
+Kind = tuple[Layout, Sequence[str]]
+"""How the records of a model look, and the channels in them."""
 
 
 def open_thermometer(
-    settings: DeviceSettings, clock: Clock, layout: Layout, channels: Sequence[str]
+    settings: DeviceSettings, clock: Clock, usual: Kind, others: Mapping[str, Kind] = MappingProxyType({})
 ) -> meter.Meter:
-    """Open a thermometer that answers ``K`` and ``A``; a sibling of another record is refused by its name."""
+    """Open a thermometer that answers ``K`` and ``A``; a sibling of another driver is refused by its name.
+
+    `others` are models whose records are not the `usual` ones.
+    """
     port = open_port(settings, LINE, clock)
-    model = ask_model(port)
+    model = told_model(settings) or ask_model(port)
+    layout, channels = others.get(model, usual)
     driver = DRIVERS.get(model, settings.driver)
     if driver != settings.driver:
         port.close()
@@ -179,6 +189,11 @@ def open_thermometer(
     info = meter.describe(settings, port, layout, "temperature", "K", names, model)
     asking = meter.Asking(b"A", settings.every_s)
     return meter.Meter(info, port, layout, clock, channels[: len(names)], asking=asking)
+
+
+def told_model(settings: DeviceSettings) -> str:
+    """The option `model`, as a number or as text; empty if it is not given."""
+    return str(settings.options.get("model", ""))
 
 
 def ask_model(port: SerialPort) -> str:

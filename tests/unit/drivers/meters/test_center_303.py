@@ -36,6 +36,27 @@ def test_digits_that_are_not_decimal_are_rejected():
     assert isinstance(take(RECORD[:4] + b"\x3a" + RECORD[5:]), Rejected)
 
 
+def test_leading_digits_may_be_blank():
+    # B as ehennes775/ginstlog found it on a B&K 710
+    record = take(bytes.fromhex("02 80 80 B2 35 BB B8 03"))
+    assert [value.value for value in record.values] == [23.5, 0.8]
+    assert isinstance(take(bytes.fromhex("02 80 80 2B 35 01 98 03")), Rejected)
+    assert isinstance(take(bytes.fromhex("02 80 80 BB BB 01 98 03")), Rejected)
+
+
+@pytest.mark.parametrize("model", ["300", "302"])
+def test_sub_of_a_model_with_one_probe_is_a_timer(wire, model):
+    # Voltcraft's sheet for these two: 23.5 °C, and 1:42 on the timer, in minutes
+    record = bytes.fromhex("02 80 10 02 35 01 42 03")
+    wire.answer({b"K": model.encode() + b"\r", b"A": record})
+    device = Center303().open(settings(wire), HostClock())
+    assert device.info.channels == ("T1",)
+    assert device.read(1.0).values == (pytest.approx(23.5 + 273.15),)
+    device.close()
+    (value,) = Center303().decode(record, {"model": int(model)}).values
+    assert (value.channel, value.value, value.words) == ("T1", 23.5, ())
+
+
 def test_difference_on_the_display_is_not_recorded(wire):
     wire.answer({b"K": b"303\r", b"A": bytes([2, 0x80, 0x00]) + RECORD[3:]})
     device = Center303().open(settings(wire), HostClock())

@@ -60,6 +60,13 @@ def test_open_probe_leaves_the_others_good(wire):
     device.close()
 
 
+def test_lowest_number_is_no_temperature():
+    # 8000 is -OL on an HH309A, by ehennes775/ginstlog
+    values = take(RECORD[:9] + b"\x80\x00" + RECORD[11:]).values
+    assert [value.value for value in values[::2]] == [25.3, 100.5]
+    assert math.isnan(values[1].value)
+
+
 def test_held_display_is_stale(wire):
     wire.answer({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
     device = Center309().open(settings(wire), HostClock())

@@ -40,7 +40,10 @@ def test_relative_mode_gives_the_absolute_value():
 
 
 @pytest.mark.parametrize(
-    ("state", "flags"),  # the whole byte, and the mode that philpagel/PCE174-communication (protocol.md) names
+    (
+        "state",
+        "flags",
+    ),  # the whole byte, and the mode that philpagel/PCE174-communication (protocol.md) names
     [
         (0x91, ["stale", "peak_minimum"]),
         (0x99, ["stale", "peak_maximum"]),
