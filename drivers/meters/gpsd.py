@@ -39,7 +39,11 @@ def take(buffer: bytes) -> Taken:
         return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end in sight")
     try:
         report = json.loads(buffer[:end])
+        if not isinstance(report, dict):
+            return Rejected(end + 1, "no report of gpsd: JSON, but not an object")
         return _meaning(report, end + 1)
+    except KeyError as error:
+        return Rejected(end + 1, f"no report of gpsd: {error} is missing")
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
         return Rejected(end + 1, f"no report of gpsd: {error}")
 
@@ -64,11 +68,18 @@ def _position(report: dict[str, Any], length: int) -> Record:
         number = float(report.get(given[name], math.nan)) if known[name] else math.nan
         quality = Quality.GOOD if math.isfinite(number) else Quality.NO_VALUE
         values.append(Value(number, unit, name, quality))
+    latitude, longitude = values[0].value, values[1].value
+    if abs(latitude) > 90 or abs(longitude) > 180:  # NaN is beyond nothing
+        raise ValueError("position is not on the Earth")
     return Record.of(length, values, f"TPV mode {mode}", _time_ns(report.get("time")))
 
 
 def _time_ns(text: Any) -> int:
-    return round(datetime.fromisoformat(text).timestamp() * 1e9) if text else NO_COUNTER
+    """UTC; a position without a time, or in a leap second, which no datetime can hold, is still one."""
+    try:
+        return round(datetime.fromisoformat(text).timestamp() * 1e9)
+    except (ValueError, TypeError):
+        return NO_COUNTER
 
 
 LAYOUT = Layout(take, LONGEST)

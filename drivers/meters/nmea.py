@@ -12,7 +12,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, time
 from functools import reduce
 from operator import xor
 from typing import Any
@@ -30,7 +30,8 @@ LONGEST = 120  # the standard has 82, receivers send more
 LINE = Line(9600)
 CHANNELS = (("latitude", "°"), ("longitude", "°"), ("altitude", "m"))
 UNIT = "degree degree m"
-_SENTENCE = re.compile(rb"\$([A-Z0-9]{3,6}(?:,[\x20-\x7e]*?)?)\*([0-9A-Fa-f]{2})")
+READ = ("RMC", "GGA", "ZDA")
+_SENTENCE = re.compile(rb"\$([A-Z0-9]{3,}(?:,[\x20-\x7e]*?)?)\*([0-9A-Fa-f]{2})")
 _HINT = "give the receiver a view of the sky; baud = 4800 for older ones"
 
 
@@ -61,14 +62,15 @@ def _checked(sentence: re.Match[bytes], length: int) -> Taken:
     check = reduce(xor, body, 0)
     if check != int(told, 16):
         return Rejected(length, f"check is {told.decode()}, should be {check:02X}")
-    if body[2:5] not in (b"RMC", b"GGA", b"ZDA"):
-        return Record(length, note=f"{body[:5].decode()}: not read")
+    name = body.split(b",")[0].decode()
+    if name[2:] not in READ or name.startswith("P"):  # P: a maker's own, such as $PGRMC
+        return Record(length, note=f"{name}: not read")
     try:
         return _meaning(_parse(sentence.group(0)), length)
     except ConfigError:
         raise
     except (ValueError, AttributeError, TypeError) as error:
-        return Rejected(length, f"{body[:5].decode()}: {error}")
+        return Rejected(length, f"{name}: {error}")
 
 
 def _parse(sentence: bytes) -> Any:
@@ -85,19 +87,24 @@ def _parse(sentence: bytes) -> Any:
 def _meaning(message: Any, length: int) -> Taken:
     if message.msgID == "GGA":
         return _gga(message, length)
-    if message.msgID == "ZDA":
-        moment = datetime(message.year, message.month, message.day, tzinfo=UTC)
-    else:
-        moment = datetime.combine(message.date, datetime.min.time(), tzinfo=UTC)
-    moment = datetime.combine(moment, message.time, tzinfo=UTC)
-    time_ns = round(moment.timestamp() * 1e9)
-    when = Value(moment.timestamp(), "s since 1970", "utc")
+    valid = message.msgID == "ZDA" or message.status == "A"
+    place = () if message.msgID == "ZDA" else _place(message.lat, message.lon, valid)
+    moment = _moment(message)
+    if moment is None:
+        return Record.of(length, place, f"{message.msgID} without a time")
+    when = (Value(moment.timestamp(), "s since 1970", "utc"),) if valid else ()
     note = f"{message.msgID} {moment:%Y-%m-%d %H:%M:%S.%f} UTC"
+    return Record.of(length, (*place, *when), note, round(moment.timestamp() * 1e9))
+
+
+def _moment(message: Any) -> datetime | None:
+    """The time of an RMC or ZDA; None while the receiver has none, whose fields are empty then."""
+    if not isinstance(message.time, time):
+        return None
     if message.msgID == "ZDA":
-        return Record.of(length, (when,), note, time_ns)
-    valid = message.status == "A"
-    place = _place(message.lat, message.lon, valid)
-    return Record.of(length, (*place, when) if valid else place, note, time_ns)
+        return datetime.combine(date(message.year, message.month, message.day), message.time, tzinfo=UTC)
+    is_dated = isinstance(message.date, date)
+    return datetime.combine(message.date, message.time, tzinfo=UTC) if is_dated else None
 
 
 def _gga(message: Any, length: int) -> Record:

@@ -68,7 +68,7 @@ def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
     if re.fullmatch(r"([0-9a-fA-F]{2})+", digits):
         return bytes.fromhex(digits)
     if prose:
-        return text.replace("\\r", "\r").replace("\\n", "\n").encode()
+        return text.replace("\\r", "\r").replace("\\n", "\n").rstrip("\n").encode() + b"\n"  # typed: a line
     raise ConfigError(
         f"{text[:60]!r} is neither a file nor hexadecimal",
         fix="two digits per byte, as in: 02 34 31",

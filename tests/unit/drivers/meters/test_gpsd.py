@@ -9,7 +9,7 @@ from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, take
 from fieldkit.drivers.records import Rejected
 from fieldkit.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality
 
 
 def line(**report):
@@ -69,8 +69,24 @@ def test_position_without_a_fix_is_no_value():
     assert {value.quality for value in record.values} == {Quality.NO_VALUE}
 
 
+@pytest.mark.parametrize("time", ["2016-12-31T23:59:60.000Z", 1479695730.0, None])
+def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
+    record = take(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
+    assert (record.values[0].value, record.device_time) == (46.5, NO_COUNTER)
+
+
 @pytest.mark.parametrize(
-    "text", [b"{\n", b"[]\n", b"17\n", b'{"class":"PPS"}\n', b'{"class":"TPV","mode":3,"lat":"x"}\n']
+    ("text", "reason"),
+    [
+        (b"{\n", "no report"),
+        (b"[]\n", "not an object"),
+        (b"17\n", "not an object"),
+        (b'{"class":"PPS"}\n', "'clock_sec' is missing"),
+        (b'{"class":"TPV","mode":3,"lat":"x"}\n', "no report"),
+        (b'{"class":"TPV","mode":3,"lat":95.0,"lon":7.0}\n', "not on the Earth"),
+    ],
 )
-def test_what_is_no_report_is_rejected(text):
-    assert isinstance(take(text), Rejected)
+def test_what_is_no_report_is_rejected(text, reason):
+    rejected = take(text)
+    assert isinstance(rejected, Rejected)
+    assert reason in rejected.reason

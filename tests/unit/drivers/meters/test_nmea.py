@@ -42,6 +42,26 @@ def test_receiver_without_a_fix_gives_no_value():
     assert math.isnan(record.values[0].value)
 
 
+@pytest.mark.parametrize(
+    "cold",  # as gpsd's and minmea's own test logs have them
+    [b"$GPRMC,,V,,,,,,,,,,N*53\r\n", b"$GPRMC,,V,,,,,,,260810,1.0,E,N*34\r\n", b"$GPZDA,,,,,00,00*48\r\n"],
+)
+def test_receiver_that_has_no_time_yet_is_not_garbled(cold):
+    record = take(cold)
+    assert record.note.endswith("without a time")
+    assert record.device_time == NO_COUNTER
+    assert all(value.quality == Quality.NO_VALUE for value in record.values)
+
+
+@pytest.mark.parametrize(
+    "own",
+    [b"$PMTK010,001*2E\r\n", b"$PGRMC,A,218.8,100,6378137.000,298.257223563,0.0,0.0,0.0,A,3,1,1,4,30*72\r\n"],
+)
+def test_sentences_of_makers_are_let_by(own):
+    record = take(own)
+    assert (record.values, record.note) == ((), own[1 : own.index(b",")].decode() + ": not read")
+
+
 @pytest.mark.parametrize("broken", [GGA.replace(b"3541", b"3542"), GGA[:-5] + b"\r\n", b"$GPGGA,0215" + GGA])
 def test_damaged_or_cut_sentences_are_rejected(broken):
     assert isinstance(take(broken), Rejected)
