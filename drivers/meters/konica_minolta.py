@@ -6,9 +6,10 @@ The check is the XOR of every byte after 02 up to and including 03. Source: the 
 manuals as several independent public drivers follow them; framing and data fields are sure,
 the CL-200 commands stand on one source.
 
-Status: hold digit (odd: held), error (space or ``7`` none, ``1`` head off, ``2`` ``3`` EEPROM, ``5`` over
-range, ``6`` too dark for colour), range in use, battery (``1`` ``3`` low). Data field: sign, four digits,
-padded by spaces, exponent e; value = digits x 10^(e-4). A field of spaces is a value the meter does not have.
+Status: hold digit (odd: held, which is how a CL-200 measures), error (space or ``7`` none, ``1`` head off,
+``2`` ``3`` EEPROM, ``4`` not held, in the answer to 40 alone, ``5`` over range, ``6`` too dark for colour),
+range in use (CL-200: ``6`` outside of all), battery (``1`` ``3`` low). Data field: sign, four digits, padded
+by spaces, exponent e; value = digits x 10^(e-4). A field of spaces is a value the meter does not have.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
-from fieldkit.errors import DeviceTimeoutError
+from fieldkit.errors import DeviceError, DeviceTimeoutError
 from fieldkit.samples import Quality
 
 SHORT, LONG = 14, 32
@@ -47,13 +48,17 @@ ERRORS = {
     ord("1"): "head_off",
     ord("2"): "eeprom",
     ord("3"): "eeprom",
-    ord("4"): "not_held",
     ord("5"): "over_range",
 }
+OUT_OF_RANGE = ord("6")
+FREE_RUNNING = (b"10", b"11")
+"""Commands of a T-10, whose value stands still while it is held."""
+
+BROKEN = {"1": "its head is off", "2": "its EEPROM fails", "3": "its EEPROM fails", "4": "it is not held"}
 _START = b"\x02"
 _START_WITH_PARITY = b"\x82"  # as a port sees it that does not strip the parity
 _HEADER = re.compile(rb"\x02([0-9]{2})([0-9]{2})(.{4})", re.DOTALL)
-_STATUS = re.compile(rb"[0-9 ][0-7 ][0-5 ][0-3 ]")
+_STATUS = re.compile(rb"[0-9 ][0-7 ][0-6 ][0-3 ]")
 _FIELD = re.compile(rb"([+-])( *[0-9]+)([0-9])")
 _HINT = "switch the meter on with its PC mode reachable; the line is 9600 7E1"
 
@@ -107,11 +112,13 @@ def _long(buffer: bytes) -> Taken:
     fields = [buffer[start : start + 6] for start in (9, 15, 21)]
     matches = [_FIELD.fullmatch(field) for field in fields]
     names = FIELDS.get(command)
-    if names is None or not _STATUS.fullmatch(status):
+    if names is None:
         return Rejected(skip_to(_START, buffer), f"no measured values: command {command.decode()}")
+    if not _STATUS.fullmatch(status):
+        return Rejected(skip_to(_START, buffer), f"no status of a meter: {status.decode()!r}")
     if any(match is None and field.strip() for match, field in zip(matches, fields, strict=True)):
         return Rejected(skip_to(_START, buffer), "data fields are not sign, digits, exponent")
-    quality, words = _states(status)
+    quality, words = _states(command, status)
     where = "" if head == "00" else f" head {head}"
     values = [
         Value(
@@ -126,18 +133,21 @@ def _long(buffer: bytes) -> Taken:
     return Record.of(LONG, values, note)
 
 
-def _states(status: bytes) -> tuple[Quality, tuple[str, ...]]:
+def _states(command: bytes, status: bytes) -> tuple[Quality, tuple[str, ...]]:
     """What the four status characters say of every value."""
-    hold, error, _, battery = status
+    hold, error, used, battery = status
     quality = Quality.GOOD
     words = [ERRORS[error]] if error in ERRORS else []
     if words:
         quality |= Quality.NO_VALUE  # the digits are still sent, and mean nothing
-    if error == ord("5"):
+    if used == OUT_OF_RANGE:
+        words.append("out_of_range")
+        quality |= Quality.NO_VALUE
+    if error == ord("5") or used == OUT_OF_RANGE:
         quality |= Quality.OVERRANGE
     if error == ord("6"):
         words.append("too_dark_for_colour")
-    if hold in b"13579":
+    if hold in b"13579" and command in FREE_RUNNING:
         quality |= Quality.STALE
         words.append("hold")
     if battery in b"13":
@@ -205,9 +215,20 @@ def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) ->
         port.write(running)
         clock.sleep(3.0)  # until the automatic range has settled
         return meter.Asking(running, every_s)
-    port.write(request(99, "55", "1  0"))  # hold: then each trigger takes one measurement
-    clock.sleep(0.5)
-    port.write(request(head, "40", "10"))
-    port.read(LAYOUT, meter.ANSWER_S)
+    _hold(port, clock, head)
     trigger = request(99, "40", "21")
     return meter.Asking(request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)
+
+
+def _hold(port: Port, clock: Clock, head: int) -> None:
+    """Hold the meter, so that each trigger takes one measurement; it may need to be told twice."""
+    refusal = ""
+    for _ in range(2):
+        port.write(request(99, "55", "1  0"))
+        clock.sleep(0.5)
+        port.ask(request(head, "40", "10"))
+        answer = port.read(LAYOUT, meter.ANSWER_S)
+        refusal = BROKEN.get(answer.raw[6:7].decode(), "") if answer else "it does not answer"
+        if not refusal:
+            return
+    raise DeviceError(f"the meter at {port.path} cannot be triggered: {refusal}", fix=_HINT)

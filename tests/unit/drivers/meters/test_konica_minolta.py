@@ -4,7 +4,7 @@ from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, request, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DeviceTimeoutError
+from fieldkit.errors import DeviceError, DeviceTimeoutError
 from fieldkit.samples import Quality
 
 LUX = bytes.fromhex(
@@ -59,6 +59,35 @@ def test_cl200_is_triggered_before_it_is_asked(wire):
     device = KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
     assert device.read(1.0).values == (98760.0,)
     device.close()
+
+
+@pytest.mark.parametrize(
+    ("refusal", "words"), [(b"4", "it is not held"), (b"1", "its head is off"), (b"3", "its EEPROM fails")]
+)
+def test_cl200_that_refuses_the_trigger_says_why(wire, refusal, words):
+    answer = signed(b"00401" + refusal + b"  \x03")
+    wire.answer({request(0, "54", "1"): PC_MODE, request(0, "40", "10"): answer})
+    with pytest.raises(DeviceError, match=words):
+        KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
+
+
+@pytest.mark.parametrize(
+    ("body", "lux", "flags"),
+    [  # the first: a real answer, by MasashiSode/cl200a_controller; 4 is normal in one, by two programs
+        (b"00021 10+ 2733+45450+44990\x03", 27.3, []),
+        (b"00021410+ 2733+45450+44990\x03", 27.3, []),
+        (b"00021 60+ 2733+45450+44990\x03", None, ["overrange", "no_value", "out_of_range"]),
+        (b"00101 10+ 2733            \x03", 27.3, ["stale", "hold"]),
+    ],
+)
+def test_hold_and_range_mean_what_the_command_makes_of_them(body, lux, flags):
+    value = take(signed(body)).values[0]
+    assert value.flags == flags
+    assert lux is None or value.value == lux
+
+
+def test_unknown_status_is_named():
+    assert "no status of a meter: '0850'" in take(signed(b"00100850+98765            \x03")).reason
 
 
 def test_silent_meter_says_what_to_do(wire, monkeypatch):
