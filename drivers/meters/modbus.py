@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -24,7 +25,17 @@ from fieldkit.errors import ConfigError
 
 LONGEST = 255
 REQUEST_LENGTH = 8
-REFUSALS = {1: "illegal function", 2: "illegal address", 3: "illegal value", 4: "device failure", 6: "busy"}
+REFUSALS = {
+    1: "illegal function",
+    2: "illegal address",
+    3: "illegal value",
+    4: "device failure",
+    5: "it has begun, ask later",
+    6: "busy",
+    8: "memory parity error",
+    10: "no path through the gateway",
+    11: "nobody answers behind the gateway",
+}
 _CRC_TABLE: list[int] = []
 _HINT = "check A and B of the wiring, the unit number and the line settings of the instrument"
 
@@ -130,7 +141,13 @@ class Modbus:
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.records.Decodes`. Option `map`; without it raw registers."""
         name = options.get("map")
-        return decode_records(data, layout(load_map(str(name)) if name else None))
+        decoded = decode_records(data, layout(load_map(str(name)) if name else None))
+        rest = data[len(data) - decoded.rest :]
+        if len(rest) < 7 or rest[2] % 2 or len(rest) != 5 + rest[2]:
+            return decoded
+        # as long as an answer says it is, and shorter than the question that a port would wait for
+        damaged = Rejected(len(rest), "the CRC does not fit", len(data) - len(rest))
+        return replace(decoded, rejected=(*decoded.rejected, damaged), rest=0)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for the first answer."""

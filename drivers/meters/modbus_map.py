@@ -117,9 +117,13 @@ class RegisterMap:
         # 234 tenths are 23.4 by division; by multiplication they would be 23.400000000000002
         value = number / (1 / channel.scale) / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
         low, high = self.limits
-        if taken[0] in self.no_value or not low <= value <= high:  # NaN is in no range
-            return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, ("open", *words))
-        return Value(value, channel.unit, channel.name, quality, words)
+        if not math.isfinite(value):
+            words = ("not_a_number", *words)
+        elif taken[0] in self.no_value or not low <= value <= high:
+            words = ("open", *words)
+        else:
+            return Value(value, channel.unit, channel.name, quality, words)
+        return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, words)
 
 
 def packaged() -> list[str]:

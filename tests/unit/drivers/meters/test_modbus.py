@@ -113,3 +113,17 @@ def test_word_order_of_floats_is_the_maps(tmp_path, low_first, registers):
     mine.write_text(text + f"words_low_first = {str(low_first).lower()}\n")
     (value,) = load_map(str(mine)).values(registers)
     assert value.value == pytest.approx(843.7)
+
+
+@pytest.mark.parametrize("number", ["7F 80 00 00", "FF 80 00 00", "7F C0 00 00"])
+def test_what_is_no_number_is_no_value(number):
+    frame = bytes.fromhex("01 03 04" + number)
+    (value,) = Modbus().decode(frame + crc16(frame).to_bytes(2, "little"), {"map": "apogee"}).values
+    assert math.isnan(value.value)
+    assert value.flags == ["no_value", "not_a_number"]
+
+
+def test_short_answer_with_a_wrong_check_is_named():
+    told = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
+    assert told.rejected == (Rejected(7, "the CRC does not fit", len(RTD)),)
+    assert (len(told.values), told.rest) == (8, 0)
