@@ -35,12 +35,18 @@ LINE = Line(115_200)
 UNITS = {
     "c": "°C",
     "°c": "°C",
+    "ºc": "°C",
+    "*c": "°C",
     "degc": "°C",
     "f": "°F",
+    "ºf": "°F",
+    "degf": "°F",
     "k": "K",
+    "°k": "K",
     "lx": "lx",
     "lux": "lx",
     "w/m2": "W/m²",
+    "w/m^2": "W/m²",
     "w/m²": "W/m²",
 }
 SUFFIXES = {"_c": "°C", "_f": "°F", "_k": "K", "_lx": "lx", "_w_m2": "W/m²"}
@@ -74,6 +80,8 @@ class Grammar:
             return Record(end + 1, note=line)
         if "=" in line:
             return self._pairs(line, end + 1)
+        if "," in line and (";" in line or "\t" in line):  # 21,5;98760 would become three numbers
+            return Rejected(end + 1, "two separators, or decimal commas: print numbers with a point")
         fields = [field.strip() for field in re.split(r"[,;\t]", line)]
         if all(_NAME.fullmatch(field) and not _NUMBER.fullmatch(field) for field in fields):
             return Record(end + 1, note=_COLUMNS + ",".join(fields))

@@ -85,3 +85,14 @@ def test_bytes_are_read_with_the_drivers_options():
         ("T1", "°C", ["no_value"]),
         ("T2", "°C", []),
     ]
+
+
+def test_decimal_commas_do_not_become_separators():
+    rejected = Grammar().take(b"21,5;98760\n")
+    assert isinstance(rejected, Rejected)
+    assert "point" in rejected.reason
+
+
+def test_units_are_known_as_people_type_them():
+    record = Grammar().take("a=70 degF, b=294 °K, c=21 ºC, d=800 W/m^2\n".encode())
+    assert [value.unit for value in record.values] == ["°F", "K", "°C", "W/m²"]
