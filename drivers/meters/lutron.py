@@ -18,8 +18,8 @@ offset content
 ====== ======================================================
 
 Sure: the frame, codes 01 and 02. From one manual: the other codes. There is no checksum, so a
-record must satisfy every line of the table. The mark of an overload or open probe (18) is
-one reader's hint.
+record must satisfy every line of the table. The mark of an overload or open probe (18) has one
+reader, and was captured on an SDL200 with its probe out.
 """
 
 from __future__ import annotations
