@@ -57,6 +57,17 @@ class StreamInfo:
         """Whether the stream is pictures."""
         return len(self.shape) == 2
 
+    def has_the_columns_of(self, other: StreamInfo) -> bool:
+        """Whether samples of `other` can be stored in this stream."""
+        mine, theirs = (
+            (one.shape, one.metadata_shape, one.channels, one.is_camera or one.unit) for one in (self, other)
+        )
+        return mine == theirs
+
+    def is_read_as(self, other: StreamInfo) -> bool:
+        """Whether the numbers of `other` mean the same here; of two unknown scales (NaN) nothing is known."""
+        return repr((self.law, self.scale, self.offset)) == repr((other.law, other.scale, other.offset))
+
 
 @dataclass(frozen=True, slots=True)
 class Buffer:

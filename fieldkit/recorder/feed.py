@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldkit.clock import Clock
 from fieldkit.device import Camera, Device, StreamInfo
-from fieldkit.errors import DeviceError, DeviceLostError
+from fieldkit.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.recorder.inbox import Inbox
 from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
 
@@ -62,6 +62,7 @@ class Feed:
         self._stopping = threading.Event()
         self._last: Sample | None = None
         self._before_loss: Sample | None = None
+        self._doubt = Quality.GOOD
         self._rejected_before = 0
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
@@ -95,9 +96,9 @@ class Feed:
         with self._clock.taking_part():
             self.ready.set()
             try:
-                self._begin()
+                self._until_lost(self._begin)
                 while self._goes_on():
-                    self._read_until_lost()
+                    self._until_lost(self._read)
             except Exception as error:  # told as an event: the other devices go on
                 self.crashed = error
                 self._tell(
@@ -117,14 +118,17 @@ class Feed:
         ended = self._end_ns is not None and self._clock.mono_ns() >= self._end_ns
         return not (ended or self._stopping.is_set())
 
-    def _read_until_lost(self) -> None:
+    def _until_lost(self, work: Callable[[], None]) -> None:
         try:
-            if self._sampling.every_s is not None and isinstance(self._device, Camera):
-                self._read_bursts(self._device, self._sampling.every_s)
-            else:
-                self._read_all()
+            work()
         except DeviceError as error:
             self._come_back(error)
+
+    def _read(self) -> None:
+        if self._sampling.every_s is not None and isinstance(self._device, Camera):
+            self._read_bursts(self._device, self._sampling.every_s)
+        else:
+            self._read_all()
 
     def _read_all(self) -> None:
         while self._goes_on():
@@ -171,14 +175,15 @@ class Feed:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
 
     def _across_openings(self, sample: Sample) -> Sample:
-        """A camera just opened again cannot know that its first picture is the one before the loss."""
+        """With the doubts that a device just opened again cannot have: it does not know what was before."""
         before, self._before_loss = self._before_loss, None
         same = (
             isinstance(before, Frame)
             and isinstance(sample, Frame)
             and np.array_equal(before.counts, sample.counts)
         )
-        return sample._replace(quality=sample.quality | Quality.DUPLICATE) if same else sample
+        doubt = self._doubt | (Quality.DUPLICATE if same else Quality.GOOD)
+        return sample._replace(quality=sample.quality | doubt) if doubt else sample
 
     def _deadline_s(self) -> float:
         """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""
@@ -193,17 +198,31 @@ class Feed:
         while self._goes_on():
             self._pause(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
-            try:
-                device = self._reopen()
-            except DeviceError:
-                continue
-            if device.info.shape != self.info.shape:
-                device.close()  # another instrument answers to the same name
-                continue
-            self._device, self._before_loss = device, self._last
-            gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
-            self._tell(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
-            return
+            if self._goes_on() and (device := self._reopened()) is not None:
+                self._device, self._before_loss = device, self._last
+                gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
+                self._tell(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
+                self._doubt_another_scale(device.info)
+                return
+
+    def _reopened(self) -> Device | None:
+        """The device, once it answers and its samples have a place in the stream."""
+        try:
+            device = self._reopen()
+        except FieldkitError:
+            return None
+        if self.info.has_the_columns_of(device.info):
+            return device
+        device.close()  # another instrument answers to the same name
+        return None
+
+    def _doubt_another_scale(self, info: StreamInfo) -> None:
+        """The stream is read by what it declared at first: counts that mean something else have no value."""
+        same = self.info.is_read_as(info)
+        self._doubt = Quality.GOOD if same else Quality.NO_VALUE
+        if not same:
+            text = "came back with another scale or law; its samples are kept and have no value"
+            self._tell(EventKind.LOST, text, Severity.ERROR)
 
     def _pause(self, seconds: float) -> None:
         until_ns = self._clock.mono_ns() + round(seconds * SECOND_NS)

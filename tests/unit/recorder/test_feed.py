@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from fieldkit.device import Device, StreamInfo
-from fieldkit.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.inbox import Inbox
 from fieldkit.samples import Event, EventKind, Frame, Quality, Reading
@@ -146,6 +147,57 @@ def test_another_instrument_under_the_same_name_is_not_taken() -> None:
         60.0,  # type: ignore[attr-defined]
     )
     assert [event.kind for event in events] == [EventKind.LOST]
+
+
+def test_a_camera_back_with_another_scale_has_no_value() -> None:
+    class Tenths(Camera):
+        info = replace(Camera.info, scale=0.1)
+
+    samples, events, _ = run(
+        lambda c, s: Camera(c, s, frozen=True),
+        lambda device: Tenths(device.clock, device.start_ns),  # type: ignore[attr-defined]
+        4.0,
+    )
+    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK, EventKind.LOST]
+    assert "another scale" in events[2].text
+    assert all(Quality.NO_VALUE in sample.quality for sample in samples[1:])
+
+
+def test_a_camera_lost_before_its_first_picture_is_opened_again() -> None:
+    class Shy(Camera):
+        def skip_until(self, mono_ns: int) -> None:
+            raise DeviceLostError("unplugged")
+
+    samples, events, _ = run(
+        Shy,
+        lambda device: Camera(device.clock, device.start_ns),  # type: ignore[attr-defined]
+        4.0,
+    )
+    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
+    assert len(samples) > 20
+
+
+def test_an_unreadable_register_map_is_tried_again() -> None:
+    tries = []
+
+    def reopen(device: Device) -> Device:
+        tries.append(1)
+        if len(tries) < 3:
+            raise ConfigError("no register map")
+        return same_unless_unplugged(device)
+
+    _, events, _ = run(lambda c, s: Meter(c, s, gone=5.5, back=6.0), reopen, 30.0)
+    assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK]
+
+
+def test_stop_while_lost_does_not_open_the_device_once_more() -> None:
+    opened = []
+    run(
+        lambda c, s: Meter(c, s, gone=5.5),
+        lambda device: opened.append(1) or device,  # type: ignore[func-returns-value]
+        6.5,
+    )
+    assert not opened
 
 
 def test_bursts_come_each_period_with_the_shutter_twelve_seconds_before() -> None:
