@@ -12,7 +12,8 @@ import json
 import os
 import uuid
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -49,15 +50,26 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
     return final
 
 
-def read_marks(folder: Path, clock: Clock) -> Iterator[Event]:
-    """Events for the marks dropped since the last call, oldest first; their files are removed.
+@dataclass
+class DroppedMarks:
+    """Takes the marks dropped for a recording, once each, oldest first; their files are removed."""
 
-    A file that is no mark becomes a warning, because a note must not vanish without a word.
-    """
-    for file in _oldest_first(folder):
-        now = clock.mono_ns()
-        yield _read(file, now, clock.to_utc_ns(now))
-        file.unlink()
+    folder: Path
+    clock: Clock
+    _taken: set[str] = field(default_factory=set)
+
+    def __call__(self) -> Iterator[Event]:
+        """Events for the marks dropped since the last call.
+
+        A file that is no mark becomes a warning, because a note must not vanish without a word.
+        """
+        for file in _oldest_first(self.folder):
+            if file.name not in self._taken:
+                self._taken.add(file.name)
+                now = self.clock.mono_ns()
+                yield _read(file, now, self.clock.to_utc_ns(now))
+                with suppress(OSError):  # a folder of somebody else's, as after sudo
+                    file.unlink()
 
 
 def left_marks(folder: Path) -> list[Event]:
@@ -74,10 +86,11 @@ def _oldest_first(folder: Path) -> list[Path]:
 
 
 def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
-    text = file.read_text(encoding="utf-8", errors="replace")
+    text = file.name
     try:
+        text = file.read_text(encoding="utf-8", errors="replace")
         return _event(Mark(**json.loads(text)), now_mono_ns, now_ns)
-    except (ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError) as error:
         said = f"a mark could not be read ({error}): {text.strip()}"
         return Event(EventKind.MARK, now_mono_ns, now_ns, said, severity=Severity.WARNING)
 

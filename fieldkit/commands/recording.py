@@ -25,7 +25,7 @@ from fieldkit.device import Device, DeviceSettings, StreamInfo
 from fieldkit.drivers import registry
 from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError, RefusedError
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.marks import marks_folder, read_marks
+from fieldkit.marks import DroppedMarks, marks_folder
 from fieldkit.recorder import Recorder, Sampling, Summary, View
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
@@ -172,7 +172,7 @@ def record_session(
                 sampling=sampling_of(config),
                 views=views,
                 end_ns=None if duration_s is None else start_ns + round(duration_s * SECOND_NS),
-                marks=lambda: read_marks(marks_folder(path), tools.clock),
+                marks=DroppedMarks(marks_folder(path), tools.clock),
                 disk_reserve_bytes=disk_reserve_bytes(config),
                 stopping=stopping,
             ).run()

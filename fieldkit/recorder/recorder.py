@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from typing import Protocol, TypeAlias
 
 from fieldkit.clock import Clock
@@ -18,7 +19,7 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.housekeeping import Housekeeping
 from fieldkit.recorder.inbox import Inbox, Item, room_for
-from fieldkit.recorder.watch import DiskWatch, FlagWatch
+from fieldkit.recorder.watch import DiskWatch, FlagWatch, StorageWatch
 from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
@@ -85,7 +86,7 @@ class Recorder:
         self._flags = FlagWatch()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
-        self._is_refused = False
+        self._storage = StorageWatch()
         self._failure: StorageError | None = None
 
     def stop(self) -> None:
@@ -163,7 +164,8 @@ class Recorder:
 
     def _keep_sample(self, sample: Sample) -> None:
         self._house.arrived(sample)
-        if isinstance(sample, Frame) and (self._is_refused or not self._house.disk.pictures):
+        now = self.clock.mono_ns()
+        if isinstance(sample, Frame) and (self._storage.holds(now) or not self._house.disk.pictures):
             return
         sample = sample._replace(seq=self._counts[sample.stream])
         if not self._stored(lambda: self.writer.append(sample)):
@@ -183,14 +185,13 @@ class Recorder:
         self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity))
 
     def _stored(self, write: Callable[[], None]) -> bool:
-        """Write; the first failure turns pictures off, a further one ends the recording."""
+        """Write; a failure lets pictures pause, a further one meanwhile ends the recording."""
         try:
             write()
         except StorageError as error:
             log.error("cannot store: %s", error)
-            if self._is_refused:
+            if self._storage.failed(error, self.clock.mono_ns()):
                 self._failure = error
-            self._is_refused = True
             return False
         return True
 
@@ -201,9 +202,10 @@ class Recorder:
         self._stored(lambda: self.writer.health(findings.health))
         if (check := findings.clock_check) is not None:
             self._stored(lambda: self.writer.clock_check(check))
-        for event in findings.events:
+        health = findings.health
+        for event in chain(findings.events, self._storage.over(health.mono_ns, health.time_ns)):
             self._keep_event(event)
-        self._show(findings.health)
+        self._show(health)
         if self._house.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
             self._failure = StorageError("the disk is full", fix=fix)

@@ -9,9 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from fieldkit.clock import ClockCheck
+from fieldkit.errors import StorageError
 from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
 
 SECOND_NS = 1_000_000_000
+PAUSE_NS = 10 * SECOND_NS
+WARN_S = 900
 CLOCK_STEP_NS = SECOND_NS // 2
 SLEEP_NS = 5 * SECOND_NS
 
@@ -91,6 +94,36 @@ class ClockWatch:
 
 
 @dataclass
+class StorageWatch:
+    """How errors of storing are met: pictures pause for 10 s, a second error meanwhile ends the recording."""
+
+    _error: StorageError | None = None
+    _until_ns: int = 0
+    _left_out: int = 0
+
+    def failed(self, error: StorageError, mono_ns: int) -> bool:
+        """Note an error; True if it is one too many."""
+        if self._error is not None and mono_ns < self._until_ns:
+            return True
+        self._error, self._until_ns = error, mono_ns + PAUSE_NS
+        return False
+
+    def holds(self, mono_ns: int) -> bool:
+        """Whether a picture that comes now is left out; it is counted."""
+        pauses = self._error is not None and mono_ns < self._until_ns
+        self._left_out += pauses
+        return pauses
+
+    def over(self, mono_ns: int, time_ns: int) -> Iterator[Event]:
+        """What to tell, once, when a pause is over."""
+        if self._error is None or mono_ns < self._until_ns:
+            return
+        text = f"{self._left_out} pictures were left out after an error of storing: {self._error}"
+        self._error, self._left_out = None, 0
+        yield _disk(mono_ns, time_ns, Severity.ERROR, text)
+
+
+@dataclass
 class DiskWatch:
     """Decides what a shrinking disk still allows.
 
@@ -107,7 +140,9 @@ class DiskWatch:
         """Events for limits passed since the last look; sets `pictures` and `is_full`."""
         left_s = (free_bytes - self.reserve_bytes) / bytes_per_s if bytes_per_s > 0 else float("inf")
         free = f"{free_bytes / 1e6:.0f} MB free"
-        if left_s < 900 and not self._warned:
+        if left_s > 2 * WARN_S:
+            self._warned = False
+        if left_s < WARN_S and not self._warned:
             self._warned = True
             left = f"{free}, about {max(0, left_s) / 60:.0f} min left"
             yield _disk(mono_ns, time_ns, Severity.WARNING, left)
@@ -116,7 +151,7 @@ class DiskWatch:
             text = f"{free}: disk reserve reached, pictures off, meters continue"
             yield _disk(mono_ns, time_ns, Severity.ERROR, text)
         if free_bytes > 2 * self.reserve_bytes and not self.pictures:
-            self.pictures, self._warned = True, False
+            self.pictures = True
             yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: pictures on again")
         if free_bytes < self.reserve_bytes // 4 and not self.is_full:
             self.is_full = True

@@ -3,7 +3,7 @@ import os
 
 import pytest
 
-from fieldkit.marks import Mark, drop_mark, marks_folder, read_marks
+from fieldkit.marks import DroppedMarks, Mark, drop_mark, marks_folder
 from fieldkit.samples import EventKind, Severity
 from fieldkit.simulated_clock import SimulatedClock
 
@@ -24,16 +24,16 @@ def folder(tmp_path):
 
 def test_a_mark_becomes_an_event_now_and_is_read_once(folder, clock):
     drop_mark(folder, Mark("wind picks up"))
-    (event,) = read_marks(folder, clock)
+    (event,) = DroppedMarks(folder, clock)()
     assert (event.kind, event.text) == (EventKind.MARK, "wind picks up")
     assert (event.time_ns, event.mono_ns) == (NOON_NS, clock.mono_ns())
     assert event.data == {}
-    assert list(read_marks(folder, clock)) == []
+    assert list(DroppedMarks(folder, clock)()) == []
 
 
 def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
     drop_mark(folder, Mark("cloud", "cloud", at=-240.0, to=-60.0))
-    (event,) = read_marks(folder, clock)
+    (event,) = DroppedMarks(folder, clock)()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.mono_ns == clock.mono_ns() - 240 * 10**9
     assert event.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
@@ -41,7 +41,7 @@ def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
 
 def test_an_absolute_time_is_taken_in_its_own_zone(folder, clock):
     drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30.25-07:00"))
-    (event,) = read_marks(folder, clock)
+    (event,) = DroppedMarks(folder, clock)()
     assert event.time_ns == NOON_NS - 29_750_000_000
     assert event.mono_ns == clock.mono_ns() - 29_750_000_000
 
@@ -50,13 +50,15 @@ def test_marks_come_in_the_order_they_were_dropped(folder, clock):
     for number in range(20):
         file = drop_mark(folder, Mark(f"mark {number}"))
         os.utime(file, (1e9 + number, 1e9 + number))
-    assert [event.text for event in read_marks(folder, clock)] == [f"mark {number}" for number in range(20)]
+    assert [event.text for event in DroppedMarks(folder, clock)()] == [
+        f"mark {number}" for number in range(20)
+    ]
 
 
 def test_a_half_written_mark_is_not_seen(folder, clock):
     folder.mkdir()
     (folder / ".half").write_text('{"text": "ha')
-    assert list(read_marks(folder, clock)) == []
+    assert list(DroppedMarks(folder, clock)()) == []
 
 
 @pytest.mark.parametrize(
@@ -65,11 +67,22 @@ def test_a_half_written_mark_is_not_seen(folder, clock):
 def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, clock, content):
     drop_mark(folder, Mark("good"))
     (folder / "0.json").write_text(content)
-    events = {event.severity: event for event in read_marks(folder, clock)}
+    events = {event.severity: event for event in DroppedMarks(folder, clock)()}
     assert events[Severity.INFO].text == "good"
     assert "could not be read" in events[Severity.WARNING].text
     assert content in events[Severity.WARNING].text
 
 
 def test_no_marks_folder_is_no_marks(tmp_path, clock):
-    assert list(read_marks(tmp_path / "absent", clock)) == []
+    assert list(DroppedMarks(tmp_path / "absent", clock)()) == []
+
+
+def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):
+    drop_mark(folder, Mark("dropped with sudo"))
+
+    def refused(*_):
+        raise PermissionError
+
+    monkeypatch.setattr("pathlib.Path.unlink", refused)
+    marks = DroppedMarks(folder, clock)
+    assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from fieldkit.commands import main
 from fieldkit.commands.mark import parse_when
 from fieldkit.commands.running import session_in_progress
-from fieldkit.marks import read_marks
+from fieldkit.marks import DroppedMarks
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.simulated_clock import SimulatedClock
 
@@ -43,7 +43,7 @@ def mark(campaign, *arguments: str):
 def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
     result = mark(campaign, "cloud over the ridge", "-k", "cloud", "--at", "-30s", "--json")
     assert result.exit_code == 0
-    (event,) = read_marks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))
+    (event,) = DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert (event.text, event.data) == ("cloud over the ridge", {"label": "cloud"})
     assert event.time_ns == NOON_NS - 30 * 10**9
     assert json.loads(result.stdout)["session"].endswith("running.h5")
@@ -51,7 +51,7 @@ def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
 
 def test_a_span_has_two_ends(campaign, recording):
     assert mark(campaign, "shade", "--from", "-4m", "--to", "-1m").exit_code == 0
-    (event,) = read_marks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))
+    (event,) = DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.data == {"end_ns": NOON_NS - 60 * 10**9}
 

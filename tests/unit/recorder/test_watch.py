@@ -1,7 +1,8 @@
 from __future__ import annotations
 
 from fieldkit.clock import ClockCheck
-from fieldkit.recorder.watch import ClockWatch, DiskWatch, FlagWatch, GarbleWatch
+from fieldkit.errors import StorageError
+from fieldkit.recorder.watch import ClockWatch, DiskWatch, FlagWatch, GarbleWatch, StorageWatch
 from fieldkit.samples import EventKind, Quality, Reading
 
 S = 1_000_000_000
@@ -60,3 +61,21 @@ def test_pictures_come_back_with_room_to_spare() -> None:
     assert not list(watch.look(100 * MB, 1 * MB, 0, 0))  # no flapping at the limit
     assert [e.text for e in watch.look(5_000 * MB, 1 * MB, 0, 0)] == ["5000 MB free: pictures on again"]
     assert watch.pictures
+
+
+def test_a_disk_that_recovers_is_warned_of_again() -> None:
+    watch = DiskWatch(reserve_bytes=64 * MB)
+    free = (500, 10_000, 500)
+    assert [len(list(watch.look(one * MB, 1 * MB, 0, 0))) for one in free] == [1, 0, 1]
+
+
+def test_pictures_pause_after_an_error_of_storing_and_what_was_left_out_is_told() -> None:
+    watch = StorageWatch()
+    assert not watch.failed(StorageError("database or disk is full"), 100 * S)
+    assert [watch.holds(second * S) for second in (101, 109, 111)] == [True, True, False]
+    assert not list(watch.over(109 * S, 0))
+    (event,) = watch.over(111 * S, 0)
+    assert event.text == "2 pictures were left out after an error of storing: database or disk is full"
+    assert not list(watch.over(112 * S, 0))
+    assert not watch.failed(StorageError("again, hours later"), 9999 * S)
+    assert watch.failed(StorageError("and once more"), 10_001 * S)
