@@ -116,8 +116,12 @@ class Ht301:
         opened = open_source(settings, WANTED, clock)
         command = zoom_of(opened.source)
         clock.sleep(SETTLES_S)
-        command(RANGES[chosen])
-        command(TEMPERATURES)
+        try:
+            command(RANGES[chosen])
+            command(TEMPERATURES)
+        except DeviceError:
+            opened.source.close()
+            raise
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
         first = camera.first_picture(opened.source, read, settings.name, clock)
         info = describe(settings, opened, first, chosen)

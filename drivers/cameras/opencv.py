@@ -45,16 +45,20 @@ class OpenCvSource:
         """The next picture; raises `DeviceLostError` when OpenCV gets none any more."""
         good, image = self._capture.read()
         if not good:
-            raise DeviceLostError(
-                f"the camera at {self.port} sends no more pictures",
-                fix="plug it back in; it is opened again by identity",
-            )
+            raise self._lost()
         return Buffer(image.tobytes(), self._stamp_ns())
 
     def skip_until(self, mono_ns: int) -> None:
         """Grab pictures without fetching them until a monotonic time."""
-        while self._clock.mono_ns() < mono_ns and self._capture.grab():
-            pass
+        while self._clock.mono_ns() < mono_ns:
+            if not self._capture.grab():
+                raise self._lost()
+
+    def _lost(self) -> DeviceLostError:
+        return DeviceLostError(
+            f"the camera at {self.port} sends no more pictures",
+            fix="plug it back in; it is opened again by identity",
+        )
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
         """Not possible this way."""

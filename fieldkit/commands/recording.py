@@ -98,7 +98,13 @@ def free_bytes(folder: Path) -> int:
 
 
 def session_path(config: Config, name: str, time_ns: int) -> Path:
-    """Where a session that begins at `time_ns` (UTC) belongs: ``recordings/20261211T025512Z-name.h5``."""
+    """Where a session that begins at `time_ns` (UTC) belongs: ``recordings/20261211T025512Z-name.h5``.
+
+    Raises `ConfigError` for a name that would put it into another folder, where no other verb looks.
+    """
+    if "/" in name or "\\" in name:
+        plain = name.replace("/", "-").replace("\\", "-")
+        raise ConfigError(f"the name {name!r} has a slash", fix=f"--name {shlex.quote(plain)}")
     stamp = datetime.fromtimestamp(time_ns / SECOND_NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     return config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5")
 

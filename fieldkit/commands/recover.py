@@ -11,7 +11,7 @@ import click
 
 from fieldkit.commands.common import Verb, options, print_json, say
 from fieldkit.commands.session_paths import is_interrupted, recordings_folder, sessions_in
-from fieldkit.errors import IntegrityError
+from fieldkit.errors import FieldkitError, IntegrityError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
@@ -34,14 +34,24 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     found = list(paths) or [path for path in sessions_in(folder) if is_interrupted(path)]
     if not found:
         say(f"no interrupted session in {folder}: nothing to recover")
-    reports = [recover(path, left_marks(marks_folder(path))) for path in found]
-    for report in reports:
+    reports: list[RecoveryReport] = []
+    refused: FieldkitError | None = None
+    for path in found:
+        try:
+            reports.append(recover(path, left_marks(marks_folder(path))))
+        except FieldkitError as error:  # the others are recovered all the same
+            if len(found) > 1:
+                say(f"{path}: {error}")
+            refused = error
+            continue
         if not options(ctx).json:
-            _print(report, kept=not tidy)
+            _print(reports[-1], kept=not tidy)
     tidied = _tidy(list(paths) or sessions_in(folder)) if tidy else []
     if options(ctx).json:
         names = [str(path) for path in tidied]
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})
+    if refused is not None:
+        raise refused
     if any(report.lost_samples for report in reports):
         raise IntegrityError("samples are lost", fix="the lines marked LOST say which; all others are whole")
 

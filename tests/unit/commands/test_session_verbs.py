@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import check, estimate, import_session, init, ls, recover, replay, report, show
+from fieldkit.commands import check, estimate, import_session, init, ls, record, recover, replay, report, show
 from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.marks import Mark, drop_mark, marks_folder
 from fieldkit.samples import Severity
@@ -95,6 +95,18 @@ def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> 
     assert "nothing to tidy" in run(recover, "-C", campaign, "--tidy").stderr
     names = sorted(path.name for path in (campaign / "recordings").iterdir())
     assert names == ["20261211T025512Z-a.h5", "20261212T025512Z-b.h5"]
+
+
+def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    broken = campaign / "recordings" / "20261210T025512Z-0.h5"
+    broken.touch()
+    broken.with_name(broken.name + ".journal").mkdir()
+    done = run(recover, "-C", campaign)
+    assert done.exit_code != 0
+    assert str(broken) in done.stderr
+    assert "camera: 20 samples" in done.stdout
+    assert "recovered" in run(ls, "-C", campaign).stdout
 
 
 def test_lost_samples_are_named_on_the_screen_and_in_json(campaign: Path) -> None:
@@ -206,3 +218,12 @@ def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> N
         assert "cannot name a stream" in run(import_session, table, "--as", name, "--site=1,2").stderr
     wrong = run(import_session, table, "--offset", "soon", "--site=1,2")
     assert "write +12s or -2m, or auto" in wrong.stderr
+
+
+@pytest.mark.parametrize("name", ["beds/1", "../../oops", "a\\b"])
+def test_a_name_cannot_put_a_session_where_no_verb_looks(tmp_path: Path, name: str) -> None:
+    assert run(init, "--simulated", tmp_path / "c").exit_code == 0
+    done = run(record, "-C", tmp_path / "c", "--for", "10s", "--name", name)
+    assert isinstance(done.exception, ConfigError)
+    assert "has a slash" in str(done.exception)
+    assert not list(tmp_path.rglob("*.h5"))
