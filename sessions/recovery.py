@@ -19,7 +19,7 @@ from fieldkit.errors import IntegrityError, RefusedError, SessionError, StorageE
 from fieldkit.samples import Event, EventKind, Severity
 from fieldkit.sessions.brick_thread import COMPRESSORS
 from fieldkit.sessions.bricks import PackedBrick
-from fieldkit.sessions.layout import RECOVERED, journal_path
+from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.salvage import Salvage
@@ -90,7 +90,11 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
 
 
 def rebuild(path: Path, state: int) -> SealReport:
-    """Make a session's file again from its journal and itself, when it could not be completed."""
+    """Make a session's file again from its journal and itself, when it could not be completed.
+
+    Raises `IntegrityError` where something is lost, the file and the journal being as they were: only
+    recovery may finish such a session, because it says what is missing.
+    """
     report, _ = _rebuild(path, state, None, ())
     return report
 
@@ -125,6 +129,9 @@ def _rebuild(
     fresh = path.with_name(path.name + ".recovering")
     try:
         report, salvage = _made(path, fresh, state, notes)
+        if state == SEALED and salvage.losses:
+            fresh.unlink()
+            raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
         if keep_as is not None:
             with contextlib.suppress(FileExistsError):  # left by a recovery that was killed
                 os.link(path, keep_as)

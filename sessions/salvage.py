@@ -40,7 +40,8 @@ class Salvage:
     """
 
     def __init__(self, path: Path, *, packed: bool = True) -> None:
-        self.damage: list[str] = []
+        self._file_damage: list[str] = []
+        self._journal_damage: list[str] = []
         self._path = path
         self._packed = packed
         self._stack = ExitStack()
@@ -55,25 +56,36 @@ class Salvage:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    @property
+    def damage(self) -> list[str]:
+        """In words, what could not be read, of the file and of the journal."""
+        return [*self._file_damage, *self._journal_damage]
+
+    @property
+    def losses(self) -> list[str]:
+        """In words, what does not come back: damage of the file alone is made good by the journal."""
+        runs = [run for tally in self.tallies.values() for run in tally.lost]
+        return [*(f"{run.stream}: {run.count} samples lost" for run in runs), *self._journal_damage]
+
     def _try_session(self) -> Session | None:
         try:
             return self._stack.enter_context(open_interrupted(self._path, salvage=True))
         except SessionError as error:
-            self.damage.append(error.message)
+            self._file_damage.append(error.message)
             return None
 
     def _try_journal(self) -> JournalReader | None:
         folder = journal_path(self._path)
         if not any(folder.glob("*.sqlite")):
-            self.damage.append("there is no journal any more: only what the file itself has comes back")
+            gone = "there is no journal any more: only what the file itself has comes back"
+            self._journal_damage.append(gone)
             return None
         try:
             journal = self._stack.enter_context(JournalReader(folder))
         except SessionError as error:
-            self.damage.append(error.message)
+            self._journal_damage.append(error.message)
             return None
-        self.damage.extend(journal.damage)
-        journal.damage = self.damage
+        self._journal_damage = journal.damage  # it grows while the journal is read
         return journal
 
     def _identity(self) -> Identity:
@@ -91,7 +103,7 @@ class Salvage:
         """Every sample of a stream that can be had, by number; whole bricks of pictures in one piece."""
         place = [info.name for info in self.identity.header.streams].index(stream)
         info, tally = self.identity.header.streams[place], self.tallies[stream]
-        stored = StoredSamples(self._session, info, self.damage)
+        stored = StoredSamples(self._session, info, self._file_damage)
         loose = LooseChunks(self._path, self._session, self._journal, info)
         ids, seqs = self._journalled(place)
         numbers = np.union1d(seqs, stored.numbers)
@@ -148,13 +160,13 @@ class Salvage:
     def entries(self) -> Iterator[Entry]:
         """Everything that is no sample: of each kind, from the side that has more of it."""
         journalled = list(self._journal.entries()) if self._journal is not None else []
-        stored = _stored_entries(self._session, self.damage) if self._session is not None else []
+        stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
         for kind in _KINDS:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
             yield from ours if len(ours) >= len(theirs) else theirs
         if self._session is not None and self._journal is None:
-            self.damage.extend(_lost_rows(self._session))
+            self._file_damage.extend(_lost_rows(self._session))
 
 
 def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:

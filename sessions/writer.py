@@ -15,6 +15,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import logging
+import math
 import os
 import shutil
 import sqlite3
@@ -59,6 +60,7 @@ class SessionWriter:
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
         self._shapes = {info.name: info.shape for info in header.streams}
+        self._row_shapes = {info.name: info.metadata_shape for info in header.streams}
         self._raw_widths = {info.name: raw_width(info) for info in header.streams}
         self._lock = threading.Lock()
         self._report: SealReport | None = None
@@ -166,8 +168,21 @@ class SessionWriter:
         shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
         if shape != declared:
             raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
-        if not isinstance(sample, Frame) and len(sample.raw) > self._raw_widths[sample.stream]:
+        if isinstance(sample, Frame):
+            self._check_pictures(sample)
+        elif len(sample.raw) > self._raw_widths[sample.stream]:
             raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
+
+    def _check_pictures(self, frame: Frame) -> None:
+        """What is journalled in another form than declared could not be read back."""
+        declared, shape = self._row_shapes[frame.stream], frame.metadata_rows.shape
+        if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
+            raise ValueError(
+                f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
+            )
+        for counts in (frame.counts, frame.metadata_rows):
+            if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
+                raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")
 
     # --- the end
 
@@ -184,8 +199,8 @@ class SessionWriter:
                 self._report = self._seal()
             except (OSError, RuntimeError, sqlite3.Error, FieldkitError) as error:
                 raise StorageError(
-                    f"the session could not be sealed: {error}; everything recorded is in its journal",
-                    fix=f"free some space, then: fieldkit recover {self.path}",
+                    f"the session could not be sealed: {error}; its journal is kept",
+                    fix=f"see that there is free space, then: fieldkit recover {self.path}",
                 ) from error
             finally:
                 self._session_lock.release()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import sqlite3
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from fieldkit.errors import RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.sessions import brick_thread
 from fieldkit.sessions.journal import Journal
+from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
@@ -108,6 +111,12 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
         writer.append(sample(header((12, 32)).streams[0], 0))
     with pytest.raises(ValueError, match="raw bytes"):
         writer.append(sample(HEADER.streams[1], 0)._replace(raw=bytes(17)))
+    frame = sample(HEADER.streams[0], 0)
+    with pytest.raises(ValueError, match=r"\(2, 32\) metadata rows, the sample has \(0, 32\)"):
+        writer.append(frame._replace(metadata_rows=frame.metadata_rows[:0]))
+    for name in ("counts", "metadata_rows"):
+        with pytest.raises(ValueError, match="int32, not uint16"):
+            writer.append(frame._replace(**{name: getattr(frame, name).astype("i4")}))
     with pytest.raises(ValueError, match="b99"):
         writer.minute(0, [SlopeEstimate(0, "b99", SlopeState.OK)])
     many = tuple((float(n), float(n % 7)) for n in range(65))
@@ -219,6 +228,41 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
         assert session.state == "sealed"
         assert any("recording goes on in the journal" in event.text for event in session.events())
     assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_session_of_which_something_is_lost_is_not_sealed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The file side fails, and five rows of the journal are damaged: only recovery says what is missing."""
+    put, path, clock = SessionFile.put, tmp_path / "a.h5", CountedClock()
+    monkeypatch.setattr(SessionFile, "put", failing_at(40, put))
+    writer = SessionWriter(path, HEADER, clock)
+    fill(writer, 80, clock)
+    while writer._bricks.error is None:
+        threading.Event().wait(0.005)
+    monkeypatch.setattr(SessionFile, "put", put)
+    with sqlite3.connect(journal_path(path) / "000001.sqlite") as database:
+        database.execute("UPDATE sample SET data = zeroblob(10) WHERE stream = 0 AND seq >= 75")
+    database.close()
+    with pytest.raises(StorageError, match="camera: 5 samples lost") as caught:
+        writer.close()
+    assert "fieldkit recover" in (caught.value.fix or "")
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.journal"]
+    (run,) = recover(path).lost
+    assert (run.stream, run.first, run.last) == ("camera", 75, 79)
+
+
+def failing_at(number: int, put: Callable[..., object]) -> Callable[..., object]:
+    """Takes records up to one, of which the disk makes an I/O error."""
+    calls: list[int] = []
+
+    def failing(*arguments: object) -> object:
+        calls.append(1)
+        if len(calls) == number:
+            raise OSError(5, "Input/output error")
+        return put(*arguments)
+
+    return failing
 
 
 def test_abandoned_session_is_left_for_recovery(tmp_path: Path) -> None:
