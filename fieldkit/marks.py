@@ -18,9 +18,11 @@ from datetime import datetime
 from pathlib import Path
 
 from fieldkit.clock import Clock
+from fieldkit.errors import ConfigError
 from fieldkit.samples import Event, EventKind, Severity
 
 SECOND_NS = 1_000_000_000
+TEN_YEARS_S = 10 * 365.25 * 86_400
 When = float | str
 """Seconds before now (zero or negative), or an ISO 8601 time with its zone."""
 
@@ -105,8 +107,18 @@ def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
 
 def _time_ns(when: When, now_ns: int) -> int:
     if isinstance(when, int | float):
+        _check_near(when, when)
         return now_ns + round(when * SECOND_NS)
     moment = datetime.fromisoformat(when)
     if moment.tzinfo is None:
         raise ValueError(f"{when!r} has no time zone")
+    _check_near(when, moment.timestamp() - now_ns / SECOND_NS)
     return round(moment.timestamp() * 1e6) * 1000
+
+
+def _check_near(when: When, away_s: float) -> None:
+    """Raise `ConfigError` for a mistyped year: no recording is ten years long."""
+    if not abs(away_s) <= TEN_YEARS_S:  # nor is what is no number
+        raise ConfigError(
+            f"{when!r} is more than ten years away", fix="give the time again: fieldkit mark --at"
+        )

@@ -35,7 +35,7 @@ def put_group(parent: h5py.Group, name: str, nx_class: str, **attributes: Any) -
 
 def put_text(group: h5py.Group, name: str, text: str, width: int = 0, **attributes: Any) -> h5py.Dataset:
     """A scalar dataset of UTF-8 text of fixed width."""
-    data = encode_text(text, width) if width else text.encode()
+    data = encode_text(text, width) if width else text.encode(errors="replace")
     kind = h5py.string_dtype("utf-8", width or max(1, len(data)))
     dataset = group.create_dataset(name, data=np.array(data, kind), dtype=kind, track_order=True)
     set_attributes(dataset, attributes)
@@ -87,7 +87,7 @@ def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any
     """Attributes, text as fixed-length UTF-8 because every reader knows that kind."""
     for name, value in attributes.items():
         if isinstance(value, str):
-            data = value.encode() or b" "
+            data = value.encode(errors="replace") or b" "
             node.attrs.create(name, np.array(data, h5py.string_dtype("utf-8", len(data))))
         else:
             node.attrs[name] = value

@@ -7,10 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
+from fieldkit.errors import ConfigError, SessionError
 from fieldkit.site import Region, RegionKind, Site
 
 MAX_VERTICES = 64
+MAX_REGIONS = 256
 RESERVED_NAMES = frozenset(
     {"entry", "irradiance", "estimates", "regions", "events", "clock", "health", "calibration"}
     | {"config", "integrity", "time_map"}
@@ -82,6 +83,14 @@ def region_from(plain: dict[str, Any]) -> Region:
     """A region from its plain (JSON) form."""
     vertices = tuple((float(x), float(y)) for x, y in plain["vertices"])
     return Region(**{**plain, "kind": RegionKind(plain["kind"]), "vertices": vertices})
+
+
+def check_new(header: SessionHeader) -> None:
+    """Raise `ConfigError` if a new file has no room for so many regions; old journals may have more."""
+    if (count := len(header.region_names)) > MAX_REGIONS:
+        raise ConfigError(
+            f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some: fieldkit roi"
+        )
 
 
 def check_region(region: Region) -> None:

@@ -264,8 +264,8 @@ def _divisor_near(length: int, wanted: int) -> int:
 
 
 def encode_text(text: str, width: int) -> bytes:
-    """UTF-8 of at most `width` bytes, cut between characters."""
-    data = text.encode()
+    """UTF-8 of at most `width` bytes, cut between characters; what is no character becomes ``?``."""
+    data = text.encode(errors="replace")
     return data if len(data) <= width else data[: width - 3].decode(errors="ignore").encode() + "…".encode()
 
 

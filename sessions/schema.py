@@ -212,7 +212,7 @@ def _config(file: h5py.File, header: SessionHeader) -> None:
     from hashlib import sha256
 
     group = put_group(file, "config", "NXcollection")
-    digest = sha256(header.config_toml.encode()).hexdigest()
+    digest = sha256(header.config_toml.encode(errors="replace")).hexdigest()
     put_text(group, "session_toml", header.config_toml, sha256=digest)
     put_text(group, "header", header.to_json(), long_name="everything declared before the first sample, JSON")
     put_text(group, "command_line", header.command_line)

@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from fieldkit.clock import ClockCheck
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
-from fieldkit.sessions.layout import ESTIMATE_ANGLES, decode_text, encode_text
+from fieldkit.sessions.layout import (
+    ESTIMATE_ANGLES,
+    TIME_UNITS,
+    Column,
+    decode_text,
+    encode_text,
+    entry_columns,
+)
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
@@ -34,11 +41,24 @@ class EntryRows:
     def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
         self._regions = {name: number for number, name in enumerate(header.region_names)}
         self._streams = {info.name: number for number, info in enumerate(header.streams)}
+        self._columns = {
+            name: {column.name: column for column in columns}
+            for name, columns in entry_columns(header).items()
+        }
+        self._places = max(1, len(self._regions))
         self._versions: dict[str, int] = {}
         self._anchor_ns = anchor_ns
 
     def rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
-        """The rows of an entry, each with the table it belongs to."""
+        """The rows of an entry, each with its table; numbers that do not fit are cut to what does.
+
+        A journal may hold any number, and one entry must not keep all the rest from being stored.
+        """
+        for table, row in self._rows(entry):
+            columns = self._columns[table]
+            yield table, {name: _fitting(value, columns[name]) for name, value in row.items()}
+
+    def _rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
         if isinstance(entry, MinuteRecord):
             yield "irradiance", _irradiance_row(entry)
             yield "estimates", self._estimates_row(entry)
@@ -52,10 +72,10 @@ class EntryRows:
             yield "clock", self._clock_row(entry)
 
     def _estimates_row(self, minute: MinuteRecord) -> Row:
-        count = max(1, len(self._regions))
+        count = self._places
         row: Row = {name: np.full(count, np.nan) for name in _NUMBERS}
-        row["n_bins"] = np.zeros(count, np.int32)
-        row["window_start"] = np.zeros(count, np.int64)
+        row["n_bins"] = np.zeros(count, object)
+        row["window_start"] = np.zeros(count, object)
         row["state"] = np.full(count, SlopeState.NO_DATA, np.uint8)
         row["flags"] = np.zeros(count, np.uint16)
         row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
@@ -84,7 +104,7 @@ class EntryRows:
     def _health_row(self, health: Health) -> Row:
         row: Row = {name: getattr(health, name) for name in _HEALTH}
         for name in _PER_STREAM:
-            row[name] = np.zeros(max(1, len(self._streams)), np.int64)
+            row[name] = np.zeros(max(1, len(self._streams)), object)
             for stream in health.streams:
                 if stream.stream in self._streams:
                     row[name][self._streams[stream.stream]] = getattr(stream, name)
@@ -96,6 +116,16 @@ class EntryRows:
             "utc_minus_mono_ns": check.utc_minus_mono_ns, "offset_error_ns": check.error_ns,
             "suspended_ns": check.suspended_ns, "source": encode_text(check.source, 32),
         }  # fmt: skip
+
+
+def _fitting(value: Any, column: Column) -> Any:
+    """The value, numbers too large or too small for a column of integers as the outermost it holds."""
+    kind = np.dtype(column.dtype)
+    if kind.kind not in "iu":
+        return value
+    per = 1000 if column.attributes.get("units") == TIME_UNITS else 1  # read as nanoseconds
+    lowest, highest = -(-np.iinfo(kind).min // per), np.iinfo(kind).max // per
+    return np.asarray(np.clip(np.array(value, object), lowest, highest), kind)
 
 
 def _irradiance_row(minute: MinuteRecord) -> Row:
@@ -112,7 +142,7 @@ def _event_row(event: Event) -> Row:
     return {
         "time": event.time_ns // 1000, "mono_ns": event.mono_ns, "kind": int(event.kind),
         "severity": int(event.severity), "stream": encode_text(event.stream, 32),
-        "text": encode_text(event.text, 256), "data": data.encode(),
+        "text": encode_text(str(event.text), 256), "data": data.encode(),
     }  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageEr
 from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.sessions.brick_thread import BrickThread
 from fieldkit.sessions.disk import sync
-from fieldkit.sessions.header import SessionHeader, check_region
+from fieldkit.sessions.header import SessionHeader, check_new, check_region
 from fieldkit.sessions.journal import Identity, Journal
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, journal_path, raw_width
@@ -49,11 +49,13 @@ RESERVE_BYTES = 64_000_000
 class SessionWriter:
     """One session being recorded; `append` and its like may be called from any thread.
 
-    Raises `RefusedError` where the session exists already, `StorageError` where the disk
-    does not take what it is given: that record is then not stored, all before it are.
+    Raises `RefusedError` where the session exists already, `ConfigError` where it has too many
+    regions, `StorageError` where the disk does not take what it is given: that record is then not
+    stored, all before it are.
     """
 
     def __init__(self, path: Path, header: SessionHeader, clock: Clock) -> None:
+        check_new(header)
         self.path = path
         self.header = header
         self.is_closed = False
@@ -197,7 +199,7 @@ class SessionWriter:
             try:
                 (self._folder / "reserve").unlink(missing_ok=True)
                 self._report = self._seal()
-            except (OSError, RuntimeError, sqlite3.Error, FieldkitError) as error:
+            except (OSError, RuntimeError, sqlite3.Error, FieldkitError, ValueError, OverflowError) as error:
                 raise StorageError(
                     f"the session could not be sealed: {error}; its journal is kept",
                     fix=f"see that there is free space, then: fieldkit recover {self.path}",

@@ -10,6 +10,18 @@ from fieldkit.simulated_clock import SimulatedClock
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
 
+# a mistyped century, a journey of a thousand years, and JSON's way to write what is no number
+TOO_FAR = [
+    "2926-12-11T12:31+09:00",
+    "1026-12-11T12:31+09:00",
+    3.2e10,
+    -3.2e10,
+    10**25,
+    float("inf"),
+    float("nan"),
+]
+
+
 @pytest.fixture
 def clock():
     return SimulatedClock(NOON_NS)
@@ -62,7 +74,9 @@ def test_a_half_written_mark_is_not_seen(folder, clock):
 
 
 @pytest.mark.parametrize(
-    "content", ["{", "[]", "3", '{"nonsense": 1}', json.dumps({"text": "x", "at": "12:31"})]
+    "content",
+    ["{", "[]", "3", '{"nonsense": 1}', json.dumps({"text": "x", "at": "12:31"})]
+    + [json.dumps({"text": "x", key: when}) for key in ("at", "to") for when in TOO_FAR],
 )
 def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, clock, content):
     drop_mark(folder, Mark("good"))

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import RefusedError, SessionError, StorageError
+from fieldkit.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.sessions import brick_thread
 from fieldkit.sessions.journal import Journal
@@ -103,6 +103,49 @@ def test_long_text_is_cut_between_characters(tmp_path: Path) -> None:
         (event,) = session.events()
         assert event.text == "é" * 126 + "…"
         assert "left_out" in event.data
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_entries_that_no_column_holds_keep_nothing_from_being_stored(tmp_path: Path, is_killed: bool) -> None:
+    """Times of other ages, bytes of a file name that are no UTF-8, a region that was not declared."""
+    path, clock, late = tmp_path / "caf\udce9.h5", CountedClock(), 9_223_372_036_854_775_807
+    strange = dataclasses.replace(HEADER, command_line=f"fieldkit -C {path}", title=str(path))
+    writer = SessionWriter(path, strange, clock)
+    appended = fill(writer, 20, clock)
+    utc = clock.to_utc_ns(1)
+    writer.event(Event(EventKind.MARK, 28 * 10**18, 30 * 10**18, f"file {path.name}"))
+    writer.event(Event(EventKind.MARK, -(10**30), -(10**30), 3))  # type: ignore[arg-type]
+    streams = tuple(StreamHealth(name, 10**20, 0, 0) for name in ("camera", "lux", "thermometer"))
+    writer.health(Health(1, utc, streams, -(10**20)))
+    writer.region(dataclasses.replace(HEADER.regions[1], name="new"), utc)
+    writer.minute(utc, [SlopeEstimate(utc, "b05", SlopeState.OK, n_bins=2**31)])
+    if is_killed:
+        writer.abandon()
+        assert recover(path).lost_samples == 0
+    else:
+        assert writer.close().verified == len(appended)
+    appended_and_read(path, appended)
+    with open_session(path) as session:
+        far, ancient = (event for event in session.events()[:3] if "wolke" not in event.text)
+        assert (far.mono_ns, far.time_ns // 1000, far.text) == (late, late // 1000, "file caf?.h5")
+        assert (ancient.mono_ns, ancient.time_ns // 1000, ancient.text) == (-late - 1, -(late // 1000), "3")
+        (health,) = session.health()
+        assert (health.streams[0].received, health.disk_free_bytes) == (late, -late - 1)
+        assert [estimate.n_bins for estimate in session.estimates()] == [2**31 - 1]
+
+
+@pytest.mark.parametrize("count", [256, 257])
+def test_session_has_room_for_as_many_regions_as_a_byte_counts(tmp_path: Path, count: int) -> None:
+    regions = tuple(dataclasses.replace(HEADER.regions[0], name=f"r{n}") for n in range(count))
+    many = dataclasses.replace(HEADER, regions=regions)
+    if count > 256:
+        with pytest.raises(ConfigError, match="257 regions"):
+            SessionWriter(tmp_path / "a.h5", many, CountedClock())
+        assert not list(tmp_path.iterdir())
+        return
+    SessionWriter(tmp_path / "a.h5", many, CountedClock()).close()
+    with open_session(tmp_path / "a.h5") as session:
+        assert [record.region.name for record in session.region_history()] == [f"r{n}" for n in range(256)]
 
 
 def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
