@@ -8,7 +8,7 @@ Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per targ
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from fieldkit.site import Site
 from fieldkit.slope import SlopeEstimate
 
 ZERO_CELSIUS_K = 273.15
+Row = Mapping[str, str | None]
 OTHER_COLUMNS = ("irradiance_w_m2", "illuminance_lx", "diffuse_w_m2", "longwave_w_m2")
 
 
@@ -47,13 +48,13 @@ def read_table(path: Path) -> TemperatureTable:
             reader = csv.DictReader(file, skipinitialspace=True)
             names = [name.strip() for name in reader.fieldnames or []]
             reader.fieldnames = names
-            rows = [row for row in reader if any((cell or "").strip() for cell in row.values() if cell)]
+            rows = list(_filled(path, reader))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"{path}: cannot be read as a table: {error}") from error
     temperatures = _temperature_columns(path, names)
     if not rows:
         raise ConfigError(f"{path}: the table has no rows", fix="give one row per measurement")
-    times = np.array([_time_ns(path, line, row) for line, row in enumerate(rows, start=2)], np.int64)
+    times = np.array([_time_ns(path, line, row) for line, row in rows], np.int64)
     order = np.argsort(times, kind="stable")
     kelvin = {
         name: _column(path, rows, column)[order] + zero for name, (column, zero) in temperatures.items()
@@ -64,6 +65,21 @@ def read_table(path: Path) -> TemperatureTable:
         flags = np.nan_to_num(_column(path, rows, "flags")).astype(np.int64)[order]
     reference = kelvin.pop("reference")
     return TemperatureTable(times[order], reference, kelvin, **others, flags=flags)
+
+
+def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]]:
+    """The rows that hold anything, each with its line of the file."""
+    for row in reader:
+        # the reader gathers what has no column under no name
+        surplus = row.pop(None, [])
+        if not any((cell or "").strip() for cell in (*row.values(), *surplus)):
+            continue
+        if surplus:
+            raise ConfigError(
+                f"{path}, line {reader.line_num} has more cells than columns",
+                fix="write decimals with a point, not a comma, and no comma after the last cell",
+            )
+        yield reader.line_num, row
 
 
 def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, float]]:
@@ -91,7 +107,7 @@ def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, f
     return found
 
 
-def _time_ns(path: Path, line: int, row: Mapping[str, str]) -> int:
+def _time_ns(path: Path, line: int, row: Row) -> int:
     text = (row["time"] or "").strip()
     try:
         time = datetime.fromisoformat(text)
@@ -105,13 +121,13 @@ def _time_ns(path: Path, line: int, row: Mapping[str, str]) -> int:
     return round(time.timestamp() * 1e6) * 1000
 
 
-def _column(path: Path, rows: list[dict[str, str]], name: str) -> FloatArray:
+def _column(path: Path, rows: Sequence[tuple[int, Row]], name: str) -> FloatArray:
     values = np.full(len(rows), np.nan)
-    for index, row in enumerate(rows):
+    for index, (line, row) in enumerate(rows):
         cell = (row[name] or "").strip()
         try:
             values[index] = float(cell) if cell else np.nan
         except ValueError as error:
-            message = f"{path}, line {index + 2}: {name} '{cell}' is not a number"
+            message = f"{path}, line {line}: {name} '{cell}' is not a number"
             raise ConfigError(message, fix="leave a missing value empty") from error
     return values

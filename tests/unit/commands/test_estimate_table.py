@@ -5,6 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
+from fieldkit.commands import main
 from fieldkit.commands.estimate import command
 
 SITE = "35.558675,139.395232,9"
@@ -55,3 +56,34 @@ def test_a_table_without_its_site_is_a_wrong_usage(tmp_path):
     done = CliRunner().invoke(command, [str(path)])
     assert done.exit_code == 2
     assert "--site" in done.output
+
+
+def estimated(path, *arguments):
+    return CliRunner().invoke(main, ["estimate", str(path), "--site", SITE, *map(str, arguments)])
+
+
+def test_decimal_commas_are_refused_instead_of_cut_off(tmp_path):
+    path = tmp_path / "table.csv"
+    row = "2017-08-30T12:00:00+09:00,1022,0,7,9,16,4\n"
+    path.write_text(f"time,irradiance_w_m2,reference_c,b15_c\n{row}")
+    done = estimated(path)
+    assert done.exit_code == 3
+    assert "line 2 has more cells than columns" in done.stderr
+    assert "with a point, not a comma" in done.stderr
+
+
+def test_rows_of_commas_alone_are_blank_however_many(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]) + ",,,,\n,,,\n")
+    assert estimated(path).exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"), [("12h", "time '12h'"), ("2017-08-30T18:00+09:00", "bed_k 'warm'")]
+)
+def test_lines_are_counted_as_an_editor_does(tmp_path, cell, said):
+    path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]) + f"\n{cell},320,warm,800\n")
+    done = estimated(path)
+    assert done.exit_code == 3
+    assert f"line 7: {said}" in done.stderr
