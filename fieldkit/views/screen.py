@@ -62,7 +62,7 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     """The whole screen of `cols` by `rows` characters."""
     n_regions = min(len(latest.regions), max(1, rows - 18))
     n_events = 3 if rows < 30 else 6
-    top_rows = rows - n_regions - n_events - 3
+    top_rows = max(1, rows - n_regions - n_events - 3)
     seen, seen_cols = _picture(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
     top = Layout()
     top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest)))
@@ -106,12 +106,13 @@ def _two_colours(above: int, below: int) -> Style:
 
 def _picture(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, int]:
     """The picture at its true proportions in at most `max_cols` by `rows`, and how wide it became."""
-    frame = latest.frame
-    if frame is None:
-        return Text("no picture yet", "quiet"), min(max_cols, 20)
+    if (frame := latest.frame) is None:
+        return Text("no picture yet", "quiet"), min(max(0, max_cols), 20)
     shape = frame.counts.shape
     lines = min(rows - 1, int(max_cols * shape[0] / shape[1] / 2))
     cols = min(max_cols, round(2 * lines * shape[1] / shape[0]))
+    if lines < 1 or cols < 2:  # a narrow or flat terminal has no room for it
+        return Text(), 0
     return _drawn(frame, latest.streams[frame.stream], latest.regions, lines, cols), cols
 
 

@@ -16,6 +16,7 @@ from fieldkit.views.screen import THEMES, screen
 SECOND_NS = 10**9
 START_NS = 1_512_961_680 * SECOND_NS  # as in conftest
 SIZES = [(80, 24), (100, 30), (120, 40), (200, 60)]
+SMALL_SIZES = [(46, 24), (44, 24), (40, 20), (80, 8), (80, 5), (30, 10), (10, 3), (1, 1)]
 
 
 @pytest.fixture
@@ -48,6 +49,15 @@ def letters(latest: Latest, cols: int, rows: int) -> list[str]:
 
 @pytest.mark.parametrize(("cols", "rows"), SIZES)
 def test_fits_the_terminal(latest, cols, rows):
+    lines = letters(latest, cols, rows)
+    assert len(lines) == rows
+    assert {cell_len(line) for line in lines} == {cols}
+
+
+@pytest.mark.parametrize("seen", [True, False])
+@pytest.mark.parametrize(("cols", "rows"), SMALL_SIZES)
+def test_a_terminal_without_room_for_the_picture_shows_the_rest(latest, cols, rows, seen):
+    latest.frame = latest.frame if seen else None
     lines = letters(latest, cols, rows)
     assert len(lines) == rows
     assert {cell_len(line) for line in lines} == {cols}
