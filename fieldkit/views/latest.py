@@ -40,6 +40,7 @@ class Latest:
         self.regions = tuple(regions)
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in streams}
         self.frame: Frame | None = None
+        self.frames: Mapping[str, Frame] = {}
         self.readings: Mapping[str, Reading] = {}
         self.minute: Minute | None = None
         self.events: tuple[Event, ...] = ()
@@ -57,7 +58,7 @@ class Latest:
         self.start_ns = self.start_ns or item.time_ns
         self.items += 1
         if isinstance(item, Frame):
-            self.frame = item
+            self.frame, self.frames = item, {**self.frames, item.stream: item}
         elif isinstance(item, Reading):
             self.readings = {**self.readings, item.stream: item}
         elif isinstance(item, Event):
@@ -98,7 +99,7 @@ class Latest:
 
     def age_s(self, name: str) -> float:
         """How long ago the last sample of a stream came; 0 before the first."""
-        sample = self.frame if self.frame and self.frame.stream == name else self.readings.get(name)
+        sample = self.frames.get(name) or self.readings.get(name)
         return (self.time_ns - sample.time_ns) / 1e9 if sample else 0.0
 
     def of_quantity(self, quantity: str) -> list[tuple[StreamInfo, Reading]]:

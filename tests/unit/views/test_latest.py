@@ -37,6 +37,13 @@ def test_age_is_that_of_the_last_sample(latest, frame):
     assert latest.age_s("camera") == 0.0
 
 
+def test_age_is_that_of_each_camera(latest, frame):
+    latest.take(frame)
+    latest.take(frame._replace(stream="cam2", time_ns=frame.time_ns + 120 * SECOND_NS))
+    assert latest.age_s("camera") == pytest.approx(120.0)
+    assert latest.age_s("cam2") == 0.0
+
+
 def test_rate_is_unknown_at_first(latest):
     assert math.isnan(latest.rate_hz("camera"))
     latest.take(health(1, 9))
