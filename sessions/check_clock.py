@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.clock import ClockCheck
 from fieldkit.errors import SessionError
@@ -25,32 +27,62 @@ _TRUSTED = ("gps", "ptp", "ntp", "phone")
 
 def clock_findings(session: Session) -> Iterator[Finding]:
     """Steps and drift of the system clock against the monotonic one, sleep, and the map in force."""
-    checks = session.clock_checks()
-    offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
+    checks, in_force = session.clock_checks(), session.time_map()
     if checks:
-        steps = np.flatnonzero(np.abs(np.diff(offsets)) > STEP_NS)
-        for n in steps:
-            by_s = (int(offsets[n + 1]) - int(offsets[n])) / 1e9
-            yield Finding(
-                "warn", "clock", f"the system clock was stepped by {by_s:+.3f} s; recorded times go on"
-            )
-        drift_s = (int(offsets[-1]) - session.anchor_ns) / 1e9
-        level = "ok" if abs(drift_s) < 2.0 else "warn"
-        text = (
-            f"{len(checks)} comparisons; at the end the system clock was {drift_s:+.3f} s from recorded times"
-        )
-        fix = f"fieldkit check --apply {session.path}" if level == "warn" else ""
-        yield Finding(level, "clock", text, fix)
-        slept_s = (checks[-1].suspended_ns - checks[0].suspended_ns) / 1e9
-        if slept_s > 1.0:
-            yield Finding(
-                "warn", "clock", f"the computer slept {slept_s:.0f} s: its times after that are late"
-            )
+        proposed = propose_time_map(session)
+        yield from _steps(checks, session.anchor_ns)
+        yield _at_the_end(session, checks[-1], proposed, in_force)
+        yield from _sleep(checks, in_force == proposed)
     else:
         yield Finding("ok", "clock", "the clocks were not compared while recording")
-    if steps_in_force := session.time_map():
-        text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in steps_in_force)
+    if in_force:
+        text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in in_force)
         yield Finding("ok", "clock", f"a time map is in force: {text}")
+
+
+def awake_offsets_ns(checks: Sequence[ClockCheck]) -> NDArray[np.int64]:
+    """UTC minus monotonic time of each comparison, without what sleep since the first has added to it."""
+    offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
+    suspended = np.array([check.suspended_ns for check in checks], np.int64)
+    slept: NDArray[np.int64] = suspended - suspended[:1]
+    return offsets - slept
+
+
+def _stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64]:
+    """Steps of the system clock from the anchor of the recorded times to the last comparison."""
+    moved = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
+    return moved[np.abs(moved) > STEP_NS]
+
+
+def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
+    for step in _stepped_ns(checks, anchor_ns):
+        text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
+        yield Finding("warn", "clock", text)
+
+
+def _at_the_end(
+    session: Session, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
+) -> Finding:
+    """How far the system clock had come from the recorded times, and what to do if nobody has done it."""
+    away_ns = last.utc_minus_mono_ns - session.anchor_ns
+    is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
+    text = (
+        f"{len(session.clock_checks())} comparisons; "
+        f"at the end the system clock was {away_ns / 1e9:+.3f} s from recorded times"
+    )
+    fix = f"fieldkit check --apply {session.path}" if is_open and proposed else ""
+    return Finding("warn" if is_open else "ok", "clock", text, fix)
+
+
+def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding]:
+    slept_ns = checks[-1].suspended_ns - checks[0].suspended_ns
+    if slept_ns <= STEP_NS:
+        return
+    slept = f"the computer slept {slept_ns / 1e9:.0f} s"
+    if is_corrected:
+        yield Finding("ok", "clock", f"{slept}, which the time map in force adds to its times after that")
+    else:
+        yield Finding("warn", "clock", f"{slept}: its times after that are late")
 
 
 def propose_time_map(session: Session) -> list[TimeStep]:
@@ -58,20 +90,23 @@ def propose_time_map(session: Session) -> list[TimeStep]:
 
     A comparison with a trusted source (GPS, NTP ...) counts for the whole session; otherwise
     the last one does if the system clock was stepped, because clocks are stepped to be right.
+    Times after a sleep need the time slept as well.
     """
     checks = session.clock_checks()
-    if not checks:
-        return []
-    trusted = [check for check in checks if check.source in _TRUSTED]
-    best = min(trusted, key=lambda check: check.error_ns) if trusted else _after_last_step(checks)
-    if best is None or abs(add := best.utc_minus_mono_ns - session.anchor_ns) < TOLERANCE_NS:
-        return _asleep(checks)
-    return [TimeStep(0, add, f"clock comparison, source {best.source}")]
+    best = _best(checks, session.anchor_ns)
+    steps = _asleep(checks)
+    if best is None or abs(add := int(awake_offsets_ns(checks)[best]) - session.anchor_ns) < TOLERANCE_NS:
+        return steps
+    whole = TimeStep(0, add, f"clock comparison, source {checks[best].source}")
+    return [whole, *(replace(step, add_ns=step.add_ns + add) for step in steps)]
 
 
-def _after_last_step(checks: Sequence[ClockCheck]) -> ClockCheck | None:
-    offsets = np.array([check.utc_minus_mono_ns for check in checks], np.int64)
-    return checks[-1] if (np.abs(np.diff(offsets)) > STEP_NS).any() else None
+def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
+    """The comparison that tells how far the recorded times are out, by its place."""
+    trusted = [place for place, check in enumerate(checks) if check.source in _TRUSTED]
+    if trusted:
+        return min(trusted, key=lambda place: checks[place].error_ns)
+    return len(checks) - 1 if _stepped_ns(checks, anchor_ns).size else None
 
 
 def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
