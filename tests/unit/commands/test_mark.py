@@ -7,13 +7,14 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.commands import main
-from fieldkit.commands.mark import parse_when
+from fieldkit.commands.mark import FAR_IN_SIMULATION_S, parse_when, refuse_impossible
 from fieldkit.commands.running import session_in_progress
-from fieldkit.marks import DroppedMarks
+from fieldkit.marks import DroppedMarks, Mark
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.simulated_clock import SimulatedClock
 
 TOKYO = ZoneInfo("Asia/Tokyo")
+NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
 NOON_NS = 1_451_674_800_000_000_000
 
 
@@ -81,21 +82,61 @@ def test_half_a_span_is_wrong_usage(campaign, arguments):
 
 @pytest.mark.parametrize(("text", "seconds"), [("-30s", -30.0), ("-5m", -300.0), ("-1.5h", -5400.0)])
 def test_times_before_now(text, seconds):
-    assert parse_when(text, TOKYO) == seconds
+    assert parse_when(text, TOKYO, NOON) == seconds
 
 
-def test_a_clock_time_is_today_in_the_sites_zone():
-    today = datetime.now(TOKYO).date()
-    assert parse_when("12:31", TOKYO) == f"{today}T12:31:00+09:00"
-    assert parse_when("12:31:05", TOKYO) == f"{today}T12:31:05+09:00"
+@pytest.mark.parametrize(
+    ("text", "moment"),
+    [
+        ("11:31", "2026-12-11T11:31:00+09:00"),
+        ("11:31:05", "2026-12-11T11:31:05+09:00"),
+        # a zone that is given stays, and its own day counts: in Denver it is still the tenth
+        ("02:00Z", "2026-12-11T02:00:00+00:00"),
+        ("19:00-07:00", "2026-12-10T19:00:00-07:00"),
+        # somebody's watch is a little ahead; what is further ahead was yesterday
+        ("12:04", "2026-12-11T12:04:00+09:00"),
+        ("12:06", "2026-12-10T12:06:00+09:00"),
+    ],
+)
+def test_a_clock_time_is_the_last_one_in_its_zone_or_the_sites(text, moment):
+    assert parse_when(text, TOKYO, NOON) == moment
+
+
+def test_around_midnight_a_clock_time_is_the_one_nearby():
+    after = datetime(2026, 12, 11, 0, 3, tzinfo=TOKYO)
+    before = datetime(2026, 12, 10, 23, 58, tzinfo=TOKYO)
+    assert parse_when("23:58", TOKYO, after) == "2026-12-10T23:58:00+09:00"
+    assert parse_when("00:01", TOKYO, before) == "2026-12-11T00:01:00+09:00"
 
 
 def test_an_iso_time_keeps_its_zone_and_without_one_is_the_sites():
-    assert parse_when("2026-12-11T12:31-07:00", TOKYO) == "2026-12-11T12:31:00-07:00"
-    assert parse_when("2026-12-11T12:31", TOKYO) == "2026-12-11T12:31:00+09:00"
+    assert parse_when("2026-12-11T12:31-07:00", TOKYO, NOON) == "2026-12-11T12:31:00-07:00"
+    assert parse_when("2026-12-11T12:31", TOKYO, NOON) == "2026-12-11T12:31:00+09:00"
 
 
-@pytest.mark.parametrize("text", ["30s", "-30", "noon", "25:00", "-1d"])
+@pytest.mark.parametrize("text", ["30s", "-30", "noon", "25:00", "-1d", "2026-12"])
 def test_what_is_no_time_is_refused(text):
     with pytest.raises(click.UsageError, match="is no time"):
-        parse_when(text, TOKYO)
+        parse_when(text, TOKYO, NOON)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--from", "-1m", "--to", "-4m"), "the end lies before the start"),
+        (("--from", "-1m", "--to", "2026-01-01T00:00Z"), "the end lies before the start"),
+        (("--at", "2926-12-11T12:31Z"), "2926-12-11T12:31:00+00:00 is more than 10 years from now"),
+        (("--at", "-999999h"), "more than 10 years from now"),
+    ],
+)
+def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments, told):
+    result = mark(campaign, "x", *arguments)
+    assert result.exit_code == 2
+    assert told in " ".join(result.stderr.split())
+    assert not (recording / "running.h5.journal" / "marks").exists()
+
+
+def test_a_simulated_day_may_be_decades_ago():
+    refuse_impossible(Mark("x", at="1996-01-01T12:00:00-07:00"), NOON, FAR_IN_SIMULATION_S)
+    with pytest.raises(click.UsageError, match="100 years"):
+        refuse_impossible(Mark("x", at="2926-01-01T12:00:00-07:00"), NOON, FAR_IN_SIMULATION_S)
