@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Literal
 from zoneinfo import ZoneInfo
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.recorder import Summary, View
 
-SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "": 1.0}
+SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
+BELOW = {"": "s", "m": "s", "h": "m"}
+"""The unit of a bare number, by the unit in front of it."""
 
 
 @click.command(cls=common.Verb)
@@ -113,15 +116,19 @@ def tell(path: Path, summary: Summary) -> None:
     common.say(
         f"sealed {path}   {path.stat().st_size / 1e6:.1f} MB   {counts}" + (f", {lost} lost" if lost else "")
     )
-    common.say(f"next: fieldkit check {path}  |  fieldkit report {path}")
+    named = shlex.quote(str(path))
+    common.say(f"next: fieldkit check {named}  |  fieldkit report {named}")
 
 
 def parse_duration(text: str) -> float:
-    """Seconds of ``3h``, ``90m``, ``45s`` or ``2h30m``; raises `click.UsageError`."""
-    if not re.fullmatch(r"(\d+(\.\d+)?[hms]?)+", text):
+    """Seconds of ``3h``, ``90m``, ``45s``, ``2h30m`` or ``2h30``; raises `click.UsageError`."""
+    if not text or not re.fullmatch(r"(\d+(\.\d+)?[hms])*((?<!s)\d+(\.\d+)?)?", text):
         raise click.UsageError(f"{text!r} is no length of time; write one like 3h, 90m, 45s")
-    parts = re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text)
-    return sum(float(number) * SECONDS[unit] for number, unit in parts)
+    total, above = 0.0, ""
+    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
+        total += float(number) * SECONDS[unit or BELOW[above]]
+        above = unit
+    return total
 
 
 def seconds_until(text: str, zone: str, clock: Clock) -> float:
@@ -134,4 +141,4 @@ def seconds_until(text: str, zone: str, clock: Clock) -> float:
         raise click.UsageError(f"{text!r} is no time of day; write one like 15:05") from error
     if end <= now:
         end += timedelta(days=1)
-    return (end - now).total_seconds()
+    return end.timestamp() - now.timestamp()  # what clocks show differs by an hour when they are changed
