@@ -23,7 +23,10 @@ UNUSABLE = Quality.OVERRANGE | Quality.NO_VALUE | Quality.FROZEN | Quality.BAD_C
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """Light readings of one minute in order of time: beam, and reading over its clear expectation."""
+    """Light readings of one minute in order of time: beam, and reading over its clear expectation.
+
+    `clearness` is NaN while the sun is low.
+    """
 
     readings: list[Reading]
     direct_w_m2: FloatArray
@@ -63,7 +66,10 @@ class Instruments:
         sun = sun_vectors(times, site, refraction=settings.refraction)
         values = np.array([r.values[0] if _usable(r) else np.nan for r in readings], np.float64)
         direct = direct_normal(self.model, values, sun, times) if len(readings) else values
-        return Light(readings, direct, self._clearness(values, sun), mean_of(np.array(lux)), flags)
+        # near the horizon clear light itself changes as fast as a cloud does
+        high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
+        clearness = np.where(high, self._clearness(values, sun), np.nan)
+        return Light(readings, direct, clearness, mean_of(np.array(lux)), flags)
 
     def _clearness(self, values: FloatArray, sun: FloatArray) -> FloatArray:
         """Readings over the cosine of the sun on the meter's plane, NaN for a grazing sun."""
