@@ -11,23 +11,22 @@ from itertools import chain
 from fieldkit.clock import Clock, ClockCheck
 from fieldkit.recorder.feed import Feed
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.recorder.watch import ClockWatch, DiskWatch, GarbleWatch
+from fieldkit.recorder.watch import CheckPace, ClockWatch, DiskWatch, GarbleWatch
 from fieldkit.samples import Event, Health, Sample, StreamHealth
 from fieldkit.sessions.writer import SessionWriter
 
 SECOND_NS = 1_000_000_000
-CLOCK_CHECK_EVERY_NS = 60 * SECOND_NS
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a look around gave; `clock_check` once a minute.
+    """What a look around gave; `clock_checks` once a minute, and where the computer slept.
 
     `events` is to be gone through once, each stored before the next is asked for: that removes a mark's file.
     """
 
     health: Health
-    clock_check: ClockCheck | None
+    clock_checks: tuple[ClockCheck, ...]
     events: Iterable[Event]
 
 
@@ -45,8 +44,9 @@ class Housekeeping:
 
     def __post_init__(self) -> None:
         self._garbled, self._clock_watch, self._pace = GarbleWatch(), ClockWatch(), _Pace()
+        self._check_pace = CheckPace()
         self._late_max_us: Counter[str] = Counter()
-        self._next_ns = self._next_check_ns = self.clock.mono_ns()
+        self._next_ns = self.clock.mono_ns()
 
     def arrived(self, sample: Sample) -> None:
         """Note how old a sample is when the recorder takes it."""
@@ -65,12 +65,10 @@ class Housekeeping:
         for feed in self.feeds:
             events += self._garbled.look(feed.info.name, feed.rejected, now, utc)
         events += self.disk.look(free, self._pace.bytes_per_s(self.writer.bytes_written, now), now, utc)
-        check = None
-        if now >= self._next_check_ns:
-            self._next_check_ns = now + CLOCK_CHECK_EVERY_NS
-            check = self.clock.check()
+        checks = self._check_pace.look(self.clock.check())
+        for check in checks:
             events += self._clock_watch.look(check, utc)
-        return Findings(self._health(now, utc, free), check, chain(self.marks(), events))
+        return Findings(self._health(now, utc, free), checks, chain(self.marks(), events))
 
     def _health(self, now: int, utc: int, free: int) -> Health:
         streams = tuple(self._stream_health(feed) for feed in self.feeds)

@@ -200,8 +200,8 @@ class Recorder:
         if findings is None:
             return
         self._stored(lambda: self.writer.health(findings.health))
-        if (check := findings.clock_check) is not None:
-            self._stored(lambda: self.writer.clock_check(check))
+        for check in findings.clock_checks:
+            self._stored(partial(self.writer.clock_check, check))
         health = findings.health
         for event in chain(findings.events, self._storage.over(health.mono_ns, health.time_ns)):
             self._keep_event(event)

@@ -17,6 +17,7 @@ PAUSE_NS = 10 * SECOND_NS
 WARN_S = 900
 CLOCK_STEP_NS = SECOND_NS // 2
 SLEEP_NS = 5 * SECOND_NS
+CLOCK_CHECK_EVERY_NS = 60 * SECOND_NS
 
 _TOLD = {
     Quality.SHUTTER: (EventKind.SHUTTER, Severity.INFO, "shutter correction"),
@@ -66,6 +67,26 @@ class GarbleWatch:
         self._seen[stream], self._told_ns[stream] = rejected, mono_ns
         text = f"{stream}: {new} garbled {'record' if new == 1 else 'records'} dropped"
         yield Event(EventKind.GARBLED, mono_ns, time_ns, text, stream, Severity.WARNING, {"records": new})
+
+
+@dataclass
+class CheckPace:
+    """Chooses, of a comparison each second, those to store: one a minute, and both beside a sleep.
+
+    So the times between which the computer slept are known to a second.
+    """
+
+    _last: ClockCheck | None = None
+    _stored: ClockCheck | None = None
+
+    def look(self, check: ClockCheck) -> tuple[ClockCheck, ...]:
+        """The comparisons to store now, in their order; none of them has been given before."""
+        last, stored, self._last = self._last, self._stored, check
+        slept = last is not None and check.suspended_ns - last.suspended_ns > SECOND_NS
+        if stored is not None and not slept and check.mono_ns - stored.mono_ns < CLOCK_CHECK_EVERY_NS:
+            return ()
+        self._stored = check
+        return (last, check) if last is not None and slept and last is not stored else (check,)
 
 
 @dataclass

@@ -1,0 +1,77 @@
+"""Looking around once a second: what the clock comparisons of a recording say afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from fieldkit.clock import ClockCheck
+from fieldkit.recorder.housekeeping import Housekeeping
+from fieldkit.recorder.inbox import Inbox
+from fieldkit.samples import EventKind
+from fieldkit.sessions.check_clock import propose_time_map
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.simulated_clock import SimulatedClock
+from tests.harness.recording import START_NS, header, sample
+
+S = 1_000_000_000
+SLEPT_S = 660
+LUX = header().streams[1]
+
+
+class Notebook(SimulatedClock):
+    """The clock of a computer that can be shut: UTC goes on, the monotonic clock stands."""
+
+    slept_ns = 0
+
+    def shut_for(self, seconds: int) -> None:
+        self.slept_ns += seconds * S
+
+    def check(self) -> ClockCheck:
+        awake = super().check()
+        offset_ns = awake.utc_minus_mono_ns + self.slept_ns
+        return replace(awake, utc_minus_mono_ns=offset_ns, suspended_ns=self.slept_ns)
+
+
+def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
+    """A reading and a look around each second; returns what was told."""
+    told = []
+    with Notebook(START_NS) as clock:
+        writer = SessionWriter(path, header(), clock)
+        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12, tuple)
+        for second in range(seconds):
+            writer.append(sample(LUX, second, clock.mono_ns(), clock.to_utc_ns(clock.mono_ns())))
+            findings = house.look()
+            assert findings is not None
+            told += [event.kind for event in findings.events]
+            for check in findings.clock_checks:
+                writer.clock_check(check)
+            if second == shut_at_s:
+                clock.shut_for(SLEPT_S)
+            clock.sleep(1.0)
+        writer.close()
+    return told
+
+
+def test_clocks_are_compared_once_a_minute(tmp_path: Path) -> None:
+    assert recorded(tmp_path / "a.h5", 130, shut_at_s=999) == []
+    with open_session(tmp_path / "a.h5") as session:
+        since_ns = session.stream("lux").column("mono_ns")[0]
+        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 120]
+
+
+def test_a_sleep_between_two_minutes_is_known_to_the_second(tmp_path: Path) -> None:
+    assert recorded(tmp_path / "a.h5", 130, shut_at_s=99) == [EventKind.SLEPT]
+    with open_session(tmp_path / "a.h5") as session:
+        since_ns = session.stream("lux").column("mono_ns")[0]
+        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 99, 100]
+        (step,) = propose_time_map(session)
+    assert (step.mono_ns, step.add_ns) == (since_ns + 99 * S, SLEPT_S * S)
+
+
+def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.h5", 70, shut_at_s=60)
+    with open_session(tmp_path / "a.h5") as session:
+        since_ns = session.stream("lux").column("mono_ns")[0]
+        assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 61]
