@@ -76,26 +76,40 @@ class SessionWriter:
     def _open(self) -> None:
         start, anchor = self._clock.to_utc_ns(self._clock.mono_ns()), self._clock.to_utc_ns(0)
         self._identity = Identity(str(uuid.uuid4()), start, anchor, self.header)
-        if self.path.exists() or self._folder.exists():
-            raise RefusedError(f"{self.path} exists already", fix="give the session another name")
-        try:
-            self._folder.mkdir(parents=True)
-            self._session_lock = SessionLock(self._folder)
-            self._reserve = _reserve(self._folder)
-            self._journal = Journal(self._folder, self._identity)
-            self._bricks = BrickThread(self.path, self._journal, self._identity, self._brick_side_failed)
-            sync(self.path.parent)
-        except (OSError, RuntimeError, sqlite3.Error) as error:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            with contextlib.suppress(OSError):
-                self.path.unlink(missing_ok=True)
-            raise StorageError(
-                f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
-                fix="choose a folder that can be written and has room",
-            ) from error
+        with contextlib.ExitStack() as undo:
+            try:
+                self._make(undo)
+            except FileExistsError as error:
+                raise RefusedError(
+                    f"{self.path} exists already", fix="give the session another name"
+                ) from error
+            except (OSError, RuntimeError, sqlite3.Error) as error:
+                raise StorageError(
+                    f"cannot start the session {self.path}: {getattr(error, 'strerror', None) or error}",
+                    fix="choose a folder that can be written and has room",
+                ) from error
+            undo.pop_all()
         self._syncer = SyncThread(self._journal, self._disk_did_not_confirm)
         self._bricks.start()
         self._syncer.start()
+
+    def _make(self, undo: contextlib.ExitStack) -> None:
+        """Make what a session needs, noting how to undo it; `FileExistsError` where something is there."""
+        if self.path.exists():
+            raise FileExistsError(self.path)
+        self._folder.mkdir(parents=True)  # of two that begin at once only one can
+        undo.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        self._session_lock = SessionLock(self._folder)
+        undo.callback(self._session_lock.release)
+        if self.path.exists():  # the other one has finished in the meantime
+            raise FileExistsError(self.path)
+        undo.callback(_delete, self.path)
+        _reserve(self._folder)
+        self._journal = Journal(self._folder, self._identity)
+        undo.callback(self._journal.close)
+        self._bricks = BrickThread(self.path, self._journal, self._identity, self._brick_side_failed)
+        undo.callback(self._bricks.close)
+        sync(self.path.parent)
 
     # --- what comes in
 
@@ -273,11 +287,15 @@ class SessionWriter:
             self.event(event)
 
 
-def _reserve(folder: Path) -> Path:
+def _delete(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink(missing_ok=True)
+
+
+def _reserve(folder: Path) -> None:
     """Room kept for closing: a file that is deleted first. Less of it on a small disk."""
     path = folder / "reserve"
     size = min(RESERVE_BYTES, shutil.disk_usage(folder).free // 8)
     with path.open("wb") as file:
         if size:
             os.posix_fallocate(file.fileno(), 0, size)
-    return path
