@@ -25,8 +25,9 @@ from fieldkit.campaign.cache import PACKAGES, Cache, code_version
 from fieldkit.campaign.runs import Failure, Outcome, Run
 from fieldkit.campaign.sources import Source, source_of
 from fieldkit.commands import common
-from fieldkit.errors import FieldkitError, IntegrityError, SessionError, StorageError
+from fieldkit.errors import ConfigError, FieldkitError, IntegrityError, SessionError, StorageError
 from fieldkit.samples import Quality
+from fieldkit.site import RegionKind
 
 Columns = Mapping[str, Sequence[Any]]
 Failures = dict[Path, FieldkitError]
@@ -51,10 +52,20 @@ def look_at(paths: Sequence[Path], *, present: bool) -> tuple[list[Source], Fail
     failures: Failures = {}
     for path in dict.fromkeys(path.resolve() for path in paths):
         try:
-            sources.append(source_of(path, present=present))
+            source = source_of(path, present=present)
+            _refuse_without_beds(source)
+            sources.append(source)
         except FieldkitError as error:
             failures[path] = error
     return sources, failures
+
+
+def _refuse_without_beds(source: Source) -> None:
+    if not any(region.kind is RegionKind.TARGET for region in source.regions):
+        raise ConfigError(
+            f"{source.path} has no beds to estimate: no region is a target",
+            fix="fieldkit roi add in its campaign, then once more with --campaign",
+        )
 
 
 def carried_out(runs: Sequence[Run], executor: Executor, failures: Failures) -> Iterator[Outcome]:

@@ -225,12 +225,12 @@ class History:
             np.array([b.minute for b in bins], np.int64),
             np.array([b.time_ns for b in bins], np.int64),
             np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
-            np.array([b.temperature_k for b in bins], np.float64).reshape(-1, regions),
+            np.array([b.temperature_k for b in bins], np.float64).reshape(len(bins), regions),
             np.array([b.direct_w_m2 for b in bins], np.float64),
             np.array([b.diffuse_w_m2 for b in bins], np.float64),
             np.array([b.longwave_w_m2 for b in bins], np.float64),
             np.array([int(b.flags) for b in bins], np.int64),
-            np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(-1, regions),
+            np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(len(bins), regions),
         )
 
     def __len__(self) -> int:

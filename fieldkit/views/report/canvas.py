@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,13 +86,13 @@ def days(time_ns: NDArray[np.int64]) -> FloatArray:
 
 
 def legend(axes: Axes) -> None:
-    """A legend above the axes, where it hides nothing."""
-    axes.legend(
-        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=_columns(axes), columnspacing=1.0, **LEGEND
-    )
+    """A legend above the axes, where it hides nothing; none where nothing is drawn."""
+    labels = axes.get_legend_handles_labels()[1]
+    if labels:
+        columns = _columns(labels)
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0, **LEGEND)
 
 
-def _columns(axes: Axes) -> int:
+def _columns(labels: Sequence[str]) -> int:
     """As many columns as fit the width at the longest label."""
-    longest = max((len(label) for label in axes.get_legend_handles_labels()[1]), default=1)
-    return max(1, min(4, 44 // (longest + 4)))
+    return max(1, min(4, 44 // (max(map(len, labels)) + 4)))
