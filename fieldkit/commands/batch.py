@@ -1,9 +1,10 @@
-"""What `estimate` and `sweep` share: looking at sessions, carrying out runs, writing results."""
+"""What `estimate` and `sweep` share: looking at sessions, carrying out runs, results and recalling them."""
 
 from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import math
 import platform
 import shlex
@@ -30,6 +31,8 @@ from fieldkit.samples import Quality
 from fieldkit.site import RegionKind
 
 Columns = Mapping[str, Sequence[Any]]
+ENDINGS = (".csv", ".parquet", ".json")
+_RECALLABLE = "name a session, or the BASE of fieldkit estimate -o BASE"
 Failures = dict[Path, FieldkitError]
 
 
@@ -126,9 +129,7 @@ def write_results(base: Path, columns: Columns, about: Mapping[str, Any]) -> lis
 
     The same runs give the same bytes. Raises `StorageError`.
     """
-    table, parquet, document = (
-        base.with_name(f"{base.name}{ending}") for ending in (".csv", ".parquet", ".json")
-    )
+    table, parquet, document = (base.with_name(f"{base.name}{ending}") for ending in ENDINGS)
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
         _write_csv(table, columns)
@@ -163,7 +164,52 @@ def provenance(sources: Sequence[Source], failures: Failures) -> dict[str, Any]:
 
 def base_of(out: Path) -> Path:
     """Results come in several files: the name they share, with or without a known ending typed."""
-    return out.with_suffix("") if out.suffix in (".csv", ".parquet", ".json") else out
+    return out.with_suffix("") if out.suffix in ENDINGS else out
+
+
+def recalled(
+    paths: Sequence[Path], settings: tuple[str, ...]
+) -> tuple[tuple[Path, ...], tuple[str, ...], bool]:
+    """Sessions and settings where results are named instead, and whether the campaign's present ones counted.
+
+    Raises `ConfigError`.
+    """
+    found: list[Path] = []
+    present = False
+    for path in paths:
+        document = _document_of(path)
+        if document is None:
+            found.append(path)
+            continue
+        about = _about(document)
+        found.extend(Path(session["path"]) for session in about["sessions"])
+        settings = (*about["settings"], *settings)
+        present = present or about.get("campaign", False)
+    return tuple(found), settings, present
+
+
+def _document_of(path: Path) -> Path | None:
+    """The ``BASE.json`` of results, with or without a known ending typed; None where a session is named."""
+    if path.exists() and path.suffix not in ENDINGS:
+        return None
+    base = base_of(path)
+    document = base.with_name(f"{base.name}.json")
+    return document if document.is_file() else None
+
+
+def _about(document: Path) -> dict[str, Any]:
+    try:
+        about = json.loads(document.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{document} cannot be read: {error}", fix=_RECALLABLE) from error
+    known: set[str] = set(about) if isinstance(about, dict) else set()
+    if {"sessions", "parameters"} <= known:
+        raise ConfigError(
+            f"{document} has many sets of parameters", fix="report its sessions with --set of one set"
+        )
+    if not {"sessions", "settings"} <= known:
+        raise ConfigError(f"{document} is not what estimate -o wrote", fix=_RECALLABLE)
+    return dict(about)
 
 
 def _write_csv(path: Path, columns: Columns) -> None:

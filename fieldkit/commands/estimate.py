@@ -89,7 +89,11 @@ def _estimate_sessions(
     names = batch.names_of(sources)
     slopes = {names[source.path]: found[source.path] for source in sources}
     if out is not None and slopes:
-        about = {**batch.provenance(sources, failures), "settings": list(settings)}
+        about = {
+            **batch.provenance(sources, failures),
+            "settings": list(settings),
+            "campaign": present,
+        }
         written = batch.write_results(batch.base_of(out), minute_table(slopes), about)
         common.say(f"wrote {', '.join(map(str, written))}")
     answers = {name: answers_of(estimates, estimates.regions) for name, estimates in slopes.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 import webbrowser
@@ -18,7 +17,7 @@ from fieldkit.commands import common
 from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.commands.failure import explain
 from fieldkit.commands.session_paths import newest, resolved
-from fieldkit.errors import ConfigError, FieldkitError, SessionError, StorageError
+from fieldkit.errors import FieldkitError, SessionError, StorageError
 from fieldkit.views.report.pdf import refuse_without_printer, write_pdf
 
 if TYPE_CHECKING:
@@ -64,7 +63,10 @@ def command(
     folder of them, with errors and figures over all. What `estimate -o BASE` wrote stands for its sessions
     and parameters: fieldkit report BASE.
     """
-    sessions, settings = recalled(sessions, settings)
+    from fieldkit.commands.batch import recalled
+
+    sessions, settings, as_now = recalled(sessions, settings)
+    present = present or as_now
     paths = resolved(ctx, sessions) if sessions else [newest(ctx, None)]
     pdf = out if out is not None and out.suffix == ".pdf" else None
     page = out if pdf is None else pdf.with_suffix(".html")
@@ -86,26 +88,6 @@ def command(
         for error in failed:
             explain(error)
         raise SessionError(f"{len(failed)} of {len(paths)} sessions are not in the report")
-
-
-def recalled(
-    sessions: tuple[Path, ...], settings: tuple[str, ...]
-) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """The sessions and settings of results that are named instead of sessions; raises `ConfigError`."""
-    found: list[Path] = []
-    for path in sessions:
-        document = path.with_name(f"{path.name}.json")
-        if path.exists() or not document.is_file():
-            found.append(path)
-            continue
-        about = json.loads(document.read_text(encoding="utf-8"))
-        if "settings" not in about:
-            raise ConfigError(
-                f"{path} has many sets of parameters", fix="report its sessions with --set of one set"
-            )
-        found.extend(Path(session["path"]) for session in about["sessions"])
-        settings = (*about["settings"], *settings)
-    return tuple(found), settings
 
 
 def _tell(paths: Sequence[Path], written: Path) -> None:
