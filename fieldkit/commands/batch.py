@@ -162,9 +162,11 @@ def provenance(sources: Sequence[Source], failures: Failures) -> dict[str, Any]:
     }
 
 
-def base_of(out: Path) -> Path:
+def base_of(out: Path, endings: Sequence[str] = ENDINGS) -> Path:
     """Results come in several files: the name they share, with or without a known ending typed."""
-    return out.with_suffix("") if out.suffix in ENDINGS else out
+    if out.name in ("", ".."):
+        raise click.UsageError(f"-o {out} names no file; write {out / 'NAME'}")
+    return out.with_suffix("") if out.suffix in endings else out
 
 
 def recalled(

@@ -79,6 +79,7 @@ def _estimate_sessions(
     from fieldkit.campaign.runs import run_of
     from fieldkit.commands import batch
 
+    base = None if out is None else batch.base_of(out)
     sources, failures = batch.look_at(paths, present=present)
     runs = [run_of(source, settings) for source in sources]
     found: dict[Path, Estimates] = {}
@@ -88,13 +89,13 @@ def _estimate_sessions(
     sources = [source for source in sources if source.path in found]
     names = batch.names_of(sources)
     slopes = {names[source.path]: found[source.path] for source in sources}
-    if out is not None and slopes:
+    if base is not None and slopes:
         about = {
             **batch.provenance(sources, failures),
             "settings": list(settings),
             "campaign": present,
         }
-        written = batch.write_results(batch.base_of(out), minute_table(slopes), about)
+        written = batch.write_results(base, minute_table(slopes), about)
         common.say(f"wrote {', '.join(map(str, written))}")
     answers = {name: answers_of(estimates, estimates.regions) for name, estimates in slopes.items()}
     if slopes:

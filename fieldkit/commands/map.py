@@ -155,8 +155,10 @@ def _window_s(window: str | None, config: Config) -> float | None:
 
 def base_of(out: Path | None, session: Path) -> Path:
     """What both files are called, with or without an ending typed."""
+    from fieldkit.commands import batch
+
     if out is not None:
-        return out.with_suffix("") if out.suffix in ENDINGS else out
+        return batch.base_of(out, ENDINGS)
     parent = session.resolve().parent
     if parent.name == "recordings":
         return parent.parent / "results" / session.stem / "slope-map"

@@ -58,6 +58,7 @@ def command(
 
     grid = read_grid(settings)
     paths = resolved(ctx, sessions)
+    base = batch.base_of(out or _default(paths[0]))
     sources, failures = batch.look_at(paths, present=present)
     runs = runs_of(sources, grid)
     common.say(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
@@ -73,7 +74,7 @@ def command(
             "parameters": {parameter.key: parameter.values for parameter in grid.parameters},
             "ranking": None if ranking is None else ranking_document(ranking, grid),
         }
-        written = batch.write_results(batch.base_of(out or _default(paths[0])), summary.columns(), about)
+        written = batch.write_results(base, summary.columns(), about)
         _tell(written, ranking, grid, len(runs))
     batch.complain(failures, len(paths))
 

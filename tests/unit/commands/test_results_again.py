@@ -73,3 +73,13 @@ def test_what_is_no_result_is_called_so(tmp_path, text, said):
 def test_the_folder_one_is_in_may_be_reported(session, monkeypatch):
     monkeypatch.chdir(session.parent)
     assert fieldkit("report", ".").exit_code == 0
+
+
+@pytest.mark.parametrize("nameless", [".", ".."])
+@pytest.mark.parametrize("verb", [("estimate",), ("map",), ("sweep", "--set", "surface.albedo=0.1,0.2")])
+def test_a_folder_is_no_name_for_results(session, tmp_path, monkeypatch, verb, nameless):
+    monkeypatch.chdir(tmp_path)
+    found = fieldkit(*verb, session, "-o", nameless)
+    assert found.exit_code == 2, found.output
+    assert f"-o {nameless} names no file" in found.stderr
+    assert not list(tmp_path.glob("**/*.csv"))
