@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import time
+from typing import TYPE_CHECKING
 
 import click
 
 from fieldkit.commands import common
 from fieldkit.commands.running import session_in_progress
-from fieldkit.errors import RefusedError
+from fieldkit.commands.session_paths import is_interrupted
+from fieldkit.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked, owner
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fieldkit.config import Config
 
 PATIENCE_S = 60.0
 
@@ -21,7 +29,19 @@ PATIENCE_S = 60.0
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Ask the recording that runs to stop and seal, and wait until it has."""
-    config = common.campaign(ctx)
+    path = _stopped(common.campaign(ctx))
+    if is_interrupted(path):
+        raise SessionError(
+            f"the recording ended without sealing {path.name}; its journal is kept",
+            fix=f"fieldkit recover {shlex.quote(str(path))}",
+        )
+    if common.options().json:
+        common.print_json({"session": str(path)})
+    common.say(f"sealed {path}")
+
+
+def _stopped(config: Config) -> Path:
+    """The session that was being recorded, once its process has let go of it."""
     path = session_in_progress(config.recordings)
     pid = owner(journal_path(path)) if path is not None else None
     if path is None or pid is None:
@@ -34,6 +54,4 @@ def command(ctx: click.Context) -> None:
                 f"process {pid} has not sealed {path.name} within a minute", fix="look at its terminal"
             )
         time.sleep(0.1)
-    if common.options().json:
-        common.print_json({"session": str(path)})
-    common.say(f"sealed {path}")
+    return path
