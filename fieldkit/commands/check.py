@@ -47,7 +47,7 @@ def command(
         if not options(ctx).json:
             _print(path, findings)
         if apply_map:
-            _apply(path)
+            _apply(path, alone=len(paths) == 1 and not paths[0].is_dir())
     if options(ctx).json:
         print_json({"sessions": documents})
     if failed:
@@ -95,14 +95,19 @@ def _agree(one: float, other: float) -> bool:
     return abs(one - other) <= _AGREE_DEG or (one != one and other != other)
 
 
-def _apply(path: Path) -> None:
+def _apply(path: Path, *, alone: bool) -> None:
+    """Correct a session's clock as proposed; only for one named `alone` is nothing to correct an error."""
     from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
     from fieldkit.sessions.reader import open_session
 
     with open_session(path) as session:
         steps = propose_time_map(session)
         if not steps:
-            raise RefusedError(f"{path.name}: its clock comparisons ask for no correction")
+            told = f"{path.name}: its clock comparisons ask for no correction"
+            if alone:
+                raise RefusedError(told)
+            say(told)
+            return
         if steps == session.time_map():
             say(f"{path.name}: this time map is in force already")
             return

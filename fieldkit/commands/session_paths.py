@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -53,7 +54,8 @@ def offer_recovery(paths: Iterable[Path]) -> None:
     """Tell of interrupted sessions among these, and how to finish them."""
     for path in paths:
         if is_interrupted(path):
-            say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {path}")
+            named = shlex.quote(str(path))
+            say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {named}")
 
 
 def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
@@ -76,17 +78,23 @@ def newest(ctx: click.Context, path: Path | None) -> Path:
 
 def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
-    for path in paths or [recordings_folder(ctx)]:
+    for given in paths or [recordings_folder(ctx)]:
+        path = given if _exists(given) else recordings_folder(ctx) / given  # ls prints bare names
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
             found.extend(sessions_in(inside))
-        elif path.exists() or path.with_name(path.name + JOURNAL).exists():
+        elif _exists(path):
             found.append(path)
         else:
             raise SessionError(
-                f"there is no session {path}", fix="fieldkit ls shows the sessions of a campaign"
+                f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign"
             )
     if not found:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
         raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
     return found
+
+
+def _exists(path: Path) -> bool:
+    """Whether a path is there, or the journal of a session that is to be at it."""
+    return path.exists() or path.with_name(f"{path.name}{JOURNAL}").exists()

@@ -81,6 +81,23 @@ def test_check_applies_nothing_where_nothing_is_to_be_corrected(campaign: Path) 
     assert isinstance(run(check, path, "--apply", "--no-estimates").exception, RefusedError)
 
 
+def test_check_goes_on_where_one_of_several_needs_no_correction(campaign: Path) -> None:
+    run(recover, campaign / "recordings" / "20261212T025512Z-b.h5")
+    done = run(check, campaign, "--apply", "--no-estimates")
+    assert done.exit_code == 0
+    for name in ("a.h5", "b.h5"):
+        assert f"{name}: its clock comparisons ask for no correction" in done.stderr
+        assert f"{name}\n" in done.stdout
+
+
+def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
+        assert name in run(show, "-C", campaign, name).stdout
+    gone = run(show, "-C", campaign, "c.h5").exception
+    assert str(gone) == "there is no session c.h5"
+
+
 def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> None:
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     done = run(recover, "-C", campaign)
