@@ -9,12 +9,14 @@ import click
 
 from fieldkit.commands.common import Verb, options, print_json
 from fieldkit.commands.session_paths import newest
-from fieldkit.errors import StorageError
+from fieldkit.errors import ConfigError, StorageError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
-KINDS = ("csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff")
+WHOLE_KINDS = ("csv", "parquet", "netcdf")
+"""What is always written of every stream."""
+KINDS = (*WHOLE_KINDS, "mcap", "png", "mp4", "tiff")
 
 
 @click.command(cls=Verb)
@@ -36,6 +38,11 @@ def command(
     """
     from fieldkit.sessions.reader import open_session
 
+    if stream is not None and kind in WHOLE_KINDS:
+        raise ConfigError(
+            f"--stream {stream}: --to {kind} writes every stream, each into a file of its own",
+            fix="leave out --stream",
+        )
     path = newest(ctx, session)
     folder = out or _default_folder(path)
     with open_session(path) as opened:

@@ -12,7 +12,19 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import check, estimate, import_session, init, ls, record, recover, replay, report, show
+from fieldkit.commands import (
+    check,
+    estimate,
+    export,
+    import_session,
+    init,
+    ls,
+    record,
+    recover,
+    replay,
+    report,
+    show,
+)
 from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.marks import Mark, drop_mark, marks_folder
 from fieldkit.samples import Severity
@@ -146,6 +158,15 @@ def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, mod
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
     assert f"fieldkit recover {path}" in run(module, path).stderr
     assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
+def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Path, kind: str) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    done = run(export, path, "--to", kind, "--stream", "nope")
+    assert isinstance(done.exception, ConfigError)
+    assert "--stream nope" in str(done.exception)
+    assert not (campaign / "results").exists()
 
 
 def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:
