@@ -71,7 +71,7 @@ def export_mcap(session: Session, folder: Path, *, stream: str | None = None, ev
         from mcap.writer import Writer
     except ImportError as error:
         raise ConfigError("MCAP needs the mcap package", fix="pip install 'fieldkit[lab]'") from error
-    path = folder / f"{session.path.stem}.mcap"
+    path = folder / (f"{session.path.stem}.mcap" if stream is None else f"{session.path.stem}-{stream}.mcap")
     names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
     with path.open("wb") as file:
         writer = Writer(file)

@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError, StorageError
 from fieldkit.samples import Frame
-from fieldkit.sessions.analysis import camera_of, own_scale
+from fieldkit.sessions.analysis import own_scale
 from fieldkit.sessions.datasets import iso_utc
 from fieldkit.sessions.reader import Session
 
 TIFF_KELVIN_PER_COUNT = 0.01
 _WIDTH, _BAR = 640, 36
 _ROOM = "make room, or name another folder: -o DIR"
+_TABLES = "export --to csv, for what it has"
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
 Image = NDArray[np.uint8]
 
@@ -25,24 +27,22 @@ Image = NDArray[np.uint8]
 def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
     """16-bit TIFFs of 0.01 K per count, with their times in ``times.csv``: `import` reads them back.
 
-    Counts of a camera without a known scale are written as they are. Raises `StorageError`.
+    Counts of a camera without a known scale are written as they are. Raises `StorageError`, and
+    `ConfigError` where the camera is not known.
     """
     import cv2
 
-    info = camera_of(session, stream)
+    info = _camera(session, stream)
     convert, paths, rows = own_scale(info), [], []
     known = np.isfinite(convert(np.array([30_000], np.uint16))).all()
     for frame in _frames(session, info.name, every):
         counts = np.rint(convert(frame.counts) / TIFF_KELVIN_PER_COUNT) if known else frame.counts
-        path = folder / f"{session.path.stem}-{frame.seq:07}.tiff"
+        path = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff"
         if not cv2.imwrite(str(path), np.clip(counts, 0, 65535).astype(np.uint16)):
             raise StorageError(f"cannot write {path}", fix=_ROOM)
         paths.append(path)
         rows.append((path.name, iso_utc(frame.time_ns)))
-    table = folder / "times.csv"
-    with table.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([("file", "time"), *rows])
-    return [*paths, table]
+    return [*paths, _write_times(folder / "times.csv", rows)]
 
 
 def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
@@ -50,8 +50,9 @@ def export_pngs(session: Session, folder: Path, *, stream: str | None = None, ev
     import cv2
 
     paths = []
-    for frame, image in _drawn(session, stream, every):
-        path = folder / f"{session.path.stem}-{frame.seq:07}.png"
+    info = _camera(session, stream)
+    for frame, image in _drawn(session, info, every):
+        path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
         if not cv2.imwrite(str(path), image):
             raise StorageError(f"cannot write {path}", fix=_ROOM)
         paths.append(path)
@@ -62,8 +63,9 @@ def export_mp4(session: Session, folder: Path, *, stream: str | None = None, eve
     """The same as a film, 25 pictures a second. Raises `StorageError`."""
     import cv2
 
-    path, film = folder / f"{session.path.stem}.mp4", None
-    for _, image in _drawn(session, stream, every):
+    info = _camera(session, stream)
+    path, film = folder / f"{_stem(session, info)}.mp4", None
+    for _, image in _drawn(session, info, every):
         if film is None:
             code = cv2.VideoWriter.fourcc(*"mp4v")
             film = cv2.VideoWriter(str(path), code, 25.0, (image.shape[1], image.shape[0]))
@@ -71,9 +73,48 @@ def export_mp4(session: Session, folder: Path, *, stream: str | None = None, eve
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
     if film is None:
-        raise ConfigError(f"{session.path} has no pictures", fix="export --to csv, for what it has")
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
     film.release()
     return [path]
+
+
+def _camera(session: Session, stream: str | None) -> StreamInfo:
+    """The camera named, or the only one; raises `ConfigError`."""
+    names = _cameras(session)
+    if not names:
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+    if stream is None and len(names) > 1:
+        raise ConfigError(
+            f"{session.path} has pictures of {len(names)} cameras",
+            fix=f"--stream with one of {', '.join(names)}",
+        )
+    if stream is not None and stream not in names:
+        raise ConfigError(
+            f"{session.path} has no camera {stream!r}", fix=f"--stream with one of {', '.join(names)}"
+        )
+    return session.streams[stream or names[0]]
+
+
+def _cameras(session: Session) -> list[str]:
+    return [info.name for info in session.streams.values() if info.is_camera]
+
+
+def _stem(session: Session, info: StreamInfo) -> str:
+    """What the names of the files begin with: the camera is in it where the session has several."""
+    several = len(_cameras(session)) > 1
+    return f"{session.path.stem}-{info.name}" if several else session.path.stem
+
+
+def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
+    """The times of these pictures, beside those that other exports wrote into the same folder."""
+    known: dict[str, str] = {}
+    if table.exists():
+        with table.open(newline="", encoding="utf-8") as file:
+            known = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
+    known = {"file": "time", **known, **dict(rows)}
+    with table.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(known.items())
+    return table
 
 
 def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
@@ -82,8 +123,7 @@ def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
             yield sample
 
 
-def _drawn(session: Session, stream: str | None, every: int) -> Iterator[tuple[Frame, Image]]:
-    info = camera_of(session, stream)
+def _drawn(session: Session, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
     low, high = _range(session, info.name)
     convert = own_scale(info)
     scaled = np.isfinite(convert(np.array([low, high], np.uint16))).all()
@@ -100,7 +140,7 @@ def _range(session: Session, camera: str) -> tuple[int, int]:
     """
     counts, length = session.raw(camera), session.count(camera)
     if not length:
-        raise ConfigError(f"{session.path} has no pictures", fix="export --to csv, for what it has")
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
     ends = np.array([np.percentile(counts[n], (1, 99)) for n in range(0, length, max(1, length // 50))])
     low, high = int(ends[:, 0].min()), int(ends[:, 1].max())
     return low, max(high, low + 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
 
@@ -11,29 +12,41 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.errors import SessionError
+from fieldkit.errors import ConfigError, SessionError
 from fieldkit.samples import Frame, Reading
 from fieldkit.sessions.exchange.mcap_out import export_mcap
 from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.tables_out import export_tables
+from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
 from tests.harness.recording import CountedClock, fill, header, picture, sample
 
 HEADER = header((24, 32))
+TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0], name="cam2")))
 FRAMES = 20
+
+
+def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> Session:
+    clock = CountedClock()
+    writer = SessionWriter(path, about, clock)
+    fill(writer, frames, clock)
+    writer.close()
+    return open_session(path)
 
 
 @pytest.fixture
 def session(tmp_path: Path):
-    clock = CountedClock()
-    writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
-    fill(writer, FRAMES, clock)
-    writer.close()
-    with open_session(tmp_path / "field.h5") as opened:
+    with recorded(tmp_path / "field.h5") as opened:
+        yield opened
+
+
+@pytest.fixture
+def two_cameras(tmp_path: Path):
+    with recorded(tmp_path / "field.h5", TWO_CAMERAS, frames=4) as opened:
         yield opened
 
 
@@ -97,6 +110,35 @@ def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> Non
     originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
     assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: Path) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    with recorded(tmp_path / "a.h5", frames=2) as first, recorded(tmp_path / "b.h5", frames=2) as second:
+        for session in (first, second, first):
+            export_tiffs(session, folder)
+    assert len((folder / "times.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert len(list(read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC).samples)) == 4
+
+
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+def test_pictures_of_each_camera_have_files_of_their_own(
+    two_cameras: Session, tmp_path: Path, export
+) -> None:
+    first, second = ({path for path in export(two_cameras, tmp_path, stream=name) if path.suffix != ".csv"}
+                     for name in ("camera", "cam2"))  # fmt: skip
+    assert not first & second
+    assert all(path.exists() for path in first | second)
+
+
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: Path, export) -> None:
+    with pytest.raises(ConfigError, match="pictures of 2 cameras") as caught:
+        export(two_cameras, tmp_path)
+    assert caught.value.fix == "--stream with one of camera, cam2"
+    with pytest.raises(ConfigError, match="no camera 'lux'"):
+        export(two_cameras, tmp_path, stream="lux")
 
 
 def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> None:
@@ -179,6 +221,7 @@ def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
 def test_mcap_of_one_stream_and_every_nth_picture(session: Session, tmp_path: Path) -> None:
     reading = pytest.importorskip("mcap.reader")
     (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
+    assert path.name == "field-camera.mcap"
     with path.open("rb") as file:
         topics = [channel.topic for _, channel, _ in reading.make_reader(file).iter_messages()]
     assert topics.count("/camera") == FRAMES // 5
