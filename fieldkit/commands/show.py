@@ -73,7 +73,8 @@ def describe(session: Session) -> dict[str, Any]:
         "events": [
             {
                 "at": local_time(session, event.time_ns), "kind": event.kind.name.lower(),
-                "stream": event.stream, "text": event.text,
+                "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
+                "end": local_time(session, int(event.data.get("end_ns", 0))),
             }
             for event in session.events()
         ],

@@ -94,14 +94,17 @@ def _slopes(session: Session) -> pd.DataFrame:
 
 
 def _events(session: Session) -> pd.DataFrame:
+    """One row for each event, with the kind of a mark and where it ends."""
     import pandas as pd
 
     events = session.events()
     rows = [
         {
             "kind": one.kind.name.lower(), "severity": one.severity.name.lower(),
-            "stream": one.stream, "text": one.text,
+            "stream": one.stream, "text": one.text, "label": str(one.data.get("label", "")),
         }
         for one in events
     ]  # fmt: skip
-    return pd.DataFrame(rows, index=_index([one.time_ns for one in events]))
+    table = pd.DataFrame(rows, index=_index([one.time_ns for one in events]))
+    table["end"] = _index([one.data.get("end_ns", pd.NaT.value) for one in events])
+    return table

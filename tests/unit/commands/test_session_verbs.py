@@ -178,12 +178,15 @@ def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path
     assert run(recover, path).exit_code == 0
 
 
-def test_mark_that_the_recorder_had_no_time_to_take_is_recovered(campaign: Path) -> None:
+def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign: Path) -> None:
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
-    drop_mark(marks_folder(path), Mark("lightning"))
+    drop_mark(marks_folder(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
+    drop_mark(marks_folder(path), Mark("moved"))
     run(recover, path)
-    events = json.loads(run(show, path, "--json").stdout)["events"]
-    assert "lightning" in [event["text"] for event in events]
+    events = {event["text"]: event for event in json.loads(run(show, path, "--json").stdout)["events"]}
+    assert events["lightning"]["label"] == "storm"
+    assert events["lightning"]["end"] == "2026-12-12 12:10:00 JST"
+    assert (events["moved"]["label"], events["moved"]["end"]) == ("", "")
 
 
 def test_session_that_does_not_exist_is_named() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import ConfigError, SessionError
-from fieldkit.samples import Frame, Reading
+from fieldkit.samples import Event, EventKind, Frame, Reading
 from fieldkit.sessions.exchange.mcap_out import export_mcap
 from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
@@ -23,7 +23,7 @@ from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
-from tests.harness.recording import CountedClock, fill, header, picture, sample
+from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
 
 HEADER = header((24, 32))
 TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0], name="cam2")))
@@ -98,6 +98,26 @@ def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: s
     flat = regions[regions["region"] == "flat"]["temperature [K]"].to_numpy()
     assert flat == pytest.approx(session.region_series().mean_k[:, 0], abs=1e-9)
     assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -> None:
+    pd = pytest.importorskip("pandas")
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
+    fill(writer, 1, clock)
+    data = {"label": "cloud", "end_ns": START_NS + 60 * 10**9 + 1_000}
+    writer.event(Event(EventKind.MARK, 0, START_NS, "over b05", data=data))
+    writer.event(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        path = next(path for path in export_tables(session, tmp_path, kind) if "events" in path.name)
+    table = pd.read_csv(path, keep_default_na=False) if kind == "csv" else pd.read_parquet(path)
+    marks = table[table["kind"] == "mark"]
+    assert marks["label"].tolist() == ["", "cloud", ""]
+    _, first, second = pd.to_datetime(marks["end"], utc=True)
+    assert first == pd.Timestamp(data["end_ns"], tz="UTC")
+    assert pd.isna(second)
 
 
 def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> None:
