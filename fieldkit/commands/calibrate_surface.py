@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.bins import History
     from fieldkit.estimation.estimator import Estimator
     from fieldkit.estimation.scale import Identified
+    from fieldkit.physics.facet import FloatArray
 
 LEAST_TILT_DEG = 3.0
 CLOUDY = ("CLOUD", "LOW_SUN", "MOVED")
@@ -158,9 +159,7 @@ def identified(
     reference = np.where(np.isfinite(base).any(axis=1), reference, np.nan)
     reference_normal = field.reference_normals.mean(axis=0)
     warm = np.concatenate([history.temperature_k[:, column] for column in columns])
-    light = np.concatenate([
-        history.direct_w_m2 * (history.sun @ (normal(*slope) - reference_normal)) for slope in slopes
-    ])  # fmt: skip
+    light = np.concatenate([_more_light(history, normal(*slope), reference_normal) for slope in slopes])
     cold = np.tile(reference, len(columns))
     known = np.isfinite(warm) & np.isfinite(light) & np.isfinite(cold)
     if known.sum() < len(columns) * 3:
@@ -171,6 +170,15 @@ def identified(
     left_k = given[0] - given[1] - given[2] / first.steepness_w_m2_k
     noise_k = max(estimator.settings.noise_k, float(np.std(left_k)) / np.sqrt(2.0))
     return identify(*given, noise_k, prior)
+
+
+def _more_light(history: History, bed: FloatArray, reference: FloatArray) -> FloatArray:
+    """Direct light (n,) of a bed beyond the reference's, W/m2; NaN while one is in its own shade."""
+    from fieldkit.estimation.quality import LOWEST_COS_INCIDENCE
+
+    on_bed, on_reference = history.sun @ bed, history.sun @ reference
+    lit = np.minimum(on_bed, on_reference) >= LOWEST_COS_INCIDENCE
+    return np.where(lit, history.direct_w_m2 * (on_bed - on_reference), np.nan)
 
 
 def _details(told: Identified, light: str) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from fieldkit.errors import CalibrationError
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.quality import LOWEST_COS_INCIDENCE
 from fieldkit.physics.facet import FloatArray
 
 LEAST_SIGNAL = 5.0
@@ -50,7 +51,8 @@ def scale_from_known_bed(
     geometry, not a temperature, so noise does not pull kappa down as regression on measured
     differences would. `doubts` (p, n) are how y moves with one standard deviation of what is
     not known of this bed, such as its own offset (`balance.Rows.doubts`); they are fitted at
-    their price, and so is kappa's distance from 1 with `prior_sd`. Rows with NaN are left out.
+    their price, and so is kappa's distance from 1 with `prior_sd`. Rows with NaN are left out,
+    and those in which bed or reference is in its own shade and only says ``n . s < 0``.
 
     Raises
     ------
@@ -60,6 +62,7 @@ def scale_from_known_bed(
     columns = np.vstack([lamps @ (bed - reference), *(() if doubts is None else doubts)]) / sigma
     measured = (y - lamps @ reference) / sigma
     known = np.isfinite(measured) & np.isfinite(columns).all(axis=0)
+    known &= np.minimum(lamps @ bed, lamps @ reference) >= LOWEST_COS_INCIDENCE
     columns, measured = columns[:, known], measured[known]
     if float(columns[0] @ columns[0]) < LEAST_SIGNAL**2:
         raise CalibrationError(
@@ -234,19 +237,11 @@ def identify(
     jacobian = np.asarray(fit.jac, np.float64)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     found, share = (float(value) for value in fit.x)
-    share_sd = float(np.sqrt(covariance[1, 1]))
+    found_sd, share_sd = (float(sd) for sd in np.sqrt(np.diag(covariance)))
     is_prior = share_sd > 0.5 * prior_share_sd
     says = (
-        f"D = {found:.2f} ± {np.sqrt(covariance[0, 0]):.2f} W/m2 per kelvin is measured; "
+        f"D = {found:.2f} ± {found_sd:.2f} W/m2 per kelvin is measured; "
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
         "albedo, emissivity and exchange apart cannot be told from temperatures"
     )
-    return Identified(
-        found * share / cube,
-        found * (1.0 - share),
-        found,
-        float(np.sqrt(covariance[0, 0])),
-        share_sd,
-        is_prior,
-        says,
-    )
+    return Identified(found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, says)

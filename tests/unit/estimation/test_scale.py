@@ -55,6 +55,17 @@ def test_offset_of_the_known_bed_is_told_from_scale_only_as_far_as_it_can_be():
     assert careful.kappa_sd > 2 * naive.kappa_sd
 
 
+@pytest.mark.parametrize(("bed", "reference"), [((25, 90), (0, 0)), ((10, 180), (25, 90))])
+def test_minutes_in_own_shade_do_not_bend_the_scale(bed, reference):
+    rays = sun(330)
+    rays, bed, reference = rays[rays[:, 2] > 0.14], normal(*bed), normal(*reference)
+    assert (np.minimum(rays @ bed, rays @ reference) < 0).sum() > 60
+    warmer = np.maximum(rays @ bed, 0.0) - np.maximum(rays @ reference, 0.0)
+    y = 1.1 * warmer + rays @ reference
+    found = scale_from_known_bed(rays, y, np.full(len(rays), SIGMA), reference, bed)
+    assert found.kappa == pytest.approx(1.1, rel=1e-6)
+
+
 def test_a_nearly_flat_bed_cannot_tell_the_scale():
     rays, bed = sun(21), normal(0.2, 180.0)
     with pytest.raises(CalibrationError, match="too much like the reference"):
