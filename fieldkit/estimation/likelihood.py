@@ -216,19 +216,21 @@ def region_known_azimuth(
     misfit: MisfitOf, azimuth_deg: float, best: FloatArray, drop: float, tilt_limit_deg: float
 ) -> LikelihoodRegion:
     """The unbroken stretch of tilts around `best` along one azimuth."""
-    normals = normal(np.linspace(0.0, tilt_limit_deg, TILTS), azimuth_deg)
-    inside = misfit(normals) <= float(misfit(best)) + drop
-    tilts, _ = tilt_azimuth(np.vstack([normals[_stretch(inside, normals, best)], best]))
-    low, high, azimuth = float(tilts.min()), float(tilts.max()), azimuth_deg % 360.0
+    tilts, tilt = np.linspace(0.0, tilt_limit_deg, TILTS), float(tilt_azimuth(best)[0])
+    rise = np.maximum(misfit(normal(tilts, azimuth_deg)) - float(misfit(best)), 0.0) / drop
+    below, above = tilts < tilt, tilts > tilt
+    low = _end(tilt, tilts[below][::-1], rise[below][::-1])
+    high = _end(tilt, tilts[above], rise[above])
+    azimuth = azimuth_deg % 360.0
     return LikelihoodRegion(low, high, azimuth, azimuth, low == 0.0)
 
 
-def _stretch(inside: NDArray[np.bool_], normals: FloatArray, best: FloatArray) -> NDArray[np.bool_]:
-    """The run of true values around the entry nearest to `best`; nothing if that is narrower than a step."""
-    at = int(np.argmax(normals @ best))
-    breaks = np.flatnonzero(~inside)
-    low = breaks[breaks <= at].max(initial=-1)
-    high = breaks[breaks >= at].min(initial=inside.size)
-    run = np.zeros_like(inside)
-    run[low + 1 : high] = True
-    return run
+def _end(start: float, tilts: FloatArray, rise: FloatArray) -> float:
+    """The tilt at which the rise, 0 at `start`, first passes 1 along `tilts` (k,); the last if none does."""
+    # a misfit rises as a parabola, so its root is interpolated; the whole region may be narrower than a step
+    tilts, root = np.append(start, tilts), np.append(0.0, np.sqrt(rise))
+    outside = np.flatnonzero(root > 1.0)
+    if not outside.size:
+        return float(tilts[-1])
+    pair = slice(outside[0] - 1, outside[0] + 1)
+    return float(np.interp(1.0, root[pair], tilts[pair]))

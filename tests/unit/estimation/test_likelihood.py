@@ -5,6 +5,7 @@ from fieldkit.estimation.bounds import cramer_rao
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
+    NINETY_PERCENT_ONE,
     DoubtfulMisfit,
     patch,
     region,
@@ -108,6 +109,31 @@ def test_known_azimuth_region_is_the_stretch_around_the_answer():
     assert found.tilt_low_deg == pytest.approx(10.0, abs=0.6)
     assert found.tilt_high_deg < 12.0
     assert (found.azimuth_low_deg, found.azimuth_high_deg) == (180.0, 180.0)
+
+
+@pytest.mark.parametrize("sd", [0.0004, 0.002, 0.01])
+@pytest.mark.parametrize("tilt", [14.9916, 22.5])
+def test_known_azimuth_region_has_the_width_the_noise_gives_it(sd, tilt):
+    """Also where that is less than a step between the tilts tried."""
+    sun, truth = window("2017-12-11T01:30", 180), normal(tilt, 180.0)
+    misfit = Misfit.of_rows(sun, sun @ truth, 1 / sd**2)
+    found = region_known_azimuth(misfit, 180.0, truth, NINETY_PERCENT_ONE, 45.0)
+    steeper = normal(tilt + 90.0, 180.0)
+    half = np.degrees(np.sqrt(NINETY_PERCENT_ONE / (steeper @ misfit.H @ steeper)))
+    assert tilt - found.tilt_low_deg == pytest.approx(half, rel=0.01)
+    assert found.tilt_high_deg - tilt == pytest.approx(half, rel=0.01)
+
+
+def test_known_azimuth_region_ends_at_flat_and_at_the_limit():
+    sun = window("2017-12-11T01:30", 180)
+    flat, steep = (
+        region_known_azimuth(
+            Misfit.of_rows(sun, sun @ normal(tilt, 180.0), 1e4), 180.0, normal(tilt, 180.0), 2.706, 45.0
+        )
+        for tilt in (0.01, 44.99)
+    )
+    assert (flat.tilt_low_deg, flat.vertical) == (0.0, True)
+    assert (steep.tilt_high_deg, steep.vertical) == (45.0, False)
 
 
 @pytest.mark.slow
