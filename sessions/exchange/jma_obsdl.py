@@ -88,7 +88,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
     at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
     if at is None:
         raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
-    hourly = any("時" in cell for cell in rows[at][: len(_SPLIT)])
+    hourly = _is_hourly(rows[at])
     below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]
     if not body:
@@ -98,6 +98,11 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
         have = ", ".join(f"{word}({unit})" for word, unit in _KINDS)
         raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")
     return _foreign(path, name, items, body, timedelta(hours=1 if hourly else 24))
+
+
+def _is_hourly(names: Sequence[str]) -> bool:
+    """Whether the cells of the date have an hour; an item like 日照時間 is none of them."""
+    return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
 
 
 def _foreign(

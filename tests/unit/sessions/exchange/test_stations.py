@@ -88,6 +88,16 @@ def test_real_daily_download_is_read() -> None:
     assert readings(foreign, "kyoto-pressure")[1].values == pytest.approx((101240.0,))
 
 
+@pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
+def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path: Path, date: str) -> None:
+    """Layout: JMA obsdl/top/help3; 日照時間 (sunshine duration) has the character of an hour in its name."""
+    skip, names = ("", "年月日") if "/" in date else (",,", "年,月,日")
+    head = f"{skip},東京,東京\r\n{names},日照時間(時間),合計全天日射量(MJ/㎡)\r\n"
+    (sun,) = readings(read_obsdl(obsdl(tmp_path, f"{head}{date},5.0,21.6\r\n"), "jma"), "jma-global")
+    assert sun.values == pytest.approx((250.0,))  # 21.6 MJ/m² in 86 400 s
+    assert utc(sun) == "2024-07-01T03:00:00+00:00"  # noon in Japan
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
