@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
@@ -26,6 +27,8 @@ _UNITS = {
     "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
 }  # fmt: skip
 _MAX_BYTES = 100_000_000
+_DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
+_CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +45,16 @@ def read_log(
 ) -> Foreign:  # fmt: skip
     """A table as one stream; `offset_ns` is added to its times. Cells without a number become NaN.
 
+    A date and a time of day in the column after it are taken together, so `time_format` is of both.
+
     Raises `ConfigError` where the table cannot be understood; it says what it found.
     """
     head, rows = _table(path, encoding)
     chosen = columns or LogColumns()
     time_at = _place(path, head, chosen.time) if chosen.time else 0
-    places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, time_at, unit)
+    stamps, behind = _stamps(path, rows, time_at)
+    others = [place for place in range(len(head)) if place not in range(time_at, behind)]
+    places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
     units = [unit or _unit(head[place]) for place in places]
     if len(set(units)) != 1 or units[0] not in _UNITS:
         known = ", ".join(_UNITS)
@@ -56,8 +63,8 @@ def read_log(
         )
     stored, quantity, add = _UNITS[units[0]]
     readings = []
-    for row in rows:
-        time_ns = plausible_ns(parse_time_ns(_cell(row, time_at), zone, time_format) + offset_ns)
+    for stamp, row in zip(stamps, rows, strict=True):
+        time_ns = plausible_ns(parse_time_ns(stamp, zone, time_format) + offset_ns)
         values = tuple(_number(_cell(row, place)) + add for place in places)
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
@@ -97,9 +104,24 @@ def _place(path: Path, head: Sequence[str], name: str) -> int:
     raise ConfigError(f"{path} has no column {name!r}", fix=f"it has: {', '.join(head)}")
 
 
-def _with_units(path: Path, head: Sequence[str], time_at: int, unit: str) -> list[int]:
-    others = [place for place in range(len(head)) if place != time_at]
-    found = others if unit else [place for place in others if _unit(head[place]) in _UNITS]
+def _stamps(path: Path, rows: Sequence[Sequence[str]], time_at: int) -> tuple[list[str], int]:
+    """The time of each row as text, and the first column behind it; raises `ConfigError`."""
+    stamps, behind = [_cell(row, time_at) for row in rows], time_at + 1
+    if any(":" in stamp or sum(map(str.isdigit, stamp)) > _DATE_DIGITS for stamp in stamps):
+        return stamps, behind
+    clocks = [_cell(row, behind) for row in rows]
+    if all(map(_CLOCK.fullmatch, clocks)):
+        return [f"{date} {clock}" for date, clock in zip(stamps, clocks, strict=True)], behind + 1
+    if len(set(stamps)) < len(stamps):  # all of them would be put at midnight
+        raise ConfigError(
+            f"{path}: several rows have the date {Counter(stamps).most_common(1)[0][0]!r} and no time of day",
+            fix="put the time of day into the column after the date, like 15:30:46",
+        )
+    return stamps, behind
+
+
+def _with_units(path: Path, head: Sequence[str], others: Sequence[int], unit: str) -> list[int]:
+    found = list(others) if unit else [place for place in others if _unit(head[place]) in _UNITS]
     if not found:
         raise ConfigError(f"{path}: no column has a unit", fix='--unit C, or headers like "T1 [C]"')
     return found

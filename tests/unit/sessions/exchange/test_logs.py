@@ -53,8 +53,32 @@ def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("text", "time_format", "unit"),
+    [
+        ("Date,Time,T1 [C]\n2026-05-12,10:00:00,20.5\n2026-05-12,10:00:10,21\n", None, ""),
+        ("Date,Time,T1\n2026-05-12,10:00:00,20.5\n2026-05-12,10:00:10,21\n", None, "C"),
+        ("Datum;Zeit;T1 [°C]\n12.05.2026;10:00:00;20,5\n12.05.2026;10:00:10;21\n", "%d.%m.%Y %H:%M:%S", ""),
+    ],
+)
+def test_date_and_time_of_day_in_two_columns_are_one_time(
+    tmp_path: Path, text: str, time_format: str | None, unit: str
+) -> None:
+    """Layout: HOBO's own option "Separate date and time into two columns" (HOBOware User's Guide)."""
+    foreign = read_log(table(tmp_path, text), "logger", zone=TOKYO, time_format=time_format, unit=unit)
+    found = [one for one in foreign.samples if isinstance(one, Reading)]
+    assert [one.time_ns // 10**9 for one in found] == [1_778_547_600, 1_778_547_610]  # 2026-05-12T01:00:00Z
+    assert [one.values for one in found] == [(293.65,), (294.15,)]
+
+
+def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
+    foreign = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
+    assert foreign.streams[0].rate_hz == 1 / 86_400
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("date,h,T1 [C]\n2026-05-12,10,3\n2026-05-12,11,3\n", "several rows have the date '2026-05-12'"),
         ("", "cannot be read|no table"),
         ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
         ("time,T1 [C],L [lx]\n2026-05-12T01:00:00Z,3,4\n", "units 'C', 'lx'"),
