@@ -4,7 +4,7 @@ SURFRAD's daily files are read by `fieldkit.weather`, BSRN's monthly station-to-
 pvlib, which the `lab` extra brings. Both say where the station stands.
 
 BSRN labels the *start* of each averaged minute (GCOS-174, "Update of the Technical Plan for BSRN
-Data Management", 2013); `Weather.time_ns` is its middle.
+Data Management", 2013), or of three where a station averaged longer; `Weather.time_ns` is its middle.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ import numpy as np
 
 from fieldkit.errors import ConfigError
 from fieldkit.site import Site, zone_by_longitude
-from fieldkit.weather import STATIONS, FloatArray, Weather, read_surfrad
+from fieldkit.weather import STATIONS, FloatArray, Weather, half_step_ns, read_surfrad
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _MOST_BYTES = 100_000_000  # a month of BSRN with every record is a tenth of it
-_HALF_MINUTE_NS = 30_000_000_000
 _SURFRAD_PLACE = re.compile(rb"[^\n]*\n\s*(-?[\d.]+)\s+(-?[\d.]+)\s+-?[\d.]+\s+m\s+version")
 _BSRN_START = re.compile(rb"\*[UC]0001")
 _NEAR_DEG = 0.1
@@ -126,8 +125,9 @@ def _weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
         return np.asarray(known, np.float64)
 
     labels = pd.DatetimeIndex(table.index).tz_localize(None).to_numpy().astype("datetime64[ns]")
+    starts_ns = labels.astype(np.int64)
     return Weather(
-        time_ns=labels.astype(np.int64) + _HALF_MINUTE_NS,
+        time_ns=starts_ns + half_step_ns(starts_ns),
         dni=column("dni"),
         dhi=column("dhi"),
         longwave_down_w_m2=column("lwd"),

@@ -7,9 +7,9 @@ of SURFRAD's own daily files, and the command that makes the table from such a f
 
 Not here: what a sky does to a surface (`fieldkit.scene`) and skies without a file.
 
-SURFRAD stamps the *end* of the averaged minute; `Weather.time_ns` is its *middle*, so that
-a straight line between two rows passes where the means belong. Missing minutes are missing
-rows in SURFRAD and stay so here.
+SURFRAD stamps the *end* of what is averaged, three minutes before 2009 and one since (SURFRAD
+README); `Weather.time_ns` is its *middle*, so that a straight line between two rows passes where
+the means belong. Missing minutes are missing rows in SURFRAD and stay so here.
 """
 
 from __future__ import annotations
@@ -61,13 +61,14 @@ _COLUMNS = {
     "longwave_up_w_m2": 7,
 }
 _CELSIUS_0_K = 273.15
+_HALF_MINUTE_NS = 30_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Weather:
     """Measured weather at one station; every array has shape (n,), NaN where not measured.
 
-    `time_ns` is the middle of each averaged minute, UTC nanoseconds since 1970. Direct
+    `time_ns` is the middle of each averaged minute (or three), UTC nanoseconds since 1970. Direct
     normal (`dni`), diffuse horizontal (`dhi`) and global horizontal (`ghi`) irradiance and
     the two long-wave fluxes are in W/m², pressure in Pa.
     """
@@ -137,9 +138,16 @@ def write_table(surfrad: Path, station: str, out: Path) -> None:
     out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
 
 
+def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
+    """Half of what each row is the mean of, by the median interval; half a minute where there is none."""
+    intervals = np.diff(np.unique(stamps_ns))
+    return int(np.median(intervals)) // 2 if intervals.size else _HALF_MINUTE_NS
+
+
 def _weather(ends: NDArray[np.datetime64], values: dict[str, FloatArray], site: Site, source: str) -> Weather:
+    ends_ns = ends.astype(np.int64)
     return Weather(
-        time_ns=ends.astype(np.int64) - 30_000_000_000,
+        time_ns=ends_ns - half_step_ns(ends_ns),
         dni=values["dni_w_m2"],
         dhi=values["dhi_w_m2"],
         longwave_down_w_m2=values["longwave_down_w_m2"],

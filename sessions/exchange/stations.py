@@ -10,7 +10,7 @@ from fieldkit.device import StreamInfo
 from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
 from fieldkit.station_files import read_station_file
-from fieldkit.weather import Weather
+from fieldkit.weather import Weather, half_step_ns
 
 _COLUMNS = {
     # our column: what the stream is called after the station's name, its quantity and unit
@@ -26,7 +26,7 @@ _COLUMNS = {
 
 
 def read_station(path: Path, name: str) -> Foreign:
-    """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of minutes.
+    """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of means.
 
     What was never measured is no stream. Raises `ConfigError`.
     """
@@ -38,7 +38,8 @@ def read_station(path: Path, name: str) -> Foreign:
         for stamp, *row in zip(weather.time_ns, *measured.values(), strict=True)
         for info, value in zip(streams, row, strict=True)
     ]
-    said = f"{weather.source}: {weather.time_ns.size} minutes, stamped in their middle"
+    minutes = half_step_ns(weather.time_ns) / 30e9
+    said = f"{weather.source}: {weather.time_ns.size} means of {minutes:g} min, stamped in their middle"
     return Foreign(streams, readings, ((Severity.INFO, said),), weather.site)
 
 

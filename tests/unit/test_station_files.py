@@ -40,6 +40,26 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
     assert np.isnan(month.wind_m_s).all()
 
 
+def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> None:
+    """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
+    pytest.importorskip("pvlib")
+    lines = foreign_files.surfrad().decode().splitlines()
+    rows = [
+        line.replace(f" 19 {n:2} 19.{n:03}", f" 19 {3 * n:2} 19.{5 * n:02}")
+        for n, line in enumerate(lines[2:])
+    ]
+    (tmp_path / "slv08001.dat").write_text("\n".join([*lines[:2], *rows]))
+    day = read_station_file(tmp_path / "slv08001.dat")
+    middles = np.array(
+        ["2016-01-01T18:58:30", "2016-01-01T19:01:30", "2016-01-01T19:04:30"], "datetime64[ns]"
+    )
+    assert np.array_equal(day.time_ns, middles.astype(np.int64))
+    minutes = [(day, 3 * minute, *values) for day, minute, *values in foreign_files.BSRN_MINUTES]
+    (tmp_path / "tat0624.dat").write_bytes(foreign_files.bsrn(minutes))
+    first = read_station_file(tmp_path / "tat0624.dat").time_ns[0]
+    assert np.datetime64(int(first), "ns") == np.datetime64("2024-06-01T00:01:30")
+
+
 def test_bsrn_long_wave_from_the_ground_is_read_where_it_is_there(tmp_path: Path) -> None:
     pytest.importorskip("pvlib")
     assert np.isnan(read_station_file(bsrn(tmp_path / "a.dat")).longwave_up_w_m2).all()
