@@ -7,7 +7,7 @@ finished session changes nothing.
 
 from __future__ import annotations
 
-import contextlib
+import errno
 import logging
 import os
 from collections.abc import Iterator, Sequence
@@ -133,8 +133,7 @@ def _rebuild(
             fresh.unlink()
             raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
         if keep_as is not None:
-            with contextlib.suppress(FileExistsError):  # left by a recovery that was killed
-                os.link(path, keep_as)
+            _keep(path, keep_as)
         os.replace(fresh, path)
     except OSError as error:
         raise StorageError(
@@ -142,6 +141,18 @@ def _rebuild(
             fix="make room beside it, then run recovery again; nothing is lost",
         ) from error
     return SealReport(path, report.counts, report.bytes, report.verified), salvage
+
+
+def _keep(path: Path, keep_as: Path) -> None:
+    """Give the crashed file its second name; where a file can have only one, that name."""
+    if keep_as.exists():  # left by a recovery that was killed
+        return
+    try:
+        os.link(path, keep_as)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        os.rename(path, keep_as)  # `recover` takes it back if the new file does not get its place
 
 
 def _made(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:

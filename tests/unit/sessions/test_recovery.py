@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import h5py
 import pytest
 
+from fieldkit.errors import StorageError
 from fieldkit.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage_file
 from fieldkit.sessions.layout import journal_path
@@ -158,6 +161,43 @@ def test_marks_that_nobody_took_become_events_within_the_session(tmp_path: Path)
         marks = {event.text: event for event in session.events() if event.kind is EventKind.MARK}
         assert marks["cloud"].time_ns // 1000 == early // 1000
         assert marks["rain"].time_ns == appended[-1].time_ns == marks["rain"].mono_ns + session.anchor_ns
+
+
+def no_links(*_: object) -> None:
+    """What FAT and exFAT say to a second name for a file."""
+    raise PermissionError(errno.EPERM, "Operation not permitted")
+
+
+def test_session_on_a_card_that_knows_no_links_is_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where recovery ends between the two steps that take the place of one."""
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    crashed = path.read_bytes()
+    monkeypatch.setattr(os, "link", no_links)
+    with monkeypatch.context() as killed:
+        killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            recover(path)
+    assert not path.exists()
+    report = recover(path)
+    assert (report.counts["camera"], report.lost_samples, report.was_complete) == (20, 0, False)
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["a.h5", "a.h5.crashed"]
+    assert (tmp_path / "a.h5.crashed").read_bytes() == crashed
+    with open_session(path) as session:
+        assert session.state == "recovered"
+
+
+def test_full_disk_leaves_the_crashed_file_where_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    monkeypatch.setattr(os, "link", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+    with pytest.raises(StorageError, match="No space left"):
+        recover(path)
+    assert path.exists()
 
 
 def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
