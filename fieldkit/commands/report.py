@@ -119,7 +119,8 @@ def report_session(
 
     out = out or default_path(path)
     with open_session(path) as session:
-        estimator = estimator_for(session, config_for(session, settings, present=present), present=present)
+        config = config_for(session, settings, present=present)
+        estimator = estimator_for(session, config, present=present)
         minutes = list(minutes_of(session, estimator))
         with _writing(out):
             write_report(
@@ -133,6 +134,7 @@ def report_session(
                 frame=middle_frame(session),
                 full_minutes=with_full_model(minutes, estimator),
                 command_line=shlex.join(["fieldkit", *sys.argv[1:]]),
+                config_toml=config.to_toml(),
             )
     return out
 

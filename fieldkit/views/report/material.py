@@ -23,7 +23,7 @@ LAB_HINT = "Figures need matplotlib: pip install 'fieldkit[lab]', then write the
 class Material:
     """A session, its minutes as columns, the settings they were estimated with, and its events.
 
-    `site` and `regions` are the estimator's: an imported session has none of its own. `full`
+    `site`, `regions` and `config_toml` are the estimator's: an imported session has none of its own. `full`
     are the same minutes estimated with the full surface model, None if that was not done.
     """
 
@@ -37,6 +37,7 @@ class Material:
     frame: Frame | None
     full: Series | None
     command_line: str
+    config_toml: str
     figures: bool
 
     def events_of(self, *kinds: EventKind) -> list[Event]:

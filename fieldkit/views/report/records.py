@@ -185,9 +185,9 @@ def provenance(material: Material) -> Html:
     said = ((name, getattr(session.header, name)) for name in ("operator", "license", "references"))
     rows += [(name, value) for name, value in said if value]
     config = element(
-        "details", element("summary", "Configuration in force"), element("pre", session.config_toml)
+        "details", element("summary", "Configuration in force"), element("pre", material.config_toml)
     )
-    return section("Provenance", table(("", ""), rows), config if session.config_toml else "")
+    return section("Provenance", table(("", ""), rows), config if material.config_toml else "")
 
 
 def sha256(path: Path) -> str:

@@ -34,6 +34,7 @@ def write_report(
     frame: Frame | None = None,
     full_minutes: Sequence[Minute] | None = None,
     command_line: str = "",
+    config_toml: str | None = None,
 ) -> None:
     """Write the report of a session as one HTML file that holds all it needs.
 
@@ -56,6 +57,8 @@ def write_report(
         costs.
     command_line
         What was typed, for the provenance.
+    config_toml
+        The configuration used, where it is not the session's own.
 
     Raises
     ------
@@ -74,6 +77,7 @@ def write_report(
         frame=frame,
         full=None if full_minutes is None else series(full_minutes, regions),
         command_line=command_line,
+        config_toml=session.config_toml if config_toml is None else config_toml,
         figures=canvas.available(),
     )
     path.write_text(_page(material), encoding="utf-8")

@@ -57,6 +57,13 @@ def test_report_with_other_settings_than_recorded(session, tmp_path):
     assert "estimated with the full model, which has them" in out.read_text(encoding="utf-8")
 
 
+def test_report_shows_the_configuration_it_was_made_with(session, tmp_path):
+    out = tmp_path / "white.html"
+    assert fieldkit("report", session, "-o", out, "--set", "surface.albedo=0.35").exit_code == 0
+    shown = out.read_text(encoding="utf-8").split("Configuration in force")[1]
+    assert "\nalbedo = 0.35\n" in shown.split("[surface]")[1].split("[")[0]
+
+
 def test_report_of_no_session_named_is_of_the_newest(campaign, session):
     found = fieldkit("report", "-C", campaign)
     assert found.stdout.strip() == str(campaign / "reports" / f"{session.stem}.html")
