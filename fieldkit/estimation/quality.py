@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from fieldkit.estimation.bounds import tangents
-from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.facet import FloatArray, normal
 
 ALARM_PROBABILITY = 0.01
 """Chance that chi-square calls a good window a bad one."""
@@ -43,10 +42,10 @@ def chi_square_limit(freedom: int) -> float:
     return float(chdtri(freedom, ALARM_PROBABILITY)) / freedom
 
 
-def kelvin_per_degree(normal: FloatArray, lamp: FloatArray, y_per_kelvin: float) -> float:
-    """Change of surface temperature per degree of tilt at a normal (3,) under a lamp (3,), K per degree."""
-    along, _ = tangents(normal)
-    return float(np.radians(1.0) * (along @ lamp) / y_per_kelvin)
+def kelvin_per_degree(tilt_deg: float, azimuth_deg: float, lamp: FloatArray, y_per_kelvin: float) -> float:
+    """Change of surface temperature per degree of tilt at a slope under a lamp (3,), K per degree."""
+    steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
+    return float(np.radians(1.0) * (steeper @ lamp) / y_per_kelvin)
 
 
 def sunlit(y: FloatArray, sigma: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

@@ -77,15 +77,8 @@ class Window:
         self.rows: Rows | None = None
         if last and field.references.size and field.targets.size:
             offsets = np.array([settings.offsets_k.get(field.regions[c].name, 0.0) for c in field.targets])
-            self.rows = rows(
-                self.past,
-                self.first,
-                field.references,
-                field.targets,
-                field.reference_normals,
-                offsets,
-                settings,
-            )
+            beds = field.references, field.targets, field.reference_normals
+            self.rows = rows(self.past, self.first, *beds, offsets, settings)
 
     def estimate(self, index: int) -> SlopeEstimate:
         """Slope of the target `index`."""
@@ -114,7 +107,7 @@ class Window:
             later = self.shorter.estimate(index)
             if later.state not in (SlopeState.TOO_FEW, SlopeState.NO_DATA):
                 return later
-        return _filled(blank, answer, self.rows, index)
+        return _filled(blank, answer, self.rows, index, self._known_azimuth(column))
 
     @cached_property
     def shorter(self) -> Window | None:
@@ -184,8 +177,12 @@ class Window:
 
     def _fewest(self, column: np.int64) -> int:
         """One minute more than there are angles to find, so that minutes can disagree."""
-        is_known = self.settings.azimuth == "known" and math.isfinite(self.field.regions[column].azimuth_deg)
-        return 2 if is_known else 3
+        return 3 if math.isnan(self._known_azimuth(column)) else 2
+
+    def _known_azimuth(self, column: np.int64) -> float:
+        """Azimuth of a region that need not be found, in degrees [0, 360); NaN where it must."""
+        is_known = self.settings.azimuth == "known"
+        return self.field.regions[column].azimuth_deg % 360.0 if is_known else math.nan
 
 
 def _drifting(answer: SlopeEstimate, kelvin: float) -> SlopeEstimate:
@@ -209,8 +206,14 @@ def _label(settings: EstimatorSettings) -> str:
     return f"{settings.model}, {settings.method}{known}"
 
 
-def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int) -> SlopeEstimate:
-    """The estimate with the solution's numbers in it."""
+def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
+    """Tilt and azimuth of a normal, degrees; a known azimuth holds for a vertical normal too."""
+    tilt, azimuth = (float(angle) for angle in tilt_azimuth(found))
+    return tilt, azimuth if math.isnan(known_azimuth) else known_azimuth
+
+
+def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int, known: float) -> SlopeEstimate:
+    """The estimate with the solution's numbers in it; `known` is the azimuth not searched, or NaN."""
     filled = replace(
         blank,
         state=answer.state,
@@ -221,12 +224,12 @@ def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int) -> S
     )
     if answer.best is None:
         return filled
-    tilt, azimuth = (float(angle) for angle in tilt_azimuth(answer.best))
+    tilt, azimuth = _angles(answer.best, known)
     seen = np.flatnonzero(np.isfinite(rows.per_kelvin[:, index]))  # the last minute may have no picture
     last = seen[-1] if seen.size else -1
     lamp, per_kelvin = rows.lamps[last], float(rows.per_kelvin[last, index])
     if answer.second is not None:
-        second_tilt, second_azimuth = (float(angle) for angle in tilt_azimuth(answer.second))
+        second_tilt, second_azimuth = _angles(answer.second, known)
         filled = replace(filled, second_tilt_deg=second_tilt, second_azimuth_deg=second_azimuth)
     whole, noise = answer.whole, answer.noise
     return replace(
@@ -237,7 +240,7 @@ def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int) -> S
         tilt_high_deg=whole.tilt_high_deg,
         azimuth_low_deg=whole.azimuth_low_deg,
         azimuth_high_deg=whole.azimuth_high_deg,
-        kelvin_per_degree=quality.kelvin_per_degree(answer.best, lamp, per_kelvin),
+        kelvin_per_degree=quality.kelvin_per_degree(tilt, azimuth, lamp, per_kelvin),
         noise_tilt_low_deg=noise.tilt_low_deg,
         noise_tilt_high_deg=noise.tilt_high_deg,
         noise_azimuth_low_deg=noise.azimuth_low_deg,

@@ -101,6 +101,24 @@ def test_known_azimuth_needs_few_minutes(yard):
         assert by_name(minute)[bed.name].azimuth_deg == pytest.approx(bed.azimuth_deg)
 
 
+@pytest.mark.parametrize("azimuth", [100.0, 280.0, -80.0])
+def test_a_known_azimuth_holds_for_a_bed_found_flat(yard, azimuth):
+    """In the morning tilt to the east warms and tilt to the west cools."""
+    flat = replace(yard, beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=0.0, azimuth_deg=azimuth)))
+    samples = flat.samples(8)
+    # a little too cold for a flat bed turned towards the sun, too warm for one turned away
+    offset_k = 0.3 if azimuth == 100.0 else -0.3
+    settings = EstimatorSettings(azimuth="known", offsets_k={"b08": offset_k})
+    found = run(flat, samples, settings)[-1].estimates[0]
+    assert found.tilt_deg == 0.0
+    assert found.azimuth_deg == found.azimuth_low_deg == found.azimuth_high_deg == azimuth % 360.0
+    assert (found.kelvin_per_degree > 0.0) == (azimuth == 100.0)
+    slightly = replace(flat, beds=(flat.beds[0], replace(flat.beds[1], tilt_deg=1.0)))
+    warmer = run(slightly, slightly.samples(8), EstimatorSettings(azimuth="known"))[-1]
+    kelvin = warmer.temperature_k["b08"] - warmer.temperature_k["flat"]
+    assert found.kelvin_per_degree == pytest.approx(kelvin, abs=0.05)
+
+
 def test_too_few_minutes_is_said(yard):
     states = [m.estimates[0].state for m in run(yard, yard.samples(6))]
     assert states[:4] == [SlopeState.TOO_FEW] * 4
