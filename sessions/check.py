@@ -81,7 +81,7 @@ def _streams(session: Session) -> Iterator[Finding]:
 
 def _events(session: Session) -> Iterator[Finding]:
     """What was noticed while recording, one line for each kind of event and stream."""
-    events = [event for event in session.events() if event.kind not in _QUIET]
+    events = [event for event in session.events(recorded=True) if event.kind not in _QUIET]
     counts = Counter((event.kind, event.stream) for event in events)
     for (kind, stream), count in counts.items():
         these = [event for event in events if (event.kind, event.stream) == (kind, stream)]

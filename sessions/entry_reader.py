@@ -1,6 +1,8 @@
-"""The tables of a session: all that is no sample, as it was recorded.
+"""The tables of a session: all that is no sample.
 
-A table is as long as the shortest of its columns; in a file that lost its end, as long as its bytes go.
+Times are as they were recorded; those of events and health follow the time map in force, unless they
+are asked for as `recorded`. A table is as long as the shortest of its columns; in a file that lost its
+end, as long as its bytes go.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from fieldkit.sessions.layout import (
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.stream_reader import column_dataset, stored_here, whole_rows
-from fieldkit.sessions.time_map import TimeStep
+from fieldkit.sessions.time_map import TimeStep, mapped_event, mapped_health
 from fieldkit.slope import SlopeEstimate
 
 
@@ -50,15 +52,18 @@ class EntryReader:
             for column in columns:
                 self.group(name)[column.name].refresh()
 
-    def events(self) -> list[Event]:
+    def events(self, *, recorded: bool = False) -> list[Event]:
         """What happened, in the order it was noticed."""
         table = self.table("events")
-        return tables.events_from(table, self._exact(table))
+        steps = [] if recorded else self.time_map()
+        return [mapped_event(steps, event) for event in tables.events_from(table, self._exact(table))]
 
-    def health(self) -> list[Health]:
+    def health(self, *, recorded: bool = False) -> list[Health]:
         """How the recording was doing, second by second."""
         table = self.table("health")
-        return tables.health_from(table, self._exact(table), tuple(info.name for info in self.header.streams))
+        steps = [] if recorded else self.time_map()
+        streams = tuple(info.name for info in self.header.streams)
+        return [mapped_health(steps, one) for one in tables.health_from(table, self._exact(table), streams)]
 
     def clock_checks(self) -> list[ClockCheck]:
         """Comparisons of the clocks, none of them applied."""
@@ -116,9 +121,9 @@ class EntryReader:
         ]  # fmt: skip
 
     def entries(self) -> list[Entry]:
-        """Everything that is no sample: regions, events, clock comparisons, health, minutes."""
-        kinds = (self.region_history, self.events, self.clock_checks, self.health, self.minutes)
-        return [entry for kind in kinds for entry in kind()]
+        """Everything that is no sample, as recorded: regions, events, clock comparisons, health, minutes."""
+        told, health = self.events(recorded=True), self.health(recorded=True)
+        return [*self.region_history(), *told, *self.clock_checks(), *health, *self.minutes()]
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""

@@ -1,8 +1,8 @@
 """Opening a session: sealed, recovered, interrupted, or while it is being recorded.
 
 Nothing is changed and nothing is read before it is asked for; samples come a brick at a
-time. Times are as they were recorded; `clock_checks` and `time_map` tell what is known
-about them since.
+time. Times are as they were recorded, or as the time map in force corrects them; estimates
+stay as they were computed.
 """
 
 from __future__ import annotations
@@ -115,14 +115,13 @@ class Session(EntryReader):
         """One stream, for reading columns or single frames; raises `SessionError` if there is none."""
         return self._reader(name)
 
-    def samples(self, *streams: str) -> Iterator[Sample]:
+    def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
         """The samples of the streams named (all if none is), by monotonic time, a brick at a time.
 
-        Their `time_ns` is as recorded, or as the time map in force corrects it.
+        Their `time_ns` is as the time map in force corrects it, if there is one and not as `recorded`.
         """
         names = streams or tuple(self.streams)
-        steps = self.time_map()
-        if steps:
+        if not recorded and (steps := self.time_map()):
             return (mapped(steps, sample) for sample in self._recorded(names))
         return self._recorded(names)
 
@@ -133,16 +132,19 @@ class Session(EntryReader):
 
     @property
     def start_ns(self) -> int:
-        """UTC of the first sample; 0 where there is none."""
-        return min(
-            (int(reader.time_ns(0, 1)[0]) for reader in self._readers.values() if len(reader)), default=0
-        )
+        """UTC of the first sample, corrected by the time map in force; 0 where there is none."""
+        return min((int(self._span_ns(reader, 0, 1)[0]) for reader in self._filled()), default=0)
 
     @property
     def end_ns(self) -> int:
-        """UTC of the last sample; 0 where there is none."""
-        readers = [reader for reader in self._readers.values() if len(reader)]
-        return max((int(reader.time_ns(len(reader) - 1)[0]) for reader in readers), default=0)
+        """UTC of the last sample, corrected by the time map in force; 0 where there is none."""
+        return max((int(self._span_ns(reader, len(reader) - 1)[0]) for reader in self._filled()), default=0)
+
+    def _filled(self) -> list[StreamReader]:
+        return [reader for reader in self._readers.values() if len(reader)]
+
+    def _span_ns(self, reader: StreamReader, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
+        return mapped_ns(self.time_map(), reader.column("mono_ns", start, stop), reader.time_ns(start, stop))
 
     def _reader(self, name: str) -> StreamReader:
         if name not in self._readers:
@@ -155,8 +157,7 @@ class Session(EntryReader):
 
     def times_ns(self, stream: str) -> NDArray[np.int64]:
         """UTC of a stream's samples, corrected by the time map in force."""
-        reader = self._reader(stream)
-        return mapped_ns(self.time_map(), reader.column("mono_ns"), reader.time_ns())
+        return self._span_ns(self._reader(stream))
 
     def raw(self, camera: str) -> h5py.Dataset:
         """The counts of a camera, (n, rows, cols) uint16, read where they are sliced."""

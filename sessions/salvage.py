@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -190,9 +191,9 @@ def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
     entries: list[Entry] = []
     for read in (
         session.region_history,
-        session.events,
+        partial(session.events, recorded=True),
         session.clock_checks,
-        session.health,
+        partial(session.health, recorded=True),
         session.minutes,
     ):
         try:

@@ -7,12 +7,14 @@ of several versions in a file the newest holds.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.samples import Sample
+from fieldkit.samples import Event, Health, Sample
+
+_FOREVER_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +26,38 @@ class TimeStep:
     reason: str
 
 
+def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:
+    """What a map adds at a monotonic time."""
+    return next((step.add_ns for step in reversed(steps) if step.mono_ns <= mono_ns), 0)
+
+
 def mapped(steps: Sequence[TimeStep], sample: Sample) -> Sample:
     """The sample with its time corrected by a map."""
-    add = [step.add_ns for step in steps if step.mono_ns <= sample.mono_ns]
-    return sample._replace(time_ns=sample.time_ns + add[-1]) if add else sample
+    return sample._replace(time_ns=sample.time_ns + added_ns(steps, sample.mono_ns))
+
+
+def mapped_event(steps: Sequence[TimeStep], event: Event) -> Event:
+    """The event with its time corrected by a map, and the end of a mark that lasted."""
+    data = event.data
+    if isinstance(end_ns := data.get("end_ns"), int):
+        ended = event.mono_ns + end_ns - event.time_ns
+        data = {**data, "end_ns": end_ns + added_ns(steps, ended)}
+    return replace(event, time_ns=event.time_ns + added_ns(steps, event.mono_ns), data=data)
+
+
+def mapped_health(steps: Sequence[TimeStep], health: Health) -> Health:
+    """The health with its time corrected by a map."""
+    return replace(health, time_ns=health.time_ns + added_ns(steps, health.mono_ns))
+
+
+def recorded_mono_ns(steps: Sequence[TimeStep], time_ns: int, anchor_ns: int) -> int:
+    """The monotonic time of a corrected one, by the anchor; while the computer slept it stood."""
+    before_ns = _FOREVER_NS
+    for step in reversed(steps):
+        if (mono_ns := time_ns - anchor_ns - step.add_ns) >= step.mono_ns:
+            return min(mono_ns, before_ns)
+        before_ns = step.mono_ns
+    return min(time_ns - anchor_ns, before_ns)
 
 
 def mapped_ns(

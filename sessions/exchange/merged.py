@@ -9,10 +9,12 @@ from pathlib import Path
 
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Event, EventKind, Sample, Severity
+from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.exchange.imported import Foreign, StampedClock
 from fieldkit.sessions.reader import Session
 from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
+from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
 from fieldkit.sessions.writer import SessionWriter
 
 
@@ -61,7 +63,9 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
             fix="check --zone and --offset of the logger",
         )
     header = replace(session.header, streams=(*session.header.streams, *foreign.streams))
-    clock = StampedClock(session.start_ns - session.anchor_ns, session.anchor_ns)
+    steps = session.time_map()
+    began = recorded_mono_ns(steps, session.start_ns, session.anchor_ns)
+    clock = StampedClock(began, session.anchor_ns)
     writer = SessionWriter(path, header, clock)
     try:
         drawn = {(region.name, region.vertices) for region in header.regions}  # the writer has put these
@@ -71,16 +75,25 @@ def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealRe
         for severity, text in ((Severity.INFO, f"stream added from {source}"), *foreign.remarks):
             now = clock.mono_ns()
             writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
-        for sample in _by_time(session, foreign.samples):
+        for sample in _by_time(session, foreign.samples, steps):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
     except BaseException:
         writer.discard()
         raise
-    return writer.close()
+    report = writer.close()
+    if steps:
+        apply_time_map(path, steps)
+    return report
 
 
-def _by_time(session: Session, added: Iterable[Sample]) -> Iterator[Sample]:
-    """All samples by the session's monotonic clock, which the added ones are given."""
-    anchored = (sample._replace(mono_ns=sample.time_ns - session.anchor_ns) for sample in added)
-    return heapq.merge(session.samples(), anchored, key=lambda sample: sample.mono_ns)
+def _by_time(session: Session, added: Iterable[Sample], steps: list[TimeStep]) -> Iterator[Sample]:
+    """All samples as recorded by the session's clocks, to which the added ones are moved."""
+    moved = (_moved(sample, steps, session.anchor_ns) for sample in added)
+    return heapq.merge(session.samples(recorded=True), moved, key=lambda sample: sample.mono_ns)
+
+
+def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
+    """A sample whose time the session's time map will make what it was."""
+    mono_ns = recorded_mono_ns(steps, sample.time_ns, anchor_ns)
+    return sample._replace(mono_ns=mono_ns, time_ns=sample.time_ns - added_ns(steps, mono_ns))

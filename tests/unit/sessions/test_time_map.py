@@ -1,0 +1,86 @@
+"""A time map corrects everything that is read, and nothing that was written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fieldkit.samples import Event, EventKind, Frame, Health
+from fieldkit.sessions.check import check
+from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions.exchange.imported import Foreign
+from fieldkit.sessions.exchange.merged import merge
+from fieldkit.sessions.layout import SEALED
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import rebuild
+from fieldkit.sessions.time_map import TimeStep
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, header, sample
+
+S = 1_000_000_000
+HEADER = header((24, 32))
+CAMERA, LUX, _ = HEADER.streams
+STEPS = [TimeStep(0, 3600 * S, "stepped"), TimeStep(3 * S, 4260 * S, "slept 660 s")]
+"""The clock was an hour late, and after the third second the computer slept for eleven minutes."""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Five pictures a second apart, with a mark from second 2 to second 4 and the health of second 4."""
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    for n in range(5):
+        writer.append(sample(CAMERA, n, n * S, clock.to_utc_ns(n * S)))
+    until = {"end_ns": clock.to_utc_ns(4 * S)}
+    writer.event(Event(EventKind.MARK, 2 * S, clock.to_utc_ns(2 * S), "cloud", data=until))
+    writer.health(Health(4 * S, clock.to_utc_ns(4 * S), (), 0, 0, 0.0, 0.0, 0.0))
+    writer.close()
+    apply_time_map(tmp_path / "a.h5", STEPS)
+    return tmp_path / "a.h5"
+
+
+def test_same_instant_has_the_same_time_wherever_it_is_read(path: Path) -> None:
+    with open_session(path) as session:
+        times_ns = [frame.time_ns for frame in session.samples("camera")]
+        (mark,), (health,) = session.events(), session.health()
+        assert (mark.time_ns, mark.data["end_ns"]) == (times_ns[2], times_ns[4])
+        assert health.time_ns == times_ns[4]
+        assert (session.start_ns, session.end_ns) == (times_ns[0], times_ns[4])
+        assert session.end_ns - session.start_ns == 664 * S  # four seconds awake, eleven minutes asleep
+
+
+def test_recovery_and_checks_see_what_was_recorded(path: Path) -> None:
+    utc_ns = CountedClock().to_utc_ns
+    with open_session(path) as session:
+        (mark,), (health,) = session.events(recorded=True), session.health(recorded=True)
+        assert (mark.time_ns, mark.data["end_ns"], health.time_ns) == tuple(utc_ns(n * S) for n in (2, 4, 4))
+        assert [frame.time_ns for frame in session.samples(recorded=True)] == [
+            utc_ns(n * S) for n in range(5)
+        ]
+    assert not [one for one in check(path) if one.level == "fail"]
+
+
+def test_recovered_file_keeps_recorded_times(path: Path) -> None:
+    rebuild(path, SEALED)
+    with open_session(path) as session:
+        (mark,) = session.events(recorded=True)
+        assert mark.time_ns == CountedClock().to_utc_ns(2 * S)
+
+
+def test_log_beside_a_corrected_session_keeps_its_own_times(path: Path, tmp_path: Path) -> None:
+    with open_session(path) as session:
+        pictures_ns = [frame.time_ns for frame in session.samples("camera")]
+        logged_ns = [*pictures_ns, pictures_ns[2] + 300 * S]  # the last while the computer slept
+        log = replace(LUX, name="logger")
+        readings = [sample(log, n, time_ns, time_ns) for n, time_ns in enumerate(sorted(logged_ns))]
+        merge(session, Foreign((log,), readings), tmp_path / "b.h5", "log.csv")
+    with open_session(tmp_path / "b.h5") as session:
+        read_us = [one.time_ns // 1000 for one in session.samples("logger")]  # as they are stored
+        assert read_us == [time_ns // 1000 for time_ns in sorted(logged_ns)]
+        assert [one.time_ns for one in session.samples("camera")] == pictures_ns
+        assert session.events()[0].time_ns == pictures_ns[2]
+        assert session.time_map() == STEPS
+        beside = [one.stream for one in session.samples() if isinstance(one, Frame) or one.seq < 3]
+        assert beside == ["camera", "logger"] * 3 + ["camera"] * 2
