@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.sessions.layout import Column, encode_text
 
@@ -65,6 +66,13 @@ def put_columns(group: h5py.Group, columns: Iterable[Column], time_name: str = "
             dataset.make_scale(time_name)
         else:
             attach(group, dataset, time_name, *column.dims)
+
+
+def put_rows(group: h5py.Group, rows: Mapping[str, NDArray[Any]]) -> None:
+    """Fill the empty columns of a table."""
+    for name, values in rows.items():
+        group[name].resize((len(values),))
+        group[name][:] = values
 
 
 def put_bricks(

@@ -19,6 +19,8 @@ from fieldkit.errors import IntegrityError, RefusedError, SessionError, StorageE
 from fieldkit.samples import Event, EventKind, Severity
 from fieldkit.sessions.brick_thread import COMPRESSORS
 from fieldkit.sessions.bricks import PackedBrick
+from fieldkit.sessions.datasets import put_rows
+from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import open_session
@@ -62,9 +64,23 @@ def recover(path: str | Path, notes: Sequence[Event] = ()) -> RecoveryReport:
 
     `notes` are marks that the recorder had no time to take: they become events of the session.
     Raises `RefusedError` while it is still being recorded, `SessionError` where nothing can
-    be read of it, `StorageError` where the disk has no room for the new file.
+    be read of it, `StorageError` where the disk has no room for the new file or takes none.
     """
     path = Path(path)
+    complete = _complete(path)
+    if complete is not None and not journal_path(path).exists():
+        return complete  # also where nothing can be written
+    try:
+        return _locked(path, notes)
+    except OSError as error:
+        raise StorageError(
+            f"the session {path} could not be recovered: {error.strerror or error}",
+            fix="copy it, with its .journal folder, to where it can be written, then run recovery again",
+        ) from error
+
+
+def _locked(path: Path, notes: Sequence[Event]) -> RecoveryReport:
+    """Recover the session, or only remove what is left of its journal, unless it is in use."""
     folder = journal_path(path)
     if not path.exists() and crashed_path(path).exists():
         crashed_path(path).rename(path)
@@ -192,6 +208,9 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
             file.finish(end_ns)
         finally:
             file.close()
+    if time_map := salvage.time_map():
+        with GuardedFile(fresh) as opened:
+            put_rows(opened["time_map"], time_map)
 
 
 def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) -> Iterator[Event]:

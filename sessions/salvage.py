@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,11 @@ from fieldkit.samples import Event, Health, Sample
 from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
-from fieldkit.sessions.layout import brick_shape, entry_columns, journal_path
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, brick_shape, entry_columns, journal_path
 from fieldkit.sessions.reader import Session, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
+from fieldkit.sessions.stream_reader import column_dataset, whole_rows
 from fieldkit.sessions.tally import Tally
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
@@ -168,6 +170,26 @@ class Salvage:
             yield from ours if len(ours) >= len(theirs) else theirs
         if self._session is not None and self._journal is None:
             self._file_damage.extend(_lost_rows(self._session))
+
+    def time_map(self) -> dict[str, NDArray[Any]]:
+        """The corrections of the clock written since, which only the file has; empty without any."""
+        if self._session is None:
+            return {}
+        try:
+            return _time_map(self._session)
+        except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
+            self._file_damage.append(f"time_map: {error}")
+            return {}
+
+
+def _time_map(session: Session) -> dict[str, NDArray[Any]]:
+    """The columns of the corrections; a part of them would be a wrong map: raises `SessionError`."""
+    group, end = session.group("time_map"), session.path.stat().st_size
+    columns = [(column, column_dataset(group, column)) for column in TIME_MAP_COLUMNS]
+    length = max(dataset.shape[0] for _, dataset in columns)
+    if any(len(whole_rows(dataset, column.row_bytes, end)) < length for column, dataset in columns):
+        raise SessionError(f"the {length} corrections of the clock are lost: apply them again")
+    return {column.name: dataset[:] for column, dataset in columns} if length else {}
 
 
 def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:

@@ -14,10 +14,12 @@ import pytest
 from fieldkit.errors import StorageError
 from fieldkit.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage_file
+from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
+from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 
@@ -198,6 +200,60 @@ def test_full_disk_leaves_the_crashed_file_where_it_is(
     with pytest.raises(StorageError, match="No space left"):
         recover(path)
     assert path.exists()
+
+
+def test_time_map_outlives_recovery(tmp_path: Path) -> None:
+    """All its versions: the process was killed while it wrote a third."""
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=True)
+    for add_ns in (3600 * 10**9, 1800 * 10**9):
+        apply_time_map(path, [TimeStep(0, add_ns, "gps"), TimeStep(50_000_000, add_ns + 1, "slept – 二")])
+    with open_session(path) as session, h5py.File(path) as file:
+        in_force = session.time_map()
+        versions = {name: column[:].tolist() for name, column in file["time_map"].items()}
+    assert versions["version"] == [1, 1, 2, 2]
+    data = bytearray(path.read_bytes())
+    data[11] = 1  # as if its writer had been killed
+    path.write_bytes(data)
+    assert not recover(path).was_complete
+    with open_session(path) as session, h5py.File(path) as file:
+        assert session.time_map() == in_force == [
+            TimeStep(0, 1800 * 10**9, "gps"), TimeStep(50_000_000, 1800 * 10**9 + 1, "slept – 二"),
+        ]  # fmt: skip
+        assert {name: column[:].tolist() for name, column in file["time_map"].items()} == versions
+
+
+@pytest.mark.parametrize("what", ["the index", "corrections of the clock"])
+def test_time_map_that_was_lost_with_the_end_of_the_file_is_told(
+    sealed: Path, tmp_path: Path, what: str
+) -> None:
+    path = tmp_path / "a.h5"
+    shutil.copy(sealed, path)
+    apply_time_map(path, [TimeStep(0, 10**9, "gps")])
+    ends = {"the index": sealed.stat().st_size, "corrections of the clock": path.stat().st_size - 8192}
+    path.write_bytes(path.read_bytes()[: ends[what]])
+    assert any(line.startswith("time_map: ") and what in line for line in recover(path).damage)
+    with open_session(path) as session:
+        assert session.time_map() == []
+
+
+def test_recovery_of_a_finished_session_writes_nothing(
+    sealed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.h5"
+    shutil.copy(sealed, path)
+    read_only = OSError(errno.EROFS, "Read-only file system")
+    monkeypatch.setattr(Path, "mkdir", lambda *_, **__: (_ for _ in ()).throw(read_only))
+    assert recover(path).was_complete
+    assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_recovery_where_nothing_can_be_written_is_a_storage_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    (journal_path(path) / "recovery.lock").mkdir()
+    with pytest.raises(StorageError, match="could not be recovered: Is a directory"):
+        recover(path)
 
 
 def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
