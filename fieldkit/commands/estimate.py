@@ -63,6 +63,8 @@ def command(
     says what made it: code, parameters, checksums of the sessions, command line.
     """
     if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
+        if out is not None:
+            raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
         _estimate_table(sessions[0], site, reference, settings)
         return
     _estimate_sessions(resolved(ctx, sessions), out, (kind, address, jobs), settings, present=present)

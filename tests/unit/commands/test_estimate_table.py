@@ -87,3 +87,11 @@ def test_lines_are_counted_as_an_editor_does(tmp_path, cell, said):
     done = estimated(path)
     assert done.exit_code == 3
     assert f"line 7: {said}" in done.stderr
+
+
+def test_the_slopes_of_a_table_are_not_promised_in_a_file(tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]))
+    done = estimated(path, "-o", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "--json > FILE" in done.stderr
