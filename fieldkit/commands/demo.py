@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -51,7 +52,7 @@ PACE = 360
 def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
     """Run the experiment on simulated devices under one measured day of weather."""
     began = time.monotonic()
-    config = _campaign(out, fast, fault)
+    config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
     _introduce(config, fault)
     with instruments(config, duration_s=SCENE_S) as tools:
         path = _unused(session_path(config, "demo", tools.clock.to_utc_ns(tools.clock.mono_ns())))
@@ -119,7 +120,8 @@ def _conclude(
         f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (paper model; the report says why)"
     )
     click.echo(f"session  {path}\nreport   {report}")
-    common.say(f"next: fieldkit show {path}  |  fieldkit replay {path}  |  fieldkit init my-campaign")
+    named = shlex.quote(str(path))
+    common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")
 
 
 def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:

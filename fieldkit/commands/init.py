@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,9 @@ from typing import Any
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, say
-from fieldkit.commands.types import SITE
+from fieldkit.commands.types import SITE, with_zone
 from fieldkit.errors import RefusedError, StorageError
-from fieldkit.site import Site
+from fieldkit.site import Site, zone_by_longitude
 
 FOLDERS = ("calibration", "recordings", "results", "reports")
 GITIGNORE = (
@@ -22,7 +23,7 @@ GITIGNORE = (
 @click.command(cls=Verb)
 @click.argument("folder", type=click.Path(path_type=Path), default=".", metavar="[DIR]")
 @click.option("--site", type=SITE, help="Where the beds stand [default: the paper's site, to be changed].")
-@click.option("--timezone", metavar="NAME", help="The site's time zone, such as Asia/Tokyo.")
+@click.option("--timezone", metavar="NAME", help="Its time zone, such as Asia/Tokyo [default: by longitude].")
 @click.option("--simulated", is_flag=True, help="A campaign that records on simulated devices.")
 @click.option("--schema", is_flag=True, help="Print the JSON schema of fieldkit.toml for editors, and stop.")
 @click.pass_context
@@ -38,6 +39,7 @@ def command(
 
     if simulated and (site or timezone):
         raise click.UsageError("--simulated brings its own site: leave --site and --timezone away")
+    folder = (options(ctx).directory or Path()) / folder
     given = SIMULATED if simulated else {"site": _site_table(site, timezone) or PAPER_SITE}
     text = campaign_toml(given)
     if mistakes := mistakes_in(text, folder / FILE_NAME):
@@ -46,9 +48,24 @@ def command(
     if options(ctx).json:
         print_json({"campaign": str(folder), "config": str(folder / FILE_NAME)})
     say(f"new campaign in {folder}; its configuration is {folder / FILE_NAME}")
-    if not simulated and site is None:
+    if not simulated:
+        _tell_site(site, timezone)
+    then = "fieldkit record --for 10m" if simulated else "fieldkit devices, then fieldkit roi add"
+    say(f"next: {_going_into(folder)}{then}")
+
+
+def _tell_site(site: Site | None, timezone: str | None) -> None:
+    """What of the site nobody said."""
+    if site is None:
         say("  the site is the paper's: put yours under [site] before anything else")
-    say("next: fieldkit record --for 10m" if simulated else "next: fieldkit devices, then fieldkit roi add")
+    elif not timezone:
+        zone = zone_by_longitude(site.longitude_deg)
+        say(f"  the time zone is {zone}, by longitude: if clocks there show another, change it under [site]")
+
+
+def _going_into(folder: Path) -> str:
+    """The command in front of those that work inside the campaign only."""
+    return "" if folder.resolve() == Path.cwd() else f"cd {shlex.quote(str(folder))} && "
 
 
 def _site_table(site: Site | None, timezone: str | None) -> Mapping[str, Any] | None:
@@ -60,7 +77,7 @@ def _site_table(site: Site | None, timezone: str | None) -> Mapping[str, Any] | 
         "latitude_deg": site.latitude_deg,
         "longitude_deg": site.longitude_deg,
         "elevation_m": site.elevation_m,
-        "timezone": timezone or site.timezone,
+        "timezone": with_zone(site, timezone).timezone,
     }
 
 

@@ -1,9 +1,10 @@
 import json
+import sys
 
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.commands import main
+from fieldkit.commands import demo, main
 from fieldkit.config import load_config
 from fieldkit.site import RegionKind, Site
 
@@ -35,6 +36,33 @@ def test_the_site_comes_from_the_command_line(init, tmp_path):
     assert init("here", "--site", "35.558675,139.395232,9", "--timezone", "Asia/Tokyo").exit_code == 0
     config = load_config(tmp_path / "here" / "fieldkit.toml", environment={})
     assert config.site == Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+
+
+@pytest.mark.parametrize(("place", "zone"), [("35.56,139.4,9", "Etc/GMT-9"), ("51.5,-0.1", "UTC")])
+def test_without_a_time_zone_it_is_that_of_the_longitude_and_told(init, tmp_path, place, zone):
+    assert f"the time zone is {zone}, by longitude" in init("here", "--site", place).stderr
+    config = load_config(tmp_path / "here" / "fieldkit.toml", environment={})
+    assert config.site.timezone == zone
+
+
+def test_a_folder_is_meant_from_the_one_that_was_named(init, tmp_path):
+    (tmp_path / "below").mkdir()
+    assert init("-C", "below", "here").exit_code == 0
+    assert (tmp_path / "below" / "here" / "fieldkit.toml").exists()
+    assert init("-C", "below").exit_code == 0
+    assert (tmp_path / "below" / "fieldkit.toml").exists()
+
+
+def test_the_demo_too_makes_its_campaign_below_the_folder_that_was_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(demo, "_introduce", lambda *_: sys.exit())  # the experiment itself matters not here
+    assert CliRunner().invoke(main, ["demo", "-C", str(tmp_path), "--out", "here"]).exit_code == 0
+    assert (tmp_path / "here" / "fieldkit.toml").exists()
+
+
+def test_what_to_do_next_works_where_one_stands(init, tmp_path):
+    assert "next: cd here && fieldkit record" in init("here", "--simulated").stderr
+    assert "next: cd 'my sand' && fieldkit devices" in init("my sand").stderr
+    assert "next: fieldkit devices" in init(str(tmp_path)).stderr
 
 
 def test_without_a_site_it_says_that_the_papers_stands_there(init):
