@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import UTC, date, datetime, time
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,6 +17,10 @@ from fieldkit.site import Site, zone_by_longitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+YEARS = range(1700, 2251)
+"""64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
 
 
 class _Typed(click.ParamType):  # type: ignore[type-arg]
@@ -60,15 +65,18 @@ def parse_moment(text: str) -> datetime:
         raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
     if moment.tzinfo is None:
         raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
+    _refuse_far(moment)
     return moment
 
 
 def parse_day(text: str) -> date:
     """A day of the calendar, ISO 8601."""
     try:
-        return date.fromisoformat(text)
+        day = date.fromisoformat(text)
     except ValueError:
         raise ValueError("expected a day like 2017-08-30") from None
+    _refuse_far(day)
+    return day
 
 
 def parse_hour(text: str) -> time:
@@ -107,12 +115,17 @@ def parse_zone(text: str) -> str:
     return text
 
 
+def _refuse_far(when: date) -> None:
+    if when.year not in YEARS:
+        raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
+
+
 def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in counts:
+    if len(numbers) not in counts or not all(map(isfinite, numbers)):
         raise ValueError(f"expected {expected}")
     return numbers
 

@@ -47,6 +47,10 @@ def test_facets_may_be_left_away():
         (["--at", "2017-08-30T03:00Z", "--facet", "10"], "TILT,AZIMUTH"),
         (["--at", "2017-08-30T03:00Z", "--site", "139.4,35.5"], "latitude first"),
         (["--at", "2017-08-30T03:00Z", "--site", "Tokyo"], "LAT,LON,ALT"),
+        (["--at", "2017-08-30T03:00Z", "--site", "nan,nan"], "LAT,LON,ALT"),
+        (["--at", "2017-08-30T03:00Z", "--site", "35,139,inf"], "LAT,LON,ALT"),
+        (["--at", "2500-01-01T00:00Z"], "1700..2250"),
+        (["--at", "0001-01-01T00:00Z"], "1700..2250"),
     ],
 )
 def test_what_was_mistyped_is_said(words, told):
