@@ -109,11 +109,8 @@ def make_plan(
 
     from fieldkit.estimation.plan_day import PlanSettings, plan_day
     from fieldkit.physics.sun import sun_vectors
-    from fieldkit.views.words import zone
 
-    start = datetime(day.year, day.month, day.day, tzinfo=zone(site))
-    ends = utc_ns(start), utc_ns(start + timedelta(days=1))
-    time_ns = np.arange(*ends, 60_000_000_000, dtype=np.int64)
+    time_ns = np.arange(*_ends_ns(site, day), 60_000_000_000, dtype=np.int64)
     settings = PlanSettings(
         noise_k=given["noise"], window_min=given["window"], air_k=given["air_c"] + ZERO_CELSIUS_K
     )
@@ -124,6 +121,19 @@ def make_plan(
     if not plan.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
     return plan
+
+
+def _ends_ns(site: Site, day: date) -> tuple[int, int]:
+    """A day of the site's zone, moved by whole hours to have the sun's noon in its middle.
+
+    So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
+    """
+    from fieldkit.views.words import zone
+
+    start = datetime(day.year, day.month, day.day, tzinfo=zone(site))
+    ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
+    moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * 3_600_000_000_000
+    return utc_ns(start) + moved_ns, utc_ns(start + timedelta(days=1)) + moved_ns
 
 
 def _direct(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, given: dict[str, Any]) -> FloatArray:

@@ -20,16 +20,22 @@ COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "tilt ±°", "til
 
 def heading(plan: DayPlan, site: Site, light: str) -> str:
     """Place, zone, sunrise and sunset, noon and the light that was assumed, in one line."""
-    up = np.flatnonzero(plan.elevation_deg > RISING_DEG)
     noon = int(np.argmax(plan.elevation_deg))
-    at = (words.clock_time(int(plan.time_ns[minute]), site) for minute in (up[0], up[-1], noon))
-    return "site {} ({}); sun up {}–{}, noon {}, el {:.1f}°; {}".format(
-        words.place(site),
-        words.zone_name(int(plan.time_ns[noon]), site),
-        *at,
-        plan.elevation_deg[noon],
-        light,
+    noon_ns = int(plan.time_ns[noon])
+    return (
+        f"site {words.place(site)} ({words.zone_name(noon_ns, site)}); sun up {_sun_up(plan, site, noon)}, "
+        f"noon {words.clock_time(noon_ns, site)}, el {plan.elevation_deg[noon]:.1f}°; {light}"
     )
+
+
+def _sun_up(plan: DayPlan, site: Site, noon: int) -> str:
+    """Sunrise and sunset around noon: ``06:42–16:29``, or ``all day``."""
+    down = np.flatnonzero(plan.elevation_deg <= RISING_DEG)
+    if not down.size:
+        return "all day"
+    rise = max(down[down < noon], default=-1) + 1
+    sink = min(down[down > noon], default=plan.time_ns.size) - 1
+    return "–".join(words.clock_time(int(plan.time_ns[minute]), site) for minute in (rise, sink))
 
 
 def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:

@@ -50,6 +50,30 @@ def test_sun_of_the_winter_day_in_one_line():
     assert "UTC+09:00" in line
 
 
+@pytest.mark.parametrize(
+    ("place", "zone", "day", "told"),
+    [
+        # Tokyo on clocks of Greenwich: the same sunrise and sunset, nine hours less
+        ("35.558675,139.395232,9", "UTC", "2026-12-11", "sun up 21:42–07:29, noon 02:35"),
+        # in Fairbanks the sun of midsummer sets after midnight; it is up for all but two hours and ten minutes
+        ("64.8378,-147.7164", "America/Anchorage", "2026-06-21", "sun up 02:58–00:47, noon 13:53"),
+        ("78.2,15.6", "Arctic/Longyearbyen", "2026-06-21", "sun up all day, noon 12:59"),
+    ],
+)
+def test_a_day_is_not_cut_where_clocks_show_midnight_in_sunlight(place, zone, day, told):
+    words = ["--site", place, "--zone", zone, "--on", day, "--facet", "10,180"]
+    lines = CliRunner().invoke(command, words, catch_exceptions=False).stdout.splitlines()
+    assert told in lines[0]
+    assert "°" in lines[2]
+
+
+def test_rows_of_a_day_on_the_clocks_of_another_place_are_in_order():
+    here, far = document(*WINTER), document(*WINTER, "--zone", "UTC")
+    assert [row["verdict"] for row in far["rows"]] == [row["verdict"] for row in here["rows"]]
+    assert far["rows"][0]["time"] == "2026-12-10T22:00:00+00:00"
+    assert far["rows"][-1]["time"] == "2026-12-11T07:00:00+00:00"
+
+
 def test_august_says_the_steep_bed_is_weak_after_two():
     plan = document(*AUGUST)
     assert any("20°/180° bed is weak" in line and "after 14:00" in line for line in plan["warnings"])
@@ -114,7 +138,8 @@ def test_polar_night_has_no_plan():
 
 
 @pytest.mark.parametrize(
-    "words", [["--window", "0"], ["--step", "0"], ["--zone", "Mars/Jezero"], ["--dni", "-1"]]
+    "words",
+    [["--window", "0"], ["--step", "0"], ["--zone", "Mars/Jezero"], ["--dni", "-1"], ["--on", "2500-01-01"]],
 )
 def test_impossible_numbers_are_refused(words):
     done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
