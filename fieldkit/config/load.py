@@ -72,7 +72,7 @@ def read_config(
     document = _Document()
     for file in (user_file(), path):
         if file == path or file.is_file():
-            document.add(_read(file), file)
+            document.add(read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
     return document.check(path, unknown_drivers)
@@ -186,9 +186,14 @@ def _by_line(located: tuple[str, Mistake]) -> tuple[str, int]:
     return (origin, int(line)) if line.isdigit() else (located[0], 0)
 
 
-def _read(file: Path) -> str:
+def read_text(file: Path, *, newline: str | None = None) -> str:
+    """What stands in a file, with or without a byte order mark; `newline` as for `open`.
+
+    Raises `ConfigError` if it cannot be read.
+    """
     try:
-        return file.read_text(encoding="utf-8")
+        with file.open(encoding="utf-8-sig", newline=newline) as opened:
+            return opened.read()
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error.strerror}") from error
     except UnicodeDecodeError as error:

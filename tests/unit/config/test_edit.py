@@ -1,9 +1,10 @@
+import codecs
 import tomllib
 
 import pytest
 
 from fieldkit.config import ConfigMistakesError
-from fieldkit.config.edit import add_region, remove_region
+from fieldkit.config.edit import add_region, change_region, remove_region
 from fieldkit.errors import ConfigError, StorageError
 
 TEXT = """\
@@ -82,3 +83,73 @@ def test_a_folder_that_takes_no_file_is_told(file, monkeypatch):
     with pytest.raises(StorageError, match="Read-only file system"):
         add_region(file, BED)
     assert file.read_text() == TEXT
+
+
+CHANGES = [
+    lambda file: add_region(file, BED),
+    lambda file: change_region(file, "flat", {"emissivity": 0.9}),
+    lambda file: remove_region(file, "flat"),
+]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_linked_file_stays_a_link_and_keeps_who_may_read_it(file, tmp_path, change):
+    file.chmod(0o600)
+    link = tmp_path / "campaign" / "fieldkit.toml"
+    link.parent.mkdir()
+    link.symlink_to(file)
+    change(link)
+    assert link.is_symlink()
+    assert file.read_text() != TEXT
+    assert file.stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("mark", [b"", codecs.BOM_UTF8])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_line_ends_and_byte_order_mark_stay_as_they_were(file, change, mark, end):
+    file.write_bytes(mark + TEXT.replace("\n", end).encode())
+    change(file)
+    data = file.read_bytes()
+    assert data.startswith(mark + b"# my campaign")
+    assert data.count(b"\n") == data.count(end.encode())
+    assert tomllib.loads(data.decode("utf-8-sig"))["site"]["latitude_deg"] == 35.5
+
+
+@pytest.mark.parametrize("ending", ["", "\n"])
+def test_a_new_key_stands_with_the_keys_of_its_region(file, ending):
+    steep = '# the steep one\n[[region]]\nname = "b15"\npoints_px = [\n  [0, 20],\n  [9, 20],\n  [9, 29],\n]'
+    file.write_text(TEXT.replace("[surface]", f"{steep}\n\n# the sand\n[surface]").rstrip() + ending)
+    change_region(file, "flat", {"emissivity": 0.9})
+    change_region(file, "b15", {"tilt_deg": 15.0, "azimuth_deg": 180.0})
+    text = file.read_text()
+    assert "[9, 9]]\nemissivity = 0.9\n\n# the steep one\n[[region]]\n" in text
+    assert "\n]\ntilt_deg = 15.0\nazimuth_deg = 180.0\n\n# the sand\n[surface]\n" in text
+
+
+def test_a_new_key_at_the_end_of_a_file_has_a_line_of_its_own(file):
+    file.write_text(TEXT.partition("\n[surface]")[0].rstrip())
+    change_region(file, "flat", {"emissivity": 0.9})
+    assert tomllib.loads(file.read_text())["region"][0]["emissivity"] == 0.9
+
+
+@pytest.mark.parametrize(
+    "inline",
+    ["region = []", 'region = [{ name = "flat", kind = "reference", points_px = [[0, 0], [9, 0], [9, 9]] }]'],
+)
+@pytest.mark.parametrize("change", CHANGES)
+def test_regions_written_inline_are_left_to_the_hand(file, change, inline):
+    text = inline + "\n[surface]\nalbedo = 0.25\n"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match="inline") as caught:
+        change(file)
+    assert "[[region]]" in caught.value.fix
+    assert file.read_text() == text
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_file_of_other_letters_is_told(file, change):
+    file.write_bytes("# März\n".encode("latin-1") + TEXT.encode())
+    with pytest.raises(ConfigError, match="not UTF-8") as caught:
+        change(file)
+    assert caught.value.fix == "save it as UTF-8"

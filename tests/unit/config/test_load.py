@@ -146,6 +146,12 @@ def test_text_that_is_not_toml_is_told_with_its_line(campaign):
         load_config(file)
 
 
+def test_a_byte_order_mark_is_passed_over(campaign):
+    file = campaign("")
+    file.write_bytes(b"\xef\xbb\xbf" + SITE.encode())
+    assert load_config(file, environment={}).site.latitude_deg == 35.5
+
+
 def test_a_file_that_cannot_be_read_is_told(campaign, tmp_path):
     with pytest.raises(ConfigError, match="No such file"):
         load_config(tmp_path / "absent.toml")
