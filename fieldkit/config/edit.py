@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
-from tomlkit.items import AoT, Table
 
+from fieldkit.config.lines import key_lines
 from fieldkit.config.load import mistakes_in, read_text
 from fieldkit.config.mistakes import ConfigMistakesError
 from fieldkit.config.template import assignment
@@ -22,10 +22,9 @@ from fieldkit.errors import ConfigError, StorageError
 def add_region(file: Path, region: Mapping[str, Any]) -> None:
     """Append a ``[[region]]``; raises `ConfigMistakesError` if the new one makes a mistake."""
     before = _read(file)
-    _regions(file, tomlkit.parse(before))
-    lines = [assignment(key, value) for key, value in region.items()]
-    text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *lines, ""])
-    index = len(tomllib.loads(text)["region"]) - 1
+    index = len(_names(file, before))
+    keys = [assignment(key, value) for key, value in region.items()]
+    text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *keys, ""])
     _write_sound(file, text, index, f"the new region {region['name']!r}")
 
 
@@ -34,49 +33,59 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
 
     Raises `ConfigError` if there is none, `ConfigMistakesError` if it would be wrong then.
     """
-    document = tomlkit.parse(_read(file))
-    regions, index = _find(file, document, name)
-    _change(regions[index], changes)
-    _write_sound(file, tomlkit.dumps(document), index, f"region {name!r}")
+    text = _read(file)
+    index = _find(file, text, name)
+    before, region, after = _cut(text, index)
+    document = tomlkit.parse(region)
+    document["region"][0].update(changes)
+    _write_sound(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 
 
 def remove_region(file: Path, name: str) -> None:
     """Take out the region called `name`; raises `ConfigError` if there is none."""
-    document = tomlkit.parse(_read(file))
-    regions, index = _find(file, document, name)
-    del regions[index]
-    if not regions:
-        del document["region"]
-    _write(file, tomlkit.dumps(document))
+    text = _read(file)
+    before, _, after = _cut(text, _find(file, text, name))
+    _write(file, before + after.lstrip("\r\n"))
 
 
-def _find(file: Path, document: tomlkit.TOMLDocument, name: str) -> tuple[AoT, int]:
-    regions = _regions(file, document)
-    names = [region.get("name") for region in regions]
+def _find(file: Path, text: str, name: str) -> int:
+    names = _names(file, text)
     if name not in names:
         there = f"there are {', '.join(map(str, names))}" if names else "there is none"
         raise ConfigError(f"no region is called {name!r}", fix=there)
-    return regions, names.index(name)
+    return names.index(name)
 
 
-def _regions(file: Path, document: tomlkit.TOMLDocument) -> AoT:
-    """Every ``[[region]]``; raises `ConfigError` where regions are written in another way."""
-    regions = document.get("region", tomlkit.aot())
-    if not isinstance(regions, AoT):
+def _names(file: Path, text: str) -> list[Any]:
+    """Of every ``[[region]]``; raises `ConfigError` where regions are written in another way."""
+    values = tomllib.loads(text)
+    if "region" in values and ("region", 0) not in key_lines(text):
         raise ConfigError(
             f"{file} has its regions inline, as region = ...: these can only be changed by hand",
             fix=f"edit {file}: write each as a [[region]] of its own, and take out region = ...",
         )
-    return regions
+    return [region.get("name") for region in values.get("region", [])]
 
 
-def _change(region: Table, changes: Mapping[str, Any]) -> None:
-    """Set keys; new ones come after the last, before what already belongs to the next table."""
-    body, after = region.value.body, []
-    while body and body[-1][0] is None:
-        after.append(body.pop())
-    region.update(changes)
-    body.extend(reversed(after))
+def _cut(text: str, index: int) -> tuple[str, str, str]:
+    """What stands before region number `index`, from its header to its last key, and after it.
+
+    Comments below its last key stay outside: they mostly speak of the next table.
+    """
+    own = [line for path, line in key_lines(text).items() if path[:2] == ("region", index)]
+    lines = text.splitlines(keepends=True)
+    first, end = min(own) - 1, max(own)
+    while not _is_toml("".join(lines[max(own) - 1 : end])):  # its last value goes over several lines
+        end += 1
+    return "".join(lines[:first]), "".join(lines[first:end]), "".join(lines[end:])
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
 
 
 def _write_sound(file: Path, text: str, index: int, where: str) -> None:

@@ -127,6 +127,23 @@ def test_a_new_key_stands_with_the_keys_of_its_region(file, ending):
     assert "\n]\ntilt_deg = 15.0\nazimuth_deg = 180.0\n\n# the sand\n[surface]\n" in text
 
 
+@pytest.mark.parametrize("change", CHANGES[1:])
+def test_tables_between_regions_stay_where_they_are(file, change):
+    add_region(file, BED)
+    after = file.read_text().partition("\n[surface]")[2]
+    change(file)
+    assert file.read_text().partition("\n[surface]")[2] == after
+
+
+def test_a_region_that_is_removed_leaves_the_comments_around_it(file):
+    steep = '# the steep one\n[[region]]\nname = "b15"\npoints_px = [[0, 20], [9, 20], [9, 29]]\n\n'
+    file.write_text(TEXT.replace("[surface]", f"{steep}# the sand\n[surface]"))
+    remove_region(file, "flat")
+    assert f"longitude_deg = 139.4\n\n{steep}# the sand\n" in file.read_text()
+    remove_region(file, "b15")
+    assert "# the sand\n[surface]\n" in file.read_text()
+
+
 def test_a_new_key_at_the_end_of_a_file_has_a_line_of_its_own(file):
     file.write_text(TEXT.partition("\n[surface]")[0].rstrip())
     change_region(file, "flat", {"emissivity": 0.9})
