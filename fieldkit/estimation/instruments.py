@@ -95,7 +95,7 @@ class Instruments:
             if info.quantity != "temperature":
                 continue
             table = np.full((0, info.shape[0]), np.nan)
-            if rows := [r.values for r in minute.sorted_readings(info.name)]:
+            if rows := [r.values for r in minute.sorted_readings(info.name) if _usable(r)]:
                 table = np.array(rows, np.float64)
             zero = 0.0 if info.unit == "K" else 273.15
             means.extend(mean_of(table[:, channel]) + zero for channel in range(table.shape[1]))

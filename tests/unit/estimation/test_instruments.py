@@ -3,6 +3,8 @@ import pytest
 
 from fieldkit.device import StreamInfo
 from fieldkit.estimation.binner import Binner
+from fieldkit.estimation.bins import OpenMinute
+from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import normal
@@ -49,3 +51,20 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
     assert len(closed) == 14 * 60
     assert not any(entry.flags & Quality.CLOUD for entry, _ in closed)
     assert not any(notices for _, notices in closed)
+
+
+@pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE])
+def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
+    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), IrradianceModel())
+    minute = OpenMinute(0, 0)
+    for second, value in enumerate([25.0, 9000.0, 27.0]):
+        quality = doubt if value > 100.0 else Quality.GOOD
+        minute.add_reading(Reading("probe", second, second * 10**9, (value, 20.0), quality=quality))
+    assert instruments.contact_k(minute) == pytest.approx((299.15, 293.15))
+
+
+def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
+    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), IrradianceModel())
+    minute = OpenMinute(0, 0)
+    minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
+    assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
