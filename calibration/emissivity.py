@@ -158,12 +158,13 @@ def fit_emissivity(
     refuse_before(len(pairs), pairs.contrast_k, shared.reflected_k, pairs.span_k, reflected == "free")
     fit = _line(pairs, reflected, band)
     scatter_k = float(np.sqrt(np.mean(pairs.contact_sd_k**2 + pairs.apparent_sd_k**2)))
+    tape = tape_emissivity if tape_emissivity_sd > 0.0 else None
     budget = (
         Contribution("scatter of the pairs", scatter_k, "K", "A", fit.slope_sd),
-        *_shared_effects(pairs, shared, reflected, band, fit.slope, tape=tape_emissivity_sd > 0.0),
+        *_shared_effects(pairs, shared, reflected, band, fit.slope, tape),
     )
-    if tape_emissivity_sd > 0.0:
-        effect = fit.slope / tape_emissivity * tape_emissivity_sd
+    if tape is not None:
+        effect = fit.slope / tape * tape_emissivity_sd
         budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
     found = Emissivity(
         value=fit.slope,
@@ -227,24 +228,27 @@ def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
 
 
 def _shared_effects(
-    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, value: float, *, tape: bool
+    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, value: float, tape: float | None
 ) -> Iterator[Contribution]:
     """What each shared error would move the emissivity by, found by moving the data and fitting again."""
 
-    def moved(**changes: FloatArray) -> float:
-        return _line(replace(pairs, **changes), reflected, band).slope - value
+    def moved(*, camera_k: float = 0.0, probe_k: float = 0.0, reflected_k: float = 0.0) -> float:
+        mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
+        if tape is not None:  # the same camera sees the tape, and the tape mirrors the same
+            seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
+            contact = tape_temperature_k(band.temperature(seen) + camera_k, tape, mirror, band)
+        given = replace(pairs, apparent_k=pairs.apparent_k + camera_k, contact_k=contact, reflected_k=mirror)
+        return _line(given, reflected, band).slope - value
 
-    apparent, contact = pairs.apparent_k, pairs.contact_k
-    both = {"contact_k": contact + shared.camera_k} if tape else {}  # a camera's offset is also the tape's
-    shift = moved(apparent_k=apparent + shared.camera_k, **both)
-    yield Contribution("camera offset", shared.camera_k, "K", "B", shift)
-    if not tape:
-        shift = moved(contact_k=contact + shared.thermometer_k)
-        yield Contribution("thermometer calibration", shared.thermometer_k, "K", "B", shift)
-        shift = moved(contact_k=contact + shared.probe_to_skin_k)
-        yield Contribution("probe to skin temperature", shared.probe_to_skin_k, "K", "B", shift)
-    if reflected == "fixed":
-        shift = moved(reflected_k=pairs.reflected_k + shared.reflected_k)
+    yield Contribution("camera offset", shared.camera_k, "K", "B", moved(camera_k=shared.camera_k))
+    if tape is None:
+        for name, error_k in (
+            ("thermometer calibration", shared.thermometer_k),
+            ("probe to skin temperature", shared.probe_to_skin_k),
+        ):
+            yield Contribution(name, error_k, "K", "B", moved(probe_k=error_k))
+    if reflected == "fixed" or tape is not None:
+        shift = moved(reflected_k=shared.reflected_k)
         yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
     yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
 
@@ -256,8 +260,5 @@ def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:
     if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
         return float("nan")
     fit = _line(converted, "fixed", band)
-    return (
-        fit.slope
-        if agree(_disagreement(fit, converted, shared, "fixed", band), fit.freedom)
-        else float("nan")
-    )
+    disagreement = _disagreement(fit, converted, shared, "fixed", band)
+    return fit.slope if agree(disagreement, fit.freedom) else float("nan")

@@ -74,6 +74,26 @@ def test_tape_stands_in_for_a_thermometer_and_the_cameras_offset_mostly_cancels(
     assert not any("thermometer" in line.name for line in found.budget)
 
 
+@pytest.mark.parametrize("reflected", ["fixed", "free"])
+@pytest.mark.parametrize("emissivity", [0.90, 0.95, 0.98])
+@pytest.mark.parametrize("name", ["reflected temperature", "camera offset"])
+def test_with_a_tape_the_budget_says_what_working_it_all_out_again_would(emissivity, reflected, name):
+    truth = pairs(emissivity=emissivity)
+    tape_seen = brightness_temperature_k(truth.contact_k, 0.95, truth.reflected_k)
+
+    def found(camera_k: float = 0.0, sky_k: float = 0.0):
+        sky = truth.reflected_k + sky_k
+        given = replace(
+            truth, apparent_k=truth.apparent_k + camera_k, reflected_k=sky,
+            contact_k=tape_temperature_k(tape_seen + camera_k, 0.95, sky),
+        )  # fmt: skip
+        return fit_emissivity(given, reflected=reflected, tape_emissivity=0.95, tape_emissivity_sd=0.01)
+
+    again = found(sky_k=5.0) if name == "reflected temperature" else found(camera_k=0.3)
+    line = next(one for one in found().budget if one.name == name)
+    assert line.effect == pytest.approx(again.value - found().value, abs=2e-5)
+
+
 def test_a_cameras_own_emissivity_is_undone():
     truth = pairs(emissivity=0.88)
     own = (band_radiance(truth.apparent_k) - 0.05 * band_radiance(293.15)) / 0.95
