@@ -120,6 +120,9 @@ def _bsrn(path: Path, text: str) -> Weather:
 def _weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
     import pandas as pd
 
+    # pvlib puts minutes that only a further record has behind all others
+    table = table[~table.index.duplicated()].sort_index()
+
     def column(name: str) -> FloatArray:
         known = table[name] if name in table else np.full(len(table), np.nan)
         return np.asarray(known, np.float64)

@@ -40,6 +40,25 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
     assert np.isnan(month.wind_m_s).all()
 
 
+def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_path: Path) -> None:
+    """Layout: GCOS-174, records 0100 and 0300, which need not have the same minutes."""
+    pytest.importorskip("pvlib")
+    lines = foreign_files.bsrn(longwave_up=True).decode().splitlines()
+    basic = lines.index("*C0100")
+    (tmp_path / "gap.dat").write_text("\n".join(lines[: basic + 3] + lines[basic + 5 :]))  # without minute 1
+    month = read_station_file(tmp_path / "gap.dat")
+    assert (np.diff(month.time_ns) == 60_000_000_000).all()
+    assert np.isnan(month.ghi).tolist() == [False, True, False]
+    assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
+
+
+def test_bsrn_minute_that_stands_twice_counts_once(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    minutes = foreign_files.BSRN_MINUTES
+    (tmp_path / "twice.dat").write_bytes(foreign_files.bsrn([*minutes[:2], minutes[1], minutes[2]]))
+    assert read_station_file(tmp_path / "twice.dat").time_ns.size == len(minutes)
+
+
 def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> None:
     """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
     pytest.importorskip("pvlib")
