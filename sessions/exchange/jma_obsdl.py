@@ -88,6 +88,11 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
     at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
     if at is None:
         raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
+    if rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
+        raise ConfigError(
+            f"{path} has values of periods of several days, from one date to another",
+            fix="choose hourly or daily values (時別値, 日別値) at obsdl",
+        )
     hourly = _is_hourly(rows[at])
     below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
     body = [(stamp, row) for stamp, row in below if stamp is not None]

@@ -102,6 +102,11 @@ def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path
     ("text", "words"),
     [
         ("", "no row names the items"),
+        ("集計開始,集計終了,京都\r\n年月日,年月日,気温(℃)\r\n2024/7/1,2024/7/5,25\r\n", "several days"),
+        (
+            "集計開始,,,集計終了,,,京都\r\n年,月,日,年,月,日,気温(℃)\r\n2024,7,1,2024,7,5,25\r\n",
+            "several days",
+        ),
         ("2014/6/1,33\r\n", "no row names the items"),
         (",京都\r\n年月日,平均気温(℃)\r\n", "no row that begins with a date"),
         (",京都\r\n年月日,降水量の合計(mm)\r\n2014/6/1,0\r\n", "no item that fieldkit takes"),
