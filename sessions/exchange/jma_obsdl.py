@@ -23,6 +23,7 @@ from fieldkit.sessions.exchange.jma import JST, VENDOR, japanese_text, not_under
 from fieldkit.sessions.exchange.times import utc_ns
 
 _FIRST_CELL = "ダウンロードした時刻"
+_VAPOUR = "蒸気圧"  # ends like 気圧, the pressure of the air, and has its unit
 _QUALITY, _HOMOGENEITY = "品質情報", "均質番号"
 _NORMAL = "8"
 _DATE = re.compile(r"(\d{4})/(\d{1,2})/(\d{1,2})(?: (\d{1,2}):(\d{2})(?::\d{2})?)?")
@@ -187,6 +188,8 @@ def _items(
 
 
 def _kind(cell: str) -> _Kind | None:
+    if _VAPOUR in cell:
+        return None
     return next(
         (kind for (word, unit), kind in _KINDS.items() if word in cell and cell.endswith(f"({unit})")), None
     )

@@ -88,6 +88,14 @@ def test_real_daily_download_is_read() -> None:
     assert readings(foreign, "kyoto-pressure")[1].values == pytest.approx((101240.0,))
 
 
+def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
+    """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
+    head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
+    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
+    assert [info.channels for info in foreign.streams] == [("現地気圧",)]
+    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((100_400.0,))
+
+
 @pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
 def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path: Path, date: str) -> None:
     """Layout: JMA obsdl/top/help3; 日照時間 (sunshine duration) has the character of an hour in its name."""
