@@ -13,12 +13,20 @@ _MOST_BYTES = 100_000_000
 
 
 def japanese_text(path: Path) -> str:
-    """The text of such a file; raises `ConfigError`."""
+    """The text of such a file, also of one that was saved again as UTF-8; raises `ConfigError`."""
     try:
         with path.open("rb") as file:
-            return file.read(_MOST_BYTES).decode("cp932")
+            content = file.read(_MOST_BYTES)
+        return _decoded(content)
     except (OSError, UnicodeDecodeError) as error:
         raise not_understood(path, str(error)) from error
+
+
+def _decoded(content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")  # Japanese in Shift_JIS is no UTF-8, so this comes first
+    except UnicodeDecodeError:
+        return content.decode("cp932")
 
 
 def not_understood(path: Path, why: str) -> ConfigError:

@@ -24,6 +24,7 @@ from fieldkit.sessions.exchange.times import utc_ns
 
 _FIRST_CELL = "ダウンロードした時刻"
 _VAPOUR = "蒸気圧"  # ends like 気圧, the pressure of the air, and has its unit
+_BEGINNINGS = tuple(_FIRST_CELL.encode(encoding) for encoding in ("cp932", "utf-8", "utf-8-sig"))
 _QUALITY, _HOMOGENEITY = "品質情報", "均質番号"
 _NORMAL = "8"
 _DATE = re.compile(r"(\d{4})/(\d{1,2})/(\d{1,2})(?: (\d{1,2}):(\d{2})(?::\d{2})?)?")
@@ -66,7 +67,7 @@ def is_obsdl(path: Path) -> bool:
     """Whether a file begins as a download of obsdl does."""
     try:
         with path.open("rb") as file:
-            return file.read(len(_FIRST_CELL) * 2) == _FIRST_CELL.encode("cp932")
+            return file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS)
     except OSError:
         return False
 

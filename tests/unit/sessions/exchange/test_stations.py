@@ -88,6 +88,14 @@ def test_real_daily_download_is_read() -> None:
     assert readings(foreign, "kyoto-pressure")[1].values == pytest.approx((101240.0,))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_download_that_was_saved_again_as_utf8_is_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "data.csv"
+    path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
+    assert is_obsdl(path)
+    assert readings(read_obsdl(path, "jma"), "jma-global")[0].values == (1000.0,)
+
+
 def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
     """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
     head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
