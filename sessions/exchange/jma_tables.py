@@ -9,6 +9,7 @@ at half past. What a table holds stands in its name: DR direct, DF diffuse, DL d
 from __future__ import annotations
 
 import re
+from calendar import monthrange
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -58,6 +59,8 @@ def read_radiation_table(path: Path, name: str) -> Foreign:
 def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, list[float]]]) -> list[Reading]:
     if not days or [number for number, _ in days] != list(range(1, len(days) + 1)):
         raise not_understood(path, "there are no rows of days, one after another from the first of the month")
+    if days[-1][0] > monthrange(first.year, first.month)[1]:
+        raise not_understood(path, f"it has {days[-1][0]} days, more than its month {first:%Y-%m}")
     readings = []
     for number, hours in days:
         for hour, value in enumerate(hours):

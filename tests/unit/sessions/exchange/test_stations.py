@@ -161,6 +161,7 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
     [
         ([], "no rows of days"),
         ([(2, ["0"] * 24, "0")], "from the first of the month"),
+        ([(day, ["0"] * 24, "0") for day in range(1, 32)], "31 days, more than its month 2024-06"),
         ([(1, ["0"] * 23, "0")], "has not 24 hours"),
         ([(1, ["100"] * 24, "1200")], "do not add up"),
     ],
