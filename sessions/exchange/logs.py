@@ -27,6 +27,7 @@ _UNITS = {
     "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
 }  # fmt: skip
 _MAX_BYTES = 100_000_000
+_WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 _DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
@@ -49,7 +50,7 @@ def read_log(
 
     Raises `ConfigError` where the table cannot be understood; it says what it found.
     """
-    head, rows = _table(path, encoding)
+    head, rows, has_decimal_commas = _table(path, encoding)
     chosen = columns or LogColumns()
     time_at = _place(path, head, chosen.time) if chosen.time else 0
     stamps, behind = _stamps(path, rows, time_at)
@@ -61,6 +62,8 @@ def read_log(
         raise ConfigError(
             f"{path}: units {', '.join(map(repr, units))}", fix=f"one stream, one unit: --unit of {known}"
         )
+    if not has_decimal_commas:
+        _refuse_commas(path, head, rows, places)
     stored, quantity, add = _UNITS[units[0]]
     readings = []
     for stamp, row in zip(stamps, rows, strict=True):
@@ -78,7 +81,8 @@ def read_log(
     return Foreign((info,), ordered, ((Severity.INFO, said),))
 
 
-def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]]]:
+def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]], bool]:
+    """Header, rows, and whether a comma in a number is its decimal point; raises `ConfigError`."""
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
@@ -94,7 +98,7 @@ def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]]]:
             f"{path} has no table with a header line and rows",
             fix="keep the header line, with the unit of each column in brackets",
         )
-    return [cell.strip() for cell in rows[0]], rows[1:]
+    return [cell.strip() for cell in rows[0]], rows[1:], dialect.delimiter != ","
 
 
 def _place(path: Path, head: Sequence[str], name: str) -> int:
@@ -125,6 +129,20 @@ def _with_units(path: Path, head: Sequence[str], others: Sequence[int], unit: st
     if not found:
         raise ConfigError(f"{path}: no column has a unit", fix='--unit C, or headers like "T1 [C]"')
     return found
+
+
+def _refuse_commas(
+    path: Path, head: Sequence[str], rows: Sequence[Sequence[str]], places: Sequence[int]
+) -> None:
+    """Where commas part the columns, one in a number may be of thousands or of decimals: not guessed."""
+    for row in rows:
+        for place in places:
+            if _WITH_COMMA.fullmatch(_cell(row, place)):
+                raise ConfigError(
+                    f"{path}: {_cell(row, place)!r} in column {head[place]!r} has a comma,"
+                    " of thousands or of decimals",
+                    fix="export it with points as decimals and without separators of thousands",
+                )
 
 
 def _unit(cell: str) -> str:

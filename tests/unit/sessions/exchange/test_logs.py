@@ -78,6 +78,7 @@ def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ('time,E [lx]\n2026-05-12T01:00:00Z,"12,345"\n2026-05-12T01:01:00Z,999\n', "'12,345' .* has a comma"),
         ("date,h,T1 [C]\n2026-05-12,10,3\n2026-05-12,11,3\n", "several rows have the date '2026-05-12'"),
         ("", "cannot be read|no table"),
         ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
