@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
 from pathlib import Path
@@ -78,7 +78,10 @@ def read_log(
     )  # fmt: skip
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
     said = f"{path.name}: {len(ordered)} rows{applied}"
-    return Foreign((info,), ordered, ((Severity.INFO, said),))
+    left_out = _left_out(
+        [head[place] for place in others if place not in places], is_said=bool(chosen.values)
+    )
+    return Foreign((info,), ordered, ((Severity.INFO, said), *left_out))
 
 
 def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]], bool]:
@@ -143,6 +146,14 @@ def _refuse_commas(
                     " of thousands or of decimals",
                     fix="export it with points as decimals and without separators of thousands",
                 )
+
+
+def _left_out(heads: Sequence[str], *, is_said: bool) -> Iterator[tuple[Severity, str]]:
+    """A warning of columns whose unit is not known, unless columns were chosen."""
+    unknown = [head for head in heads if _unit(head)]
+    if unknown and not is_said:
+        known = ", ".join(_UNITS)
+        yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {known}"
 
 
 def _unit(cell: str) -> str:

@@ -70,6 +70,15 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
     assert [one.values for one in found] == [(293.65,), (294.15,)]
 
 
+def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
+    foreign = read_log(path, "logger")
+    assert [
+        text for _, text in foreign.remarks if text.startswith("left out for their unit: RH [%], P [hPa];")
+    ]
+    assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).remarks) == 1
+
+
 def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
     foreign = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
     assert foreign.streams[0].rate_hz == 1 / 86_400
