@@ -160,5 +160,6 @@ def to_xarray(session: Session, stream: str) -> xr.Dataset:
     if session.state == "interrupted":
         raise SessionError(f"{session.path} is interrupted", fix=f"fieldkit recover {session.path}")
     session.stream(stream)
-    options: dict[str, Any] = {"driver_kwds": {"swmr": True}} if session.state == "recording" else {}
+    is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only
+    options: dict[str, Any] = {"driver_kwds": {"swmr": True}} if is_live else {}
     return xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 class Session(EntryReader):
     """One recording. Use as a context manager, or call `close`.
 
-    `state` is "recording", "interrupted" (its writer ended without sealing: `fieldkit
+    `state` is "recording" until it is sealed, "interrupted" (its writer ended without: `fieldkit
     recover`), "recovered" or "sealed". With `salvage` what the file has lost is left out of its tables.
     """
 
@@ -187,9 +187,11 @@ def open_session(path: str | Path) -> Session:
     too damaged to read; `fix` says what to do.
     """
     path = Path(path)
+    is_written = is_locked(journal_path(path))  # asked first: who lets go after that has sealed it
     if _is_closed(path):
-        return _session(path, lambda: h5py.File(path, "r"))
-    if is_locked(journal_path(path)):
+        unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
+        return _session(path, lambda: h5py.File(path, "r"), unfinished=unfinished)
+    if is_written:
         return _session(path, lambda: h5py.File(path, "r", swmr=True), "recording")
     return open_interrupted(path)
 
@@ -212,14 +214,16 @@ def open_interrupted(path: Path, *, salvage: bool = False) -> Session:
 
 
 def _session(
-    path: Path, opened: Callable[[], h5py.File], state: str | None = None, *, salvage: bool = False
-) -> Session:
+    path: Path, opened: Callable[[], h5py.File], state: str | None = None, *,
+    unfinished: str = "interrupted", salvage: bool = False,
+) -> Session:  # fmt: skip
+    """A session in a given `state`, or as the file says it is: complete, or else `unfinished`."""
     file = None
     try:
         file = opened()
         check_format(path, file)
         complete = int(scalar(file, "entry/complete"))
-        found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, "interrupted")
+        found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
         return Session(path, file, state or found, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:

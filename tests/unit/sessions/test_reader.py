@@ -1,4 +1,4 @@
-"""What is no session, or means harm, is refused with a clear error and little memory."""
+"""What is no session, or means harm, is refused, with little memory; a session tells its state."""
 
 from __future__ import annotations
 
@@ -6,14 +6,17 @@ import json
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 from fieldkit.errors import SessionError
+from fieldkit.sessions.check import check
 from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
@@ -212,3 +215,25 @@ def test_session_tells_where_it_came_from(path: Path) -> None:
         assert session.start_ns < session.end_ns
         with pytest.raises(SessionError, match="no stream 'sonar'"):
             session.count("sonar")
+
+
+def test_session_is_still_being_recorded_while_it_is_sealed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To verify a long session takes minutes, and all that time its file is closed and not yet complete."""
+    seen: list[object] = []
+
+    def watched(path: Path, *rest: Any) -> SealReport:
+        with open_session(path) as session:
+            seen.extend([session.state, session.count("camera"), session.to_xarray("camera").sizes["time"]])
+        seen.extend(one.level for one in check(path) if one.what == "state")
+        return seal(path, *rest)
+
+    monkeypatch.setattr("fieldkit.sessions.writer.seal", watched)
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
+    fill(writer, 20, clock)
+    writer.close()
+    assert seen == ["recording", 20, 20, "warn"]
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.state == "sealed"
