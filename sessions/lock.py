@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from pathlib import Path
 
 from fieldkit.errors import RefusedError
 
 RECORDING = "lock"
 RECOVERY = "recovery.lock"
+PATIENCE_S = 0.1
 
 
 class SessionLock:
@@ -24,7 +26,7 @@ class SessionLock:
     def __init__(self, folder: Path, name: str = RECORDING) -> None:
         self._descriptor = os.open(folder / name, os.O_RDWR | os.O_CREAT, 0o644)
         try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _lock(self._descriptor)
         except OSError as error:
             owner = os.read(self._descriptor, 32).decode(errors="replace").strip()
             os.close(self._descriptor)
@@ -39,6 +41,19 @@ class SessionLock:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+
+
+def _lock(descriptor: int) -> None:
+    """Lock for us alone; who only asks whether it is locked holds it for a moment, which is waited for."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return
+        except OSError:
+            if time.monotonic() > deadline:
+                raise
+        time.sleep(PATIENCE_S / 100)
 
 
 def is_locked(folder: Path) -> bool:
