@@ -27,6 +27,8 @@ LIFETIME_DAYS: Mapping[str, float] = {
     "emissivity": 365.0, "uniformity": 1.0, "irradiance": 90.0, "surface": 30.0, "clock": 1.0
 }  # fmt: skip
 """How long a calibration is good for unless somebody says otherwise; a warning comes after that."""
+UNKNOWN: Mapping[str, Any] = {"uncertainty": math.nan, "unit": "", "effect": math.nan}
+"""What a line of a budget may lack in a file because it was not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +110,13 @@ def as_document(record: CalibrationRecord) -> dict[str, Any]:
 
 
 def _told(value: Any) -> Any:
-    """Without what is not known: NaN, None, infinity, empty text and tables."""
+    """Without what is not known: NaN, None, infinity, empty text and tables; in a list it is NaN."""
     if isinstance(value, Mapping):
         kept = {str(key): _told(item) for key, item in value.items()}
         return {key: item for key, item in kept.items() if item not in (None, "", {}, [])}
     if isinstance(value, list | tuple):
-        return [_told(item) for item in value]
+        # nothing is left out of a list, where the place of a number says what it belongs to
+        return [math.nan if (told := _told(item)) is None else told for item in value]
     if hasattr(value, "tolist"):  # a numpy number or array
         return _told(value.tolist())
     if isinstance(value, float):
@@ -139,7 +142,7 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
         )
     given = {f.name: document[f.name] for f in fields(CalibrationRecord) if f.name in document}
     try:
-        given["budget"] = tuple(Contribution(**line) for line in given.get("budget", ()))
+        given["budget"] = tuple(Contribution(**{**UNKNOWN, **line}) for line in given.get("budget", ()))
         given["sources"] = tuple(Source(**source) for source in given.get("sources", ()))
         given["instrument"] = Instrument(**given.get("instrument", {}))
         given["remarks"] = tuple(given.get("remarks", ()))

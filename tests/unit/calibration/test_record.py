@@ -64,6 +64,22 @@ def test_what_is_not_known_is_left_out_and_comes_back_unknown():
     assert math.isnan(from_toml(to_toml(bare), "x").angle_deg)
 
 
+@pytest.mark.parametrize("unknown", [math.nan, None, math.inf, np.float64("nan")])
+def test_what_is_not_known_keeps_its_place_in_a_list(unknown):
+    record = replace(SAND, details={"reflected_c": [1.5, unknown, 3.5]})
+    first, middle, last = from_toml(to_toml(record), "x").details["reflected_c"]
+    assert (first, last) == (1.5, 3.5)
+    assert math.isnan(middle)
+
+
+@pytest.mark.parametrize("field", ["uncertainty", "effect"])
+def test_a_budget_with_an_unknown_number_can_be_read_again(field):
+    line = replace(SAND.budget[0], **{field: math.nan})
+    (read,) = from_toml(to_toml(replace(SAND, budget=(line,))), "x").budget
+    assert math.isnan(getattr(read, field))
+    assert replace(read, **{field: 0.0}) == replace(line, **{field: 0.0})
+
+
 def test_a_record_is_never_overwritten(tmp_path):
     save(SAND, tmp_path)
     with pytest.raises(StorageError, match="never changed"):
