@@ -7,6 +7,7 @@ the column's header (``T1 [C]``, ``lux (lx)``) or is said.
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -27,6 +28,8 @@ _UNITS = {
     "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
 }  # fmt: skip
 _MAX_BYTES = 100_000_000
+_NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
+_TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 _DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
@@ -68,7 +71,7 @@ def read_log(
     readings = []
     for stamp, row in zip(stamps, rows, strict=True):
         time_ns = plausible_ns(parse_time_ns(stamp, zone, time_format) + offset_ns)
-        values = tuple(_number(_cell(row, place)) + add for place in places)
+        values = tuple(_number(_cell(row, place), quantity) + add for place in places)
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
@@ -78,10 +81,10 @@ def read_log(
     )  # fmt: skip
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
     said = f"{path.name}: {len(ordered)} rows{applied}"
-    left_out = _left_out(
-        [head[place] for place in others if place not in places], is_said=bool(chosen.values)
-    )
-    return Foreign((info,), ordered, ((Severity.INFO, said), *left_out))
+    numbers = (_as_number(_cell(row, place)) for row in rows for place in places)
+    missing = sum(_stands_for_none(number, quantity) for number in numbers)
+    unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
+    return Foreign((info,), ordered, ((Severity.INFO, said), *_warnings(missing, unknown)))
 
 
 def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]], bool]:
@@ -148,10 +151,11 @@ def _refuse_commas(
                 )
 
 
-def _left_out(heads: Sequence[str], *, is_said: bool) -> Iterator[tuple[Severity, str]]:
-    """A warning of columns whose unit is not known, unless columns were chosen."""
-    unknown = [head for head in heads if _unit(head)]
-    if unknown and not is_said:
+def _warnings(missing: int, unknown: Sequence[str]) -> Iterator[tuple[Severity, str]]:
+    """What is told of cells that stand for no value, and of columns whose unit is not known."""
+    if missing:
+        yield Severity.WARNING, f"{missing} cells stand for no value (like -9999 or inf)"
+    if unknown:
         known = ", ".join(_UNITS)
         yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {known}"
 
@@ -169,8 +173,18 @@ def _cell(row: Sequence[str], place: int) -> str:
     return row[place].strip() if place < len(row) else ""
 
 
-def _number(cell: str) -> float:
+def _number(cell: str, quantity: str) -> float:
+    """The number of a cell, NaN where it has none or one that stands for none."""
+    number = _as_number(cell)
+    return float("nan") if _stands_for_none(number, quantity) else number
+
+
+def _as_number(cell: str) -> float:
     try:
         return float(cell.replace(",", "."))
     except ValueError:
         return float("nan")
+
+
+def _stands_for_none(number: float, quantity: str) -> bool:
+    return math.isinf(number) or number in (_NO_VALUE | (_TOO_HOT if quantity == "temperature" else set()))

@@ -70,6 +70,24 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
     assert [one.values for one in found] == [(293.65,), (294.15,)]
 
 
+@pytest.mark.parametrize(
+    ("unit", "cells", "missing"),
+    [
+        # -9999.9 as in SURFRAD's README, 9999 as in NOAA's format of hourly observations (ISD)
+        ("C", ("9999", "-9999.9", "-999.9", "inf", "21"), 4),
+        ("lx", ("9999", "-9999", "-999.9", "-inf", "21"), 3),
+    ],
+)
+def test_numbers_that_stand_for_no_value_are_missing(
+    tmp_path: Path, unit: str, cells: tuple[str, ...], missing: int
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z,{cell}\n" for minute, cell in enumerate(cells))
+    foreign = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
+    values = [one.values[0] for one in foreign.samples if isinstance(one, Reading)]
+    assert np.isnan(values).sum() == missing
+    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in foreign.remarks]
+
+
 def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
     foreign = read_log(path, "logger")
