@@ -167,8 +167,9 @@ def _claimed_pixels(path: Path) -> int:
 
 def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:
     try:
-        with times.open(newline="", encoding="utf-8-sig") as file:
-            rows = {row[0].strip(): row[1].strip() for row in csv.reader(file) if len(row) >= 2}
+        lines = times.read_text(encoding="utf-8-sig").splitlines()
+        cells = csv.reader(lines, delimiter=_delimiter(lines))
+        rows = {row[0].strip(): row[1].strip() for row in cells if len(row) >= 2}
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ConfigError(f"cannot read {times}: {error}", fix="save it as CSV, UTF-8") from error
     missing = [path.name for path in paths if path.name not in rows]
@@ -178,6 +179,11 @@ def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict
             fix="add a line for each, or take them out of the folder",
         )
     return {path: parse_time_ns(rows[path.name], zone) for path in paths}
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """What parts the columns: semicolons or tabs where the first line has them, else commas."""
+    return next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
 
 
 def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:

@@ -113,6 +113,15 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
     assert foreign.streams[0].scale == 0.04
 
 
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, mark: str) -> None:
+    folder = tiffs(tmp_path / "f", ["a.tif"])
+    times = tmp_path / "times.csv"
+    times.write_text(f"file{mark}time\na.tif{mark}2026-05-12 10:00:01\n", encoding="utf-8-sig")
+    (frame,) = read_stills(folder, Scale(0.04), times=times, zone=ZoneInfo("Asia/Tokyo")).samples
+    assert frame.time_ns == 1_778_547_601_000_000_000  # 2026-05-12T01:00:01Z by date(1)
+
+
 def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
     foreign = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
