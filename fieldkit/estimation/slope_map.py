@@ -3,7 +3,8 @@
 The weights of a minute are taken alike for all pixels (the balance's steepness differs by
 7 %), so H is shared and a pixel keeps four numbers, ``b`` and ``c``. Pictures are added at
 camera rate, maps solved at display rate, in closed form: within 0.005 degree of the
-polished answer for windows of 20 minutes (`normal`, which regions use).
+polished answer for windows of 20 minutes (`normal`, which regions use). Which of the two branches
+is meant is decided as for regions (`choice`): the tilt limit, then misfit and prior.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.slope import SlopeState
@@ -28,7 +30,7 @@ class SlopeMap:
     """Slopes of a picture (rows, cols): degrees, reduced chi-square, and `SlopeState` as uint8.
 
     Angles are NaN where the state is `NO_DATA`, `NO_INTERSECTION` or `SHADED`. `second_tilt_deg` is the
-    mirror's tilt, shown in the state `NOT_RESOLVED` where it keeps the limit as well.
+    other branch's tilt, shown in the state `NOT_RESOLVED`: it keeps the limit and fits about as well.
     """
 
     tilt_deg: NDArray[np.float32]
@@ -97,6 +99,10 @@ class MapSums:
         tilt, azimuth, second, chi_square = planes.reshape(4, *self.shape)
         return SlopeMap(tilt, azimuth, second, chi_square, state.reshape(self.shape))
 
+    @property
+    def _freedom(self) -> int:
+        return max(self.count - 2, 1)
+
     def _solve_piece(
         self,
         piece: slice,
@@ -118,26 +124,52 @@ class MapSums:
         upward = vectors[:, 0] if vectors[2, 0] >= 0.0 else -vectors[:, 0]
         m, (e2, e1) = upward.astype(np.float32), vectors.T[1:].astype(np.float32)
         # over hours the sun leaves that plane, and the slope shows across it as well
-        left += (values[0] * across - 2.0 * (upward @ b)) * across
+        pull = (upward @ b).astype(np.float32)
+        lowest, middle, highest = values.astype(np.float32)
+        left += (lowest * across - 2.0 * pull) * across
+        gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
         east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
         tilt, azimuth, second, chi_square = planes
-        tilt[:] = _arc_cosine(level + m[2] * across)
-        second[:] = _arc_cosine(level - m[2] * across)
+        flatter, steeper = level + m[2] * across, level - m[2] * across
+        tilt[:], second[:] = _arc_cosine(flatter), _arc_cosine(steeper)
+        is_alone = (second > self._limit) | (across == 0.0)
+        swap = ~is_alone & (gain < _log_square_sine(flatter) - _log_square_sine(steeper))
+        tilt[swap], second[swap], across[swap] = second[swap], tilt[swap], -across[swap]
+        left[swap] += gain[swap]
+        gain[swap] *= -1.0
         np.arctan2(east + m[0] * across, north + m[1] * across, out=azimuth)
         azimuth *= DEGREES
         azimuth[azimuth < 0.0] += np.float32(360.0)
-        freedom = max(self.count - 2, 1)
-        pinned = values[2] * (y1 - x1) ** 2 + values[1] * (y2 - x2) ** 2
-        chi_square[:] = (np.maximum(left, 0.0) + pinned) / freedom
-        state[:] = SlopeState.OK
-        state[second <= self._limit] = SlopeState.NOT_RESOLVED
-        state[(tilt > self._limit) | (chi_square > _alarm(freedom))] = SlopeState.NO_INTERSECTION
+        pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
+        chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
+        self._judge(planes, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
         state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COSINE] = SlopeState.SHADED
         state[np.isnan(y1)] = SlopeState.NO_DATA
         second[state != SlopeState.NOT_RESOLVED] = np.nan
         unknown = state >= SlopeState.NO_INTERSECTION
         tilt[unknown] = azimuth[unknown] = np.nan
+
+    def _judge(
+        self,
+        planes: NDArray[np.float32],
+        gain: NDArray[np.float32],
+        is_alone: NDArray[np.bool_],
+        state: NDArray[np.uint8],
+    ) -> None:
+        """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
+        tilt, _, second, chi_square = planes
+        # a misfit beyond what noise explains is itself the measure of how far a difference tells
+        telling = NINETY_PERCENT * np.maximum(chi_square, 1.0)
+        state[:] = SlopeState.OK
+        state[~is_alone & (gain < telling)] = SlopeState.NOT_RESOLVED
+        too_steep = (tilt > self._limit) | ((second > self._limit) & (gain < -telling))
+        state[too_steep | (chi_square > _alarm(self._freedom))] = SlopeState.NO_INTERSECTION
+
+
+def _log_square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What the prior adds to a misfit, as `choice` has it: a tenth of a degree and less count alike."""
+    return np.asarray(np.log(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6))))
 
 
 def _arc_cosine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -102,6 +102,35 @@ def test_three_hours_explain_a_slope_as_well_as_twenty_minutes():
     assert noisy.chi_square.mean() == pytest.approx(0.5, abs=0.05)
 
 
+@pytest.mark.parametrize("minutes", [180, 360])
+def test_hours_tell_a_steep_slope_from_its_flat_mirror(minutes):
+    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64)) - minutes * 30_000_000_000
+    sun = sun_vectors(start + np.arange(minutes) * 60_000_000_000, SITE)
+    steep = np.broadcast_to(normal(40.0, 180.0), (*SHAPE, 3)).copy()
+    steep[10:] = normal(12.0, 180.0)
+    found = mapped(sun, steep, noise_k=0.05)
+    assert (found.state == SlopeState.OK).all()
+    assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), steep).max() < 0.5
+    assert np.isnan(found.second_tilt_deg).all()
+    assert found.chi_square.mean() == pytest.approx(0.5, abs=0.05)
+
+
+def test_hours_rule_out_a_slope_steeper_than_the_limit_whose_mirror_is_flat():
+    start = int(np.datetime64("2017-08-30T01:30", "ns").astype(np.int64))
+    sun = sun_vectors(start + np.arange(180) * 60_000_000_000, SITE)
+    found = mapped(sun, np.broadcast_to(normal(48.0, 180.0), (*SHAPE, 3)), noise_k=0.05)
+    assert (found.state == SlopeState.NO_INTERSECTION).all()
+
+
+def test_two_slopes_that_fit_alike_are_told_the_flatter_first():
+    start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
+    sun = sun_vectors(start + np.arange(20) * 60_000_000_000, SITE)
+    found = mapped(sun, np.broadcast_to(normal(35.0, 180.0), (*SHAPE, 3)))
+    assert (found.state == SlopeState.NOT_RESOLVED).all()
+    assert (found.tilt_deg < found.second_tilt_deg).all()
+    assert found.second_tilt_deg == pytest.approx(35.0, abs=0.1)
+
+
 def test_two_pictures_are_too_few(scene):
     sun, truth = scene
     assert (mapped(sun[:2], truth).state == SlopeState.TOO_FEW).all()
