@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
+from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.samples import NO_COUNTER, Frame, Quality
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.reader import Session
@@ -64,13 +65,23 @@ def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
         if isinstance(sample, Frame):
             if sample.seq % _LOOK_EVERY:
                 continue
-            values = np.array([np.median(sample.counts)]) * info.scale + info.offset
+            values = _middle_k(sample, info)
         else:
             values = np.array(sample.values)
         values = values[np.isfinite(values)]
         if values.size:
             lowest, highest = min(lowest, float(values.min())), max(highest, float(values.max()))
     return bad, lowest, highest
+
+
+def _middle_k(frame: Frame, info: StreamInfo) -> NDArray[np.float64]:
+    """The middle of a picture by the camera's law; NaN where the law cannot tell."""
+    middle = np.array([np.median(frame.counts)]).astype(np.uint16)
+    try:
+        kelvin = temperature_k(info.law, middle, frame.metadata_rows, info.settings, info.scale, info.offset)
+    except (ValueError, TypeError):  # no such law, constants left out, or rows of another camera
+        return np.array([np.nan])
+    return kelvin.astype(np.float64)
 
 
 def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
