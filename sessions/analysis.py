@@ -55,7 +55,7 @@ def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
     chosen = [info for info in cameras if stream in (None, info.name)]
     if len(chosen) != 1:
         have = ", ".join(info.name for info in cameras) or "none"
-        raise SessionError(f"{session.path}: which camera? It has {have}")
+        raise SessionError(f"{session.path}: which camera? It has {have}", fix="name one: stream=...")
     return chosen[0]
 
 
@@ -141,7 +141,7 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
     if info.is_camera:
         table["sensor [K]"] = reader.column("fpa_temperature")
     else:
-        values = reader.column("value").reshape(len(reader), -1)
+        values = reader.column("value").reshape(len(reader), *info.shape)  # also without a single reading
         for name, column in zip(channel_names(info), values.T, strict=True):
             table[f"{name} [{info.unit}]"] = column
     for name in ("seq", "flags", "mono_ns"):
