@@ -87,6 +87,14 @@ def test_pandas_has_units_in_its_columns(session: Session) -> None:
     assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
 
 
+def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    SessionWriter(tmp_path / "a.h5", header((24, 32)), CountedClock()).close()
+    with open_session(tmp_path / "a.h5") as session:
+        table = session.to_pandas("thermometer")
+    assert (len(table), list(table.columns[:2])) == (0, ["T1 [K]", "T2 [K]"])
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: str) -> None:
     pd = pytest.importorskip("pandas")
