@@ -127,16 +127,19 @@ def _solved(session: Session, camera: StreamInfo, estimator: Estimator, chosen: 
         reference_k = float(np.mean(references_k))
         if np.isfinite(reference_k):
             brightness = mean_picture(session, camera, one.minute)
-            kelvin = surface_temperature_k(brightness, emissivity, settings.reflected_temperature_k)
+            # what the camera sees too warm is brightness: a kelvin of it is more of a grey surface
+            kelvin = surface_temperature_k(
+                brightness - offset_k, emissivity, settings.reflected_temperature_k
+            )
             light = one.direct_w_m2 * settings.scale
-            sums.add(kelvin - offset_k, reference_k, one.sun, light, reference_normal)
+            sums.add(kelvin, reference_k, one.sun, light, reference_normal)
     return sums.solve()
 
 
 def _of_pixels(
     regions: Sequence[Region], shape: tuple[int, int], settings: EstimatorSettings
 ) -> tuple[FloatArray, FloatArray]:
-    """Emissivity and known offset (kelvin) of every pixel: a region's own inside it."""
+    """Emissivity and known offset (kelvin of brightness) of every pixel: a region's own inside it."""
     emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
     for region in regions:
         inside = region.mask(shape)

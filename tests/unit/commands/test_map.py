@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import h5py
@@ -12,9 +13,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.commands import main
+from fieldkit.commands import main, mapping
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.sessions.reader import open_session
+from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeState
 
 
@@ -110,6 +114,20 @@ def test_window_chooses_the_minutes(session, tmp_path):
     assert short.exit_code == 8
     assert "2 minutes" in short.output
     assert not (tmp_path / "b.png").exists()
+
+
+def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
+    bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
+    flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
+    pictures = []
+    monkeypatch.setattr(mapping.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
+    monkeypatch.setattr(mapping.MapSums, "solve", lambda self: None)
+    seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
+    monkeypatch.setattr(mapping, "mean_picture", lambda *_: np.full((4, 4), seen))
+    estimator = SimpleNamespace(regions=(flat, bed), settings=EstimatorSettings(offsets_k={"b": 1.0}))
+    one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, direct_w_m2=800.0)
+    mapping._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])
+    assert pictures[0] == pytest.approx(318.15, abs=1e-3)
 
 
 def test_files_go_to_the_campaigns_results(session):
