@@ -93,7 +93,7 @@ def day(name: str, beds: list[tuple[float, float]], random: np.random.Generator)
 def with_known_bed(history: History, settings: EstimatorSettings) -> EstimatorSettings:
     """The settings with the scale that the first bed asks for, whose slope is known."""
     first = len(history) - MINUTES
-    made = rows(history, first, np.array([0]), np.array([1]), VERTICAL[np.newaxis], np.zeros(1), settings)
+    made = rows(history, first, np.array([0]), np.array([1]), VERTICAL[np.newaxis], settings)
     scale = scale_from_known_bed(
         made.lamps,
         made.y[:, 0],

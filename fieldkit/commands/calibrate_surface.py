@@ -94,14 +94,13 @@ def rows_of(estimator: Estimator) -> tuple[Rows, History]:
     """Rows of all clear minutes of a session for all its targets, with their history."""
     from fieldkit.estimation import balance
     from fieldkit.estimation.bins import History
+    from fieldkit.estimation.offsets import without_offsets
     from fieldkit.estimation.window import Field
     from fieldkit.samples import Quality
 
     history, field, settings = History.of(estimator.bins), Field(estimator.regions), estimator.settings
-    offsets = np.array([settings.offsets_k.get(estimator.regions[i].name, 0.0) for i in field.targets])
-    rows = balance.rows(
-        history, 0, field.references, field.targets, field.reference_normals, offsets, settings
-    )
+    true = without_offsets(history, field.regions, settings)
+    rows = balance.rows(true, 0, field.references, field.targets, field.reference_normals, settings)
     doubtful = sum(int(Quality[name]) for name in CLOUDY)
     return replace(rows, y=np.where((history.flags & doubtful)[:, np.newaxis] == 0, rows.y, np.nan)), history
 

@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import VERTICAL, FloatArray
-from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
 from fieldkit.physics.sky import extraterrestrial
 from fieldkit.physics.slab import Slab, conducted_flux
 from fieldkit.physics.surface import STEFAN_BOLTZMANN
@@ -68,7 +67,6 @@ def rows(
     references: NDArray[np.int64],
     targets: NDArray[np.int64],
     normals: FloatArray,
-    offsets_k: FloatArray,
     settings: EstimatorSettings,
 ) -> Rows:
     """Rows of the minutes from index `first` of the history on.
@@ -84,15 +82,13 @@ def rows(
         are averaged.
     normals
         Unit normals of the references, shape (len(references), 3).
-    offsets_k
-        Known offsets of the targets (m,), brightness measured minus true. [K]
     settings
         Surface, model and noise.
     """
     kept = np.isfinite(history.temperature_k[first:, references]).any(axis=0)
     kept |= not kept.any()  # none measured: all of them, whose mean is NaN without a warning
     base = history.temperature_k[:, references[kept]]
-    warm = _without_offsets(history.temperature_k[:, targets], offsets_k, settings)
+    warm = history.temperature_k[:, targets]
     heat = _lost(warm, settings) - np.mean(_lost(base, settings), axis=1, keepdims=True)
     beam, ground = _lamp(history, np.mean(base, axis=1), settings)
     lamps = history.sun + (ground / beam)[:, np.newaxis] * VERTICAL
@@ -121,14 +117,6 @@ def rows(
         (np.stack(doubts) / scale)[:, window],
         reference,
     )
-
-
-def _without_offsets(kelvin: FloatArray, offsets_k: FloatArray, settings: EstimatorSettings) -> FloatArray:
-    """Surface temperatures (n, m) had the camera seen no offset of brightness (m,), kelvin."""
-    if not offsets_k.any():
-        return kelvin
-    seen = (settings.surface.emissivity, settings.reflected_temperature_k)
-    return surface_temperature_k(brightness_temperature_k(kelvin, *seen) - offsets_k, *seen)
 
 
 def _unsteadiness(direct_w_m2: FloatArray) -> FloatArray:

@@ -20,6 +20,7 @@ from fieldkit.estimation.balance import Rows, rows
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.drift import RECENT_MINUTES, drifts_k
 from fieldkit.estimation.methods import Solution, solution
+from fieldkit.estimation.offsets import without_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.samples import Quality
@@ -76,9 +77,9 @@ class Window:
         self.first = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
         if last and field.references.size and field.targets.size:
-            offsets = np.array([settings.offsets_k.get(field.regions[c].name, 0.0) for c in field.targets])
+            true = without_offsets(self.past, field.regions, settings)
             beds = field.references, field.targets, field.reference_normals
-            self.rows = rows(self.past, self.first, *beds, offsets, settings)
+            self.rows = rows(true, self.first, *beds, settings)
 
     def estimate(self, index: int) -> SlopeEstimate:
         """Slope of the target `index`."""

@@ -112,7 +112,6 @@ def test_rows_of_both_models_are_the_cosines_of_incidence(clear_day):
             np.array([0]),
             np.array([1, 2, 3]),
             VERTICAL[np.newaxis],
-            np.zeros(3),
             EstimatorSettings(model=model, slab=SLAB),
         )
         truth = made.lamps @ normal(*np.array(BEDS).T).T
