@@ -15,7 +15,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import logging
-import math
 import os
 import shutil
 import sqlite3
@@ -26,15 +25,16 @@ from pathlib import Path
 
 from fieldkit.clock import Clock, ClockCheck
 from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
+from fieldkit.samples import Event, EventKind, Health, Quality, Sample, Severity
 from fieldkit.sessions.brick_thread import BrickThread
 from fieldkit.sessions.disk import sync
 from fieldkit.sessions.header import SessionHeader, check_new, check_region
 from fieldkit.sessions.journal import Identity, Journal
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import SEALED, journal_path, raw_width
+from fieldkit.sessions.layout import SEALED, journal_path
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
+from fieldkit.sessions.sample_check import SampleCheck
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
 from fieldkit.sessions.sync_thread import SyncThread
@@ -61,9 +61,7 @@ class SessionWriter:
         self.is_closed = False
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
-        self._shapes = {info.name: info.shape for info in header.streams}
-        self._row_shapes = {info.name: info.metadata_shape for info in header.streams}
-        self._raw_widths = {info.name: raw_width(info) for info in header.streams}
+        self._check = SampleCheck(header.streams)
         self._lock = threading.Lock()
         self._report: SealReport | None = None
         self._folder = journal_path(path)
@@ -177,28 +175,6 @@ class SessionWriter:
         number, crc32 = self._journal.append(record)
         self._syncer.notice()
         self._bricks.offer(number, record, crc32)
-
-    def _check(self, sample: Sample) -> None:
-        """A sample must be as its stream was declared; that is the driver's promise."""
-        declared = self._shapes.get(sample.stream)
-        shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
-        if shape != declared:
-            raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
-        if isinstance(sample, Frame):
-            self._check_pictures(sample)
-        elif len(sample.raw) > self._raw_widths[sample.stream]:
-            raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
-
-    def _check_pictures(self, frame: Frame) -> None:
-        """What is journalled in another form than declared could not be read back."""
-        declared, shape = self._row_shapes[frame.stream], frame.metadata_rows.shape
-        if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
-            raise ValueError(
-                f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
-            )
-        for counts in (frame.counts, frame.metadata_rows):
-            if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
-                raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")
 
     # --- the end
 

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 from fieldkit.samples import EventKind, Frame
+from fieldkit.sessions.check_clock import awake_offsets_ns
 from fieldkit.site import Region
 from fieldkit.views import picture, words
 from fieldkit.views.html import Html, element, paragraph, section, table
@@ -154,8 +155,8 @@ def clock(material: Material) -> Html:
     checks = list(material.session.clock_checks())
     if len(checks) < 2:
         return section("Clock", paragraph("The clock was not checked while recording."))
-    first = checks[0].utc_minus_mono_ns
-    drifts_ms = [(check.utc_minus_mono_ns - first) / 1e6 for check in checks]
+    offsets = awake_offsets_ns(checks)  # a sleep is no error of the clock
+    drifts_ms = [float(offset - offsets[0]) / 1e6 for offset in offsets]
     sources = ", ".join(sorted({check.source for check in checks}))
     worst = max(drifts_ms, key=abs)
     good_to_ms = max(check.error_ns for check in checks) / 1e6
