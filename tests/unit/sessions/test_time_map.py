@@ -12,7 +12,7 @@ from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.exchange.imported import Foreign
 from fieldkit.sessions.exchange.merged import merge
-from fieldkit.sessions.layout import SEALED
+from fieldkit.sessions.layout import RECOVERED
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import rebuild
 from fieldkit.sessions.time_map import TimeStep
@@ -63,7 +63,7 @@ def test_recovery_and_checks_see_what_was_recorded(path: Path) -> None:
 
 
 def test_recovered_file_keeps_recorded_times(path: Path) -> None:
-    rebuild(path, SEALED)
+    rebuild(path, RECOVERED)
     with open_session(path) as session:
         (mark,) = session.events(recorded=True)
         assert mark.time_ns == CountedClock().to_utc_ns(2 * S)
