@@ -33,7 +33,7 @@ LENGTH = 2 * WIDTH * 2 * HEIGHT
 WANTED = Wanted(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
 SCALE = 1 / 64
 RATE_HZ = 25.0
-GREY = 0x80  # high byte of a grey picture taken for temperatures; a camera that starts sends 0x8000
+GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
 
 
@@ -48,11 +48,18 @@ def decode(data: bytes) -> Picture | Rejected:
 def flags(counts: NDArray[np.uint16]) -> Quality:
     """What the temperatures alone betray: end of scale, not started, not corrected, or the grey half."""
     quality = doubts(extremes(counts), (0, 0xFFFF), SCALE)
-    rows = counts[[0, len(counts) // 2, -1]]  # halves that are exchanged or shifted leave one of them grey
-    step = np.abs(np.diff(rows.astype(np.int32))).mean()
-    if step > UNCORRECTED_STEP or (rows >> 8 == GREY).all(axis=1).any():
+    middle = len(counts) // 2
+    row = counts[middle].astype(np.int32)
+    step = np.abs(row[1:] - row[:-1]).mean()
+    # halves that are exchanged or shifted leave one of these rows grey
+    if step > UNCORRECTED_STEP or any(_is_grey(counts[place]) for place in (0, middle, -1)):
         quality |= Quality.NO_VALUE
     return quality
+
+
+def _is_grey(row: NDArray[np.uint16]) -> bool:
+    coldest, hottest = extremes(row)
+    return GREY[0] <= coldest <= hottest <= GREY[1]
 
 
 class P2Pro:
