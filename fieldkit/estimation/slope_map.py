@@ -133,7 +133,7 @@ class MapSums:
         flatter, steeper = level + m[2] * across, level - m[2] * across
         tilt[:], second[:] = _arc_cosine(flatter), _arc_cosine(steeper)
         is_alone = (second > self._limit) | (across == 0.0)
-        swap = ~is_alone & (gain < _log_square_sine(flatter) - _log_square_sine(steeper))
+        swap = ~is_alone & (gain < np.log(_square_sine(flatter) / _square_sine(steeper)))
         tilt[swap], second[swap], across[swap] = second[swap], tilt[swap], -across[swap]
         left[swap] += gain[swap]
         gain[swap] *= -1.0
@@ -167,9 +167,9 @@ class MapSums:
         state[too_steep | (chi_square > _alarm(self._freedom))] = SlopeState.NO_INTERSECTION
 
 
-def _log_square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
-    """What the prior adds to a misfit, as `choice` has it: a tenth of a degree and less count alike."""
-    return np.asarray(np.log(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6))))
+def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The prior of `choice` adds its logarithm to a misfit; a tenth of a degree and less count alike."""
+    return np.asarray(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6)))
 
 
 def _arc_cosine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
