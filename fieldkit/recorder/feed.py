@@ -221,7 +221,8 @@ class Feed:
         same = self.info.is_read_as(info)
         self._doubt = Quality.GOOD if same else Quality.NO_VALUE
         if not same:
-            text = "came back with another scale or law; its samples are kept and have no value"
+            now = f"{info.law}, {info.scale:g} x counts + {info.offset:g}"
+            text = f"came back with another scale ({now}); its samples are kept and have no value"
             self._tell(EventKind.LOST, text, Severity.ERROR)
 
     def _pause(self, seconds: float) -> None:

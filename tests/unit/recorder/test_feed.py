@@ -159,7 +159,7 @@ def test_a_camera_back_with_another_scale_has_no_value() -> None:
         4.0,
     )
     assert [event.kind for event in events] == [EventKind.LOST, EventKind.BACK, EventKind.LOST]
-    assert "another scale" in events[2].text
+    assert "another scale (linear, 0.1 x counts + 0)" in events[2].text
     assert all(Quality.NO_VALUE in sample.quality for sample in samples[1:])
 
 
