@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import gc
-import os
 import sqlite3
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from multiprocessing.queues import Queue
-from multiprocessing.synchronize import Barrier
 from pathlib import Path
 
 import h5py
@@ -28,7 +23,7 @@ from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
-from tests.harness.recording import SPAWN, CountedClock, fill, header, same, sample
+from tests.harness.recording import CountedClock, fill, header, same, sample
 
 HEADER = header((24, 32))
 
@@ -172,98 +167,11 @@ def test_sample_that_is_not_as_declared_is_refused(tmp_path: Path) -> None:
     assert writer.close().verified == 0
 
 
-def test_session_is_never_written_over(tmp_path: Path) -> None:
-    SessionWriter(tmp_path / "a.h5", HEADER, CountedClock()).close()
-    with pytest.raises(RefusedError, match="exists already"):
-        SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
-
-
-def begin_at_once(path: Path, barrier: Barrier, begun: Queue) -> None:
-    """Begin a session when the other process does, and record a little."""
-    clock = CountedClock()
-    barrier.wait()
-    try:
-        writer = SessionWriter(path, HEADER, clock)
-    except RefusedError:
-        begun.put(False)
-        barrier.wait()
-        return
-    begun.put(True)
-    barrier.wait()  # the other one has given up
-    fill(writer, 5, clock)
-    writer.close()
-
-
-def test_of_two_that_begin_the_same_session_at_once_one_has_it(tmp_path: Path) -> None:
-    barrier, begun = SPAWN.Barrier(2), SPAWN.Queue()
-    for number in range(3):
-        path = tmp_path / f"{number}.h5"
-        pair = [SPAWN.Process(target=begin_at_once, args=(path, barrier, begun)) for _ in range(2)]
-        for process in pair:
-            process.start()
-        for process in pair:
-            process.join(60)
-        assert sorted(begun.get(timeout=1) for _ in pair) == [False, True]
-        with open_session(path) as session:
-            assert (session.state, session.count("camera")) == ("sealed", 5)
-
-
-def test_session_sealed_since_one_looked_is_left_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, exists = tmp_path / "a.h5", Path.exists
-
-    def look(place: Path) -> bool:
-        there = exists(place)
-        monkeypatch.setattr(Path, "exists", exists)
-        SessionWriter(path, HEADER, CountedClock()).close()
-        return there
-
-    monkeypatch.setattr(Path, "exists", look)
-    with pytest.raises(RefusedError, match="exists already"):
-        SessionWriter(path, HEADER, CountedClock())
-    assert [item.name for item in tmp_path.iterdir()] == ["a.h5"]
-    with open_session(path) as session:
-        assert session.state == "sealed"
-
-
-def test_start_that_fails_leaves_nothing_open_and_nothing_behind(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(brick_thread, "SessionFile", full)
-    for number in range(3):
-        with pytest.raises(StorageError, match="No space left"):
-            SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
-    assert not list(tmp_path.iterdir())
-    gc.collect()
-    opened = [os.readlink(item) for item in Path("/proc/self/fd").iterdir() if item.is_symlink()]
-    assert not [name for name in opened if str(tmp_path) in name]
-
-
-def test_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("no folder")
-    with pytest.raises(StorageError, match="cannot start"):
-        SessionWriter(tmp_path / "file" / "a.h5", HEADER, CountedClock())
-
-
 def test_closed_writer_takes_nothing(tmp_path: Path) -> None:
     writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
     writer.close()
     with pytest.raises(SessionError, match="closed"):
         writer.append(sample(HEADER.streams[0], 0))
-
-
-def test_sessions_can_be_begun_in_several_threads_at_once(tmp_path: Path) -> None:
-    def begin_and_close(number: int) -> int:
-        writer = SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())
-        writer.append(sample(HEADER.streams[0], 0))
-        return writer.close().counts["camera"]
-
-    with ThreadPoolExecutor(4) as pool:
-        assert list(pool.map(begin_and_close, range(12))) == [1] * 12
 
 
 def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
