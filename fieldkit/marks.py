@@ -43,8 +43,10 @@ def marks_folder(session: Path) -> Path:
 
 
 def drop_mark(folder: Path, mark: Mark) -> Path:
-    """Write a mark so that it is there as a whole or not at all; raises `OSError`."""
-    folder.mkdir(exist_ok=True)
+    """Write a mark so that it is there as a whole or not at all.
+
+    Raises `OSError`; without the folder nobody takes marks any more.
+    """
     name = uuid.uuid4().hex
     draft, final = folder / f".{name}", folder / f"{name}.json"
     draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
@@ -54,11 +56,18 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
 
 @dataclass
 class DroppedMarks:
-    """Takes the marks dropped for a recording, once each, oldest first; their files are removed."""
+    """Takes the marks dropped for a recording, once each, oldest first; their files are removed.
+
+    The folder is there from the start to `close`, so that nobody can drop a mark that nobody would take.
+    """
 
     folder: Path
     clock: Clock
     _taken: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        with suppress(OSError):  # without marks a recording is still a recording
+            self.folder.mkdir(exist_ok=True)
 
     def __call__(self) -> Iterator[Event]:
         """Events for the marks dropped since the last call.
@@ -73,14 +82,25 @@ class DroppedMarks:
                 with suppress(OSError):  # a folder of somebody else's, as after sudo
                     file.unlink()
 
+    def close(self) -> Iterator[Event]:
+        """Events for the last marks; one that comes later finds no folder."""
+        with suppress(OSError):
+            self.folder = self.folder.rename(_closed(self.folder))
+        return self()
+
 
 def left_marks(folder: Path) -> list[Event]:
     """Events for the marks that a recording ended too early to take; their files stay.
 
     "Now" is when each was dropped, by the computer's own time; `mono_ns` is not known.
     """
-    files = _oldest_first(folder)
+    files = [*_oldest_first(_closed(folder)), *_oldest_first(folder)]
     return [replace(_read(file, 0, file.stat().st_mtime_ns), mono_ns=0) for file in files]
+
+
+def _closed(folder: Path) -> Path:
+    """What the folder is called when no more marks are taken."""
+    return folder.with_name(f"{folder.name}-closed")
 
 
 def _oldest_first(folder: Path) -> list[Path]:

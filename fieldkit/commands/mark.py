@@ -52,6 +52,11 @@ def command(
         raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
     try:
         drop_mark(marks_folder(session), mark)
+    except FileNotFoundError:
+        raise RefusedError(
+            f"{session.name} has just ended and is being sealed: the mark comes too late",
+            fix=f"write it down beside {session.name}",
+        ) from None
     except OSError as error:
         raise StorageError(f"the mark could not be written beside {session}: {error.strerror}") from error
     if options(ctx).json:

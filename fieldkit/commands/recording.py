@@ -167,6 +167,7 @@ def record_session(
     with _stop_on_signals() as stopping:  # from before there is anything that must be sealed
         start_ns = tools.clock.mono_ns()
         writer = SessionWriter(path, header_of(config, title, tools.streams), tools.clock)
+        marks = DroppedMarks(marks_folder(path), tools.clock)
         try:
             return Recorder(
                 devices=tools.devices,
@@ -178,7 +179,8 @@ def record_session(
                 sampling=sampling_of(config),
                 views=views,
                 end_ns=None if duration_s is None else start_ns + round(duration_s * SECOND_NS),
-                marks=DroppedMarks(marks_folder(path), tools.clock),
+                marks=marks,
+                last_marks=marks.close,
                 disk_reserve_bytes=disk_reserve_bytes(config),
                 stopping=stopping,
             ).run()

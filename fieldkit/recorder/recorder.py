@@ -57,8 +57,8 @@ class Recorder:
     """Records opened devices into a session until `stop`, the planned end, or a full disk.
 
     `reopen(name)` opens a device again by its identity; `free_bytes` tells the disk's free
-    space; `marks` yields events that people dropped in meanwhile. `end_ns` is monotonic; `stopping`
-    may be set before the recorder exists. Call `run` once.
+    space; `marks` yields events that people dropped in meanwhile, `last_marks` those left when no
+    more are taken. `end_ns` is monotonic; `stopping` may be set before the recorder exists. Call `run` once.
     """
 
     devices: Sequence[Device]
@@ -71,6 +71,7 @@ class Recorder:
     views: Sequence[View] = ()
     end_ns: int | None = None
     marks: Callable[[], Iterable[Event]] = tuple
+    last_marks: Callable[[], Iterable[Event]] = tuple
     disk_reserve_bytes: int = 64_000_000
     stopping: threading.Event = field(default_factory=threading.Event)
 
@@ -106,7 +107,7 @@ class Recorder:
             while self._goes_on():
                 self._take(self._inbox.get(0.1))
             self._stop_feeds()
-            for mark in self.marks():  # dropped since the last look around
+            for mark in self.last_marks():
                 self._keep_event(mark)
             self._finish_estimates()
             self._say(EventKind.STOP, "recording stopped")

@@ -3,7 +3,7 @@ import os
 
 import pytest
 
-from fieldkit.marks import DroppedMarks, Mark, drop_mark, marks_folder
+from fieldkit.marks import DroppedMarks, Mark, drop_mark, left_marks, marks_folder
 from fieldkit.samples import EventKind, Severity
 from fieldkit.simulated_clock import SimulatedClock
 
@@ -29,9 +29,9 @@ def clock():
 
 @pytest.fixture
 def folder(tmp_path):
-    journal = tmp_path / "x.h5.journal"
-    journal.mkdir()
-    return marks_folder(tmp_path / "x.h5")
+    folder = marks_folder(tmp_path / "x.h5")
+    folder.mkdir(parents=True)
+    return folder
 
 
 def test_a_mark_becomes_an_event_now_and_is_read_once(folder, clock):
@@ -68,7 +68,6 @@ def test_marks_come_in_the_order_they_were_dropped(folder, clock):
 
 
 def test_a_half_written_mark_is_not_seen(folder, clock):
-    folder.mkdir()
     (folder / ".half").write_text('{"text": "ha')
     assert list(DroppedMarks(folder, clock)()) == []
 
@@ -87,8 +86,25 @@ def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, cloc
     assert content in events[Severity.WARNING].text
 
 
-def test_no_marks_folder_is_no_marks(tmp_path, clock):
-    assert list(DroppedMarks(tmp_path / "absent", clock)()) == []
+def test_a_folder_that_cannot_be_made_is_no_marks(tmp_path, clock):
+    marks = DroppedMarks(tmp_path / "absent" / "marks", clock)
+    assert [*marks(), *marks.close()] == []
+
+
+def test_after_the_last_look_no_mark_can_be_dropped(folder, clock):
+    marks = DroppedMarks(folder, clock)
+    drop_mark(folder, Mark("the last"))
+    last = marks.close()
+    with pytest.raises(FileNotFoundError):
+        drop_mark(folder, Mark("too late"))
+    assert [event.text for event in last] == ["the last"]
+
+
+def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, clock):
+    marks = DroppedMarks(folder, clock)
+    drop_mark(folder, Mark("the last"))
+    marks.close()  # nobody goes through them
+    assert [event.text for event in left_marks(folder)] == ["the last"]
 
 
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):

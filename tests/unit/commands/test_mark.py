@@ -30,7 +30,7 @@ def recording(campaign):
     """The recordings folder with an interrupted session and one whose journal somebody holds."""
     recordings = campaign / "recordings"
     for name in ("a-interrupted", "running", "z-interrupted"):
-        (recordings / f"{name}.h5.journal").mkdir()
+        (recordings / f"{name}.h5.journal" / "marks").mkdir(parents=True)
     SessionLock(recordings / "z-interrupted.h5.journal").release()
     lock = SessionLock(recordings / "running.h5.journal")
     yield recordings
@@ -55,6 +55,13 @@ def test_a_span_has_two_ends(campaign, recording):
     (event,) = DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.data == {"end_ns": NOON_NS - 60 * 10**9}
+
+
+def test_a_mark_on_a_session_that_is_being_sealed_is_refused_not_lost(campaign, recording):
+    DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS)).close()
+    result = mark(campaign, "packed up")
+    assert result.exit_code == 9
+    assert "running.h5 has just ended and is being sealed" in result.stderr
 
 
 def test_without_a_recording_it_says_so_and_exits_9(campaign):
@@ -133,7 +140,7 @@ def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments
     result = mark(campaign, "x", *arguments)
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
-    assert not (recording / "running.h5.journal" / "marks").exists()
+    assert not any((recording / "running.h5.journal" / "marks").iterdir())
 
 
 def test_a_simulated_day_may_be_decades_ago():

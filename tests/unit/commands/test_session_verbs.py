@@ -180,6 +180,7 @@ def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path
 
 def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign: Path) -> None:
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    marks_folder(path).mkdir()
     drop_mark(marks_folder(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
     drop_mark(marks_folder(path), Mark("moved"))
     run(recover, path)
