@@ -6,7 +6,6 @@ the column's header (``T1 [C]``, ``lux (lx)``) or is said.
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections import Counter
@@ -19,18 +18,22 @@ from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
+from fieldkit.sessions.exchange.log_tables import read_table
 from fieldkit.sessions.exchange.times import parse_time_ns, plausible_ns
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
-_UNITS = {
-    "C": (*_TEMPERATURE, 273.15), "°C": (*_TEMPERATURE, 273.15), "degC": (*_TEMPERATURE, 273.15),
-    "K": (*_TEMPERATURE, 0.0), "lx": (*_LIGHT, 0.0), "lux": (*_LIGHT, 0.0),
-    "W m-2": (*_POWER, 0.0), "W/m2": (*_POWER, 0.0), "W/m²": (*_POWER, 0.0),
-}  # fmt: skip
-_MAX_BYTES = 100_000_000
+_UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
+    **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, 273.15, 1.0)),
+    **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, 459.67, 1.8)),
+    **dict.fromkeys(("k", "kelvin"), (*_TEMPERATURE, 0.0, 1.0)),
+    **dict.fromkeys(("lx", "lux"), (*_LIGHT, 0.0, 1.0)),
+    **dict.fromkeys(("w m-2", "w/m2", "w/m²", "w/m^2"), (*_POWER, 0.0, 1.0)),
+}
+_KNOWN = "C, F, K, lx, W/m2"
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d*")  # with a point behind them there is no doubt
 _DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
@@ -49,29 +52,25 @@ def read_log(
 ) -> Foreign:  # fmt: skip
     """A table as one stream; `offset_ns` is added to its times. Cells without a number become NaN.
 
+    `zone` is of times that have none, where the table does not say it either.
+
     A date and a time of day in the column after it are taken together, so `time_format` is of both.
 
     Raises `ConfigError` where the table cannot be understood; it says what it found.
     """
-    head, rows, has_decimal_commas = _table(path, encoding)
-    chosen = columns or LogColumns()
-    time_at = _place(path, head, chosen.time) if chosen.time else 0
+    table, chosen = read_table(path, encoding), columns or LogColumns()
+    head, rows, zone = table.head, table.rows, zone or table.zone
+    time_at = _place(path, head, chosen.time) if chosen.time else table.time_at
     stamps, behind = _stamps(path, rows, time_at)
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
     places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
-    units = [unit or _unit(head[place]) for place in places]
-    if len(set(units)) != 1 or units[0] not in _UNITS:
-        known = ", ".join(_UNITS)
-        raise ConfigError(
-            f"{path}: units {', '.join(map(repr, units))}", fix=f"one stream, one unit: --unit of {known}"
-        )
-    if not has_decimal_commas:
+    stored, quantity, add, by = _meaning(path, [unit or _unit(head[place]) for place in places])
+    if not table.has_decimal_commas:
         _refuse_commas(path, head, rows, places)
-    stored, quantity, add = _UNITS[units[0]]
     readings = []
     for stamp, row in zip(stamps, rows, strict=True):
         time_ns = plausible_ns(parse_time_ns(stamp, zone, time_format) + offset_ns)
-        values = tuple(_number(_cell(row, place), quantity) + add for place in places)
+        values = tuple((_number(_cell(row, place), quantity) + add) / by for place in places)
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
@@ -84,27 +83,19 @@ def read_log(
     numbers = (_as_number(_cell(row, place)) for row in rows for place in places)
     missing = sum(_stands_for_none(number, quantity) for number in numbers)
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
-    return Foreign((info,), ordered, ((Severity.INFO, said), *_warnings(missing, unknown)))
+    warnings = _warnings(missing, unknown, info.rate_hz if table.averages else 0.0)
+    return Foreign((info,), ordered, ((Severity.INFO, said), *warnings))
 
 
-def _table(path: Path, encoding: str) -> tuple[list[str], list[list[str]], bool]:
-    """Header, rows, and whether a comma in a number is its decimal point; raises `ConfigError`."""
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
-        text = path.read_text(encoding=encoding)
-        dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
-        rows = [row for row in csv.reader(text.splitlines(), dialect) if any(cell.strip() for cell in row)]
-    except (OSError, LookupError, UnicodeDecodeError, csv.Error) as error:
+def _meaning(path: Path, units: Sequence[str]) -> tuple[str, str, float, float]:
+    """What `_UNITS` says of the unit that all columns have; raises `ConfigError`."""
+    meanings = {_UNITS.get(unit.lower()) for unit in units}
+    found = meanings.pop()
+    if meanings or found is None:
         raise ConfigError(
-            f"{path} cannot be read as a table: {error}", fix="save it as CSV, UTF-8"
-        ) from error
-    if len(rows) < 2 or len(rows[0]) < 2:
-        raise ConfigError(
-            f"{path} has no table with a header line and rows",
-            fix="keep the header line, with the unit of each column in brackets",
+            f"{path}: units {', '.join(map(repr, units))}", fix=f"one stream, one unit: --unit of {_KNOWN}"
         )
-    return [cell.strip() for cell in rows[0]], rows[1:], dialect.delimiter != ","
+    return found
 
 
 def _place(path: Path, head: Sequence[str], name: str) -> int:
@@ -131,7 +122,7 @@ def _stamps(path: Path, rows: Sequence[Sequence[str]], time_at: int) -> tuple[li
 
 
 def _with_units(path: Path, head: Sequence[str], others: Sequence[int], unit: str) -> list[int]:
-    found = list(others) if unit else [place for place in others if _unit(head[place]) in _UNITS]
+    found = list(others) if unit else [place for place in others if _unit(head[place]).lower() in _UNITS]
     if not found:
         raise ConfigError(f"{path}: no column has a unit", fix='--unit C, or headers like "T1 [C]"')
     return found
@@ -143,21 +134,24 @@ def _refuse_commas(
     """Where commas part the columns, one in a number may be of thousands or of decimals: not guessed."""
     for row in rows:
         for place in places:
-            if _WITH_COMMA.fullmatch(_cell(row, place)):
+            cell = _cell(row, place)
+            if _WITH_COMMA.fullmatch(cell) and not _THOUSANDS.fullmatch(cell):
                 raise ConfigError(
-                    f"{path}: {_cell(row, place)!r} in column {head[place]!r} has a comma,"
-                    " of thousands or of decimals",
+                    f"{path}: {cell!r} in column {head[place]!r} has a comma, of thousands or of decimals",
                     fix="export it with points as decimals and without separators of thousands",
                 )
 
 
-def _warnings(missing: int, unknown: Sequence[str]) -> Iterator[tuple[Severity, str]]:
-    """What is told of cells that stand for no value, and of columns whose unit is not known."""
+def _warnings(missing: int, unknown: Sequence[str], means_hz: float) -> Iterator[tuple[Severity, str]]:
+    """What is told of cells that stand for no value, columns of unknown units, and means stamped late."""
     if missing:
         yield Severity.WARNING, f"{missing} cells stand for no value (like -9999 or inf)"
     if unknown:
-        known = ", ".join(_UNITS)
-        yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {known}"
+        yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {_KNOWN}"
+    if means_hz > 0:
+        half_s = 0.5 / means_hz
+        said = "means are stamped at their end; if no clock is wrong, import them with"
+        yield Severity.WARNING, f"{said} --offset -{half_s:g}s"
 
 
 def _unit(cell: str) -> str:
@@ -181,7 +175,7 @@ def _number(cell: str, quantity: str) -> float:
 
 def _as_number(cell: str) -> float:
     try:
-        return float(cell.replace(",", "."))
+        return float(cell.replace(",", "" if _THOUSANDS.fullmatch(cell) else "."))
     except ValueError:
         return float("nan")
 
