@@ -27,7 +27,7 @@ TOA5 = """\
 # Layout: Onset, HOBOware User's Guide, "Exporting Table Data"
 HOBO = """\
 "Plot Title: bed 3"
-"#","Date Time, GMT-07:00","Temp, °F (LGR S/N: 1, SEN S/N: 7)","Intensity, Lux (LGR S/N: 1)","Stopped (LGR S/N: 1)"
+"#","Date Time, GMT-07:00","Temp, °F (LGR S/N: 1, SEN S/N: 7)","Intensity, Lux","Stopped (LGR S/N: 1)"
 1,"05/12/26 10:00:00 AM",68.0,"52,356.0",
 2,"05/12/26 10:00:10 AM",69.8,"52,400.0",
 3,"05/12/26 10:00:12 AM",,,Logged
