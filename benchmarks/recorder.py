@@ -23,7 +23,7 @@ from fieldkit.clock import HostClock
 from fieldkit.device import Device, DeviceSettings, StreamInfo
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.camera import ThermalCamera
-from fieldkit.drivers.cameras.picture import Picture
+from fieldkit.drivers.cameras.picture import Picture, extremes
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.recorder import Recorder, Summary
@@ -94,7 +94,8 @@ def large_camera() -> list[Result]:
 
 
 def _decode_large(data: bytes) -> Picture:
-    return Picture(np.frombuffer(data, "<u2").reshape(512, 640), scale=0.01)
+    counts = np.frombuffer(data, "<u2").reshape(512, 640)
+    return Picture(counts, extremes(counts), scale=0.01)
 
 
 class _Recording:

@@ -41,10 +41,11 @@ def decode(data: bytes, scale: float = math.nan) -> Picture | Rejected:
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
         return Rejected(len(data), f"{len(data)} bytes; a Boson's picture has {sizes}")
-    pixels = words(data, *shape)
+    pixels = words(data, shape)
     height = PICTURE_ROWS[shape[1]]
     counts = pixels[:height]
-    return Picture(counts, pixels[height:], scale, quality=doubts(extremes(counts), (0, 0xFFFF), scale))
+    found = extremes(counts)
+    return Picture(counts, found, pixels[height:], scale, quality=doubts(found, (0, 0xFFFF), scale))
 
 
 class Boson:

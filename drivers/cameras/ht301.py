@@ -63,9 +63,9 @@ def decode(data: bytes, law: str = "ht301") -> Picture | Rejected:
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
         return Rejected(len(data), f"{len(data)} bytes; a picture of this family has {sizes}")
-    pixels = words(data, *shape)
+    pixels = words(data, shape)
     counts, rows = pixels[:-ROWS], pixels[-ROWS:]
-    coldest, hottest = extremes(counts)
+    found = coldest, hottest = extremes(counts)
     if hottest > HT301_COUNTS:
         return Rejected(len(data), "an ordinary picture, not temperatures: the camera is in the wrong mode")
     parameters = ht301_parameters(rows)
@@ -76,7 +76,7 @@ def decode(data: bytes, law: str = "ht301") -> Picture | Rejected:
     if coldest <= 0 or hottest >= HT301_COUNTS:
         quality |= Quality.SATURATED
     fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + ZERO_C
-    return Picture(counts, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
+    return Picture(counts, found, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
 
 
 def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:

@@ -41,13 +41,14 @@ def decode(data: bytes) -> Picture | Rejected:
     """The temperature half of a frame; its grey half is dropped."""
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {WIDTH}x{2 * HEIGHT} has {LENGTH}")
-    counts = words(data, 2 * HEIGHT, WIDTH)[HEIGHT:]
-    return Picture(counts, scale=SCALE, quality=flags(counts))
+    counts = words(data, (HEIGHT, WIDTH), LENGTH // 2)
+    found = extremes(counts)
+    return Picture(counts, found, scale=SCALE, quality=flags(counts, found))
 
 
-def flags(counts: NDArray[np.uint16]) -> Quality:
+def flags(counts: NDArray[np.uint16], found: tuple[float, float]) -> Quality:
     """What the temperatures alone betray: end of scale, not started, not corrected, or the grey half."""
-    quality = doubts(extremes(counts), (0, 0xFFFF), SCALE)
+    quality = doubts(found, (0, 0xFFFF), SCALE)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
     step = np.abs(row[1:] - row[:-1]).mean()

@@ -17,12 +17,8 @@ from fieldkit.samples import NO_COUNTER, Quality
 PLAUSIBLE_K = (200.0, 700.0)
 """Scenes outside are a wrong scale, not weather."""
 
-_DOUBTS = {  # looked up, because combining flags costs more than finding them
-    (False, True): Quality.GOOD,
-    (True, True): Quality.SATURATED,
-    (False, False): Quality.NO_VALUE,
-    (True, False): Quality.SATURATED | Quality.NO_VALUE,
-}
+_GOOD, _SATURATED, _NO_VALUE = Quality.GOOD, Quality.SATURATED, Quality.NO_VALUE
+"""By plain names: looking them up in their class takes as long as finding them."""
 
 NO_ROWS = np.empty((0, 0), np.uint16)
 _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding a row
@@ -31,11 +27,13 @@ _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding 
 class Picture(NamedTuple):
     """One picture as its bytes alone tell it; a tuple, because one is made for every frame.
 
-    Kelvin are ``counts * scale + offset`` if `law` is linear; `scale` is NaN where they are not, or unknown.
+    `extremes` are the coldest and the hottest of the counts. Kelvin are ``counts * scale + offset`` if `law`
+    is linear; `scale` is NaN where they are not, or unknown.
     `shutter` is whether a correction runs or has just run, None where the camera does not tell.
     """
 
     counts: NDArray[np.uint16]
+    extremes: tuple[float, float]
     metadata_rows: NDArray[np.uint16] = NO_ROWS
     scale: float = math.nan
     offset: float = 0.0
@@ -52,9 +50,9 @@ class Picture(NamedTuple):
 Decode = Callable[[bytes], Picture | Rejected]
 
 
-def words(data: bytes, rows: int, columns: int) -> NDArray[np.uint16]:
-    """Bytes, as many as that shape needs, as little-endian words (rows, columns), without copying."""
-    return np.ndarray((rows, columns), _WORD, data)
+def words(data: bytes, shape: tuple[int, int], start: int = 0) -> NDArray[np.uint16]:
+    """Bytes from `start`, at least as many as that shape needs, as little-endian words, without copying."""
+    return np.ndarray(shape, _WORD, data, start)
 
 
 def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:
@@ -71,10 +69,11 @@ def doubts(
     A scale that puts even the warmest pixel below, or the coldest above, anything on this Earth is wrong.
     """
     coldest, hottest = extremes
-    is_saturated = coldest <= ends[0] or hottest >= ends[1]
     low, high = PLAUSIBLE_K
     is_scene = hottest * scale + offset >= low and coldest * scale + offset <= high  # NaN is in no range
-    return _DOUBTS[is_saturated, is_scene]
+    if coldest > ends[0] and hottest < ends[1]:
+        return _GOOD if is_scene else _NO_VALUE
+    return _SATURATED if is_scene else _SATURATED | _NO_VALUE
 
 
 def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Decoded:
@@ -140,7 +139,14 @@ def summary(picture: Picture) -> list[Value]:
 
 
 def kelvin(picture: Picture) -> NDArray[np.float32]:
-    """Brightness temperature of a picture, float32."""
-    return temperature_k(
-        picture.law, picture.counts, picture.metadata_rows, {}, picture.scale, picture.offset
-    )
+    """Brightness temperature of a picture, float32.
+
+    OpenCV converts and scales in one pass where numpy needs two, but only to a largest value that is told.
+    """
+    if picture.law != "linear":
+        return temperature_k(picture.law, picture.counts, picture.metadata_rows, {})
+    hottest_k = picture.extremes[1] * picture.scale
+    image: NDArray[np.float32] = cv2.normalize(picture.counts, None, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)  # type: ignore[call-overload]  # its stubs do not know that it makes the array
+    if picture.offset:
+        image += picture.offset
+    return image

@@ -32,7 +32,7 @@ from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, 
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.errors import DeviceError
-from fieldkit.samples import Quality
+from fieldkit.samples import new_tuple
 
 WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
@@ -46,8 +46,10 @@ TLINEAR_ENDS, COUNTS_ENDS = (0, 0xFFFF), (0, 0x3FFF)
 
 GAINS = {0: "high", 1: "low", 2: "automatic"}
 EMISSIVITY_WORD, EMISSIVITY_1 = 99, 8192
-OLD_REVISION = 8  # its FFC states are never, running, done
-FPA_COUNTS = (20_000, 40_000)  # no sensor works outside of 200 to 400 K
+FFC, OLD_FFC, OLD_REVISION = (2, 3), (1, 2), 8
+"""The states "running" and "done" of a correction; one revision of the telemetry has no "imminent"."""
+
+COLDEST_FPA, HOTTEST_FPA = 20_000, 40_000  # no sensor works outside of 200 to 400 K
 RATE_HZ = 8.7
 SYSTEM_UNIT, OEM_UNIT, RADIOMETRY_UNIT = 6, 4, 0x15
 SERIAL, PART_NUMBER, RUN_FFC = (SYSTEM_UNIT, 3), (OEM_UNIT, 8), (SYSTEM_UNIT, 17)
@@ -61,37 +63,36 @@ def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
     shape = SHAPES.get(len(data))
     if shape is None:
         return Rejected(len(data), f"{len(data)} bytes; a Lepton's picture has {_sizes()}")
-    pixels = words(data, *shape)
-    height = PICTURE_ROWS[shape[1]]
+    pixels, height = words(data, shape), PICTURE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
         return _untold(counts, rows, untold_scale)
     told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
     revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
-    if not (revision and FPA_COUNTS[0] < fpa < FPA_COUNTS[1]):  # the rows are not filled in
+    if not (revision and COLDEST_FPA < fpa < HOTTEST_FPA):  # the rows are not filled in
         return _untold(counts, rows, untold_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
-    quality = _doubts(counts, scale)
-    shutter = _shutter(status >> 4 & 3, revision == OLD_REVISION, uptime - corrected)
-    sensors = fpa / 100, housing / 100, GAINS.get(gain, "unknown")
-    return Picture(counts, rows, scale, 0.0, "linear", quality, shutter, uptime, counter, *sensors)
-
-
-def _shutter(state: int, old: bool, since_ms: int) -> bool:
-    """Whether a correction runs, or has run within the last ten seconds."""
-    running, done = (1, 2) if old else (2, 3)
-    return state == running or (state == done and 0 <= since_ms < SETTLING_MS)
+    found = extremes(counts)
+    quality = doubts(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
+    state, (running, done) = status >> 4 & 3, OLD_FFC if revision == OLD_REVISION else FFC
+    shutter = state == running or (state == done and 0 <= uptime - corrected < SETTLING_MS)
+    fields = (
+        counts, found, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
+        fpa / 100, housing / 100, GAINS.get(gain, "unknown"),
+    )  # fmt: skip
+    return new_tuple(Picture, fields)
 
 
 def _untold(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> Picture:
     """A picture that says nothing about itself."""
-    return Picture(counts, rows, scale, quality=_doubts(counts, scale))
-
-
-def _doubts(counts: NDArray[np.uint16], scale: float) -> Quality:
     found = extremes(counts)
-    has_14_bits = not scale > 0 and found[1] <= COUNTS_ENDS[1]  # above them TLinear is on, whatever is told
-    return doubts(found, COUNTS_ENDS if has_14_bits else TLINEAR_ENDS, scale)
+    quality = doubts(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
+    return Picture(counts, found, rows, scale, quality=quality)
+
+
+def _ends(found: tuple[float, float]) -> tuple[int, int]:
+    """The ends of what pixels of unknown scale can say; above 14 bits TLinear is on, whatever is told."""
+    return TLINEAR_ENDS if found[1] > COUNTS_ENDS[1] else COUNTS_ENDS
 
 
 def _sizes() -> str:

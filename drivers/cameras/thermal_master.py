@@ -14,7 +14,7 @@ from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.picture import Picture, decode_frames, words
+from fieldkit.drivers.cameras.picture import Picture, decode_frames, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, cameras, find_cameras, open_source
 from fieldkit.drivers.cameras.thermal_master_bulk import (
     BEGIN,
@@ -56,9 +56,10 @@ def decode(data: bytes) -> Picture | Rejected:
             return Rejected(len(data), f"markers disagree: picture {begin.counter} and {end.counter}")
         counter, data = begin.counter, data[MARKER.size : MARKER.size + bare]
     width, height = LENGTHS[bare]
-    pixels = words(data, 2 * height + 2, width)
+    pixels = words(data, (2 * height + 2, width))
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
-    return Picture(counts, rows, p2pro.SCALE, quality=p2pro.flags(counts), device_seq=counter)
+    found = extremes(counts)
+    return Picture(counts, found, rows, p2pro.SCALE, quality=p2pro.flags(counts, found), device_seq=counter)
 
 
 class ThermalMaster:

@@ -41,10 +41,10 @@ def decode(
         return Rejected(
             len(data), f"{len(data)} bytes; a picture of {width}x{height} has {2 * width * height}"
         )
-    counts = words(data, height, width)
-    return Picture(
-        counts, scale=scale, offset=offset, quality=doubts(extremes(counts), (0, 0xFFFF), scale, offset)
-    )
+    counts = words(data, (height, width))
+    found = extremes(counts)
+    quality = doubts(found, (0, 0xFFFF), scale, offset)
+    return Picture(counts, found, scale=scale, offset=offset, quality=quality)
 
 
 def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
