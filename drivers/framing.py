@@ -11,6 +11,7 @@ from collections import deque
 from typing import Any, NamedTuple, Protocol
 
 from fieldkit.drivers.records import Layout, Record
+from fieldkit.samples import new_tuple
 
 _CHUNKS_KEPT = 64  # far more than one record is made of
 _REFUSED_KEPT = 4096
@@ -65,9 +66,10 @@ class Framer:
     def __init__(self, byte_ns: int) -> None:
         self.received = 0
         """Bytes received so far."""
+        self.left = b""
+        """Bytes of earlier chunks that are no record yet, or further ones."""
         self.rejected = 0
         self._byte_ns = byte_ns
-        self._buffer = b""
         self._arrivals: deque[tuple[int, int]] = deque(maxlen=_CHUNKS_KEPT)  # (bytes so far, mono_ns)
         self._in_step = True
         self._refused = b""
@@ -75,34 +77,34 @@ class Framer:
     @property
     def unread(self) -> bytes:
         """The last bytes received, as far as they were no record."""
-        return self._refused + self._buffer
+        return self._refused + self.left
 
     def feed(self, layout: Layout, chunk: bytes, mono_ns: int) -> Stamped | None:
         """The next record after a chunk that was read at `mono_ns`, None if the bytes do not make one yet."""
         length = len(chunk)
         self.received += length
-        if not self._buffer and 0 < length <= layout.longest:  # most chunks are one whole record
+        if not self.left and 0 < length <= layout.longest:  # most chunks are one whole record
             taken = layout.take(chunk)
             if isinstance(taken, Record) and taken.length == length:
                 self._in_step, self._refused = True, b""
-                return Stamped(taken, chunk, mono_ns - length * self._byte_ns)
-        self._buffer += chunk
+                return new_tuple(Stamped, (taken, chunk, mono_ns - length * self._byte_ns))
+        self.left += chunk
         self._arrivals.append((self.received, mono_ns))
         return self.take(layout)
 
     def discard(self) -> None:
         """Forget everything received so far."""
-        self._buffer = b""
+        self.left = b""
         self._in_step = True
 
     def take(self, layout: Layout) -> Stamped | None:
         """The next record of what is left of earlier chunks, None if there is none."""
-        while buffer := self._buffer:
+        while buffer := self.left:
             taken = layout.take(buffer[: layout.longest])
             if taken is None and len(buffer) < layout.longest:
                 return None
             length = taken.length if taken else 1
-            self._buffer = buffer[length:]
+            self.left = buffer[length:]
             if isinstance(taken, Record):
                 self._in_step, self._refused = True, b""
                 return Stamped(taken, buffer[:length], self._stamp(self.received - len(buffer)))

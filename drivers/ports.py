@@ -118,11 +118,12 @@ class SerialPort:
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more."""
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.take(layout)
+        clock, framer = self._clock, self.framer
+        deadline_ns = clock.mono_ns() + int(timeout_s * 1e9)
+        found = framer.take(layout) if framer.left else None
         while found is None and (chunk := self._chunk(timeout_s)):
-            now_ns = self._clock.mono_ns()
-            found = self.framer.feed(layout, chunk, now_ns)
+            now_ns = clock.mono_ns()
+            found = framer.feed(layout, chunk, now_ns)
             timeout_s = (deadline_ns - now_ns) / 1e9
         return found
 

@@ -49,7 +49,7 @@ from fieldkit.drivers.records import (
     skip_to,
 )
 from fieldkit.errors import DeviceNotFoundError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality, new_tuple
 
 LENGTH = 45
 LINE = Line(9600)
@@ -88,7 +88,7 @@ def take(buffer: bytes) -> Taken:
         channel = channels[numbers.index(beyond[0])]
         reason = f"{channel.name} = {beyond[0]:g} {channel.unit} is beyond any thermocouple"
         return Rejected(skip_to(_START, buffer), reason)
-    return Record(LENGTH, numbers, channels)
+    return new_tuple(Record, (LENGTH, numbers, channels, "", NO_COUNTER))
 
 
 class Meaning(NamedTuple):

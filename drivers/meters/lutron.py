@@ -48,6 +48,7 @@ from fieldkit.drivers.records import (
     skip_to,
 )
 from fieldkit.errors import DecodeError
+from fieldkit.samples import NO_COUNTER, new_tuple
 
 LENGTH = 16
 LINE = Line(9600)
@@ -70,7 +71,7 @@ def take(buffer: bytes) -> Taken:
     head, digits = _head(buffer[:7]), buffer[7:15]
     if head is not None and buffer[15] == _END:
         if digits.isdigit():
-            return Record(LENGTH, (int(digits) / head.divisor,), head.channels)
+            return new_tuple(Record, (LENGTH, (int(digits) / head.divisor,), head.channels, "", NO_COUNTER))
         if _OVERLOAD in digits and digits.replace(_OVERLOAD, b"0").isdigit():
             return Record(LENGTH, (math.nan,), head.overload)
     return Rejected(skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D")

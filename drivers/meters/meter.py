@@ -19,7 +19,7 @@ from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.drivers.meters.units import TO_SI
 from fieldkit.drivers.records import NO_VALUE, Channel, Layout
 from fieldkit.errors import DecodeError, DeviceTimeoutError
-from fieldkit.samples import Quality, Reading
+from fieldkit.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
 
 FIRST_RECORD_S = 5.0
 ANSWER_S = 1.0
@@ -83,16 +83,22 @@ class Meter:
             if not self._ask(self._asking, timeout_s):
                 return None
             timeout_s = self._asking.answer_s
-        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while found := self._port.read(self._layout, timeout_s):
-            if (reading := self._reading(found)) is not None:
-                return reading
-            timeout_s = (deadline_ns - self._clock.mono_ns()) / 1e9
-        return None
+        found = self._port.read(self._layout, timeout_s)
+        if found is None:
+            return None
+        return self._reading(found) or self._behind(found, timeout_s)
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
         self._port.close()
+
+    def _behind(self, found: Stamped, timeout_s: float) -> Reading | None:
+        """The next reading behind a record that is none, such as a line that only says OK; as long again."""
+        deadline_ns = found.mono_ns + int(timeout_s * 1e9)
+        while behind := self._port.read(self._layout, (deadline_ns - self._clock.mono_ns()) / 1e9):
+            if reading := self._reading(behind):
+                return reading
+        return None
 
     def _ask(self, asking: Asking, timeout_s: float) -> bool:
         """Wait for the next turn and send the request; False if the turn is not within `timeout_s`."""
@@ -118,15 +124,19 @@ class Meter:
             self._foreign += bool(numbers)  # a line without values is not wrong
             return None
         steps, quality = self._conversion
-        values = tuple([(numbers[place] + add) / by for place, add, by in steps])
+        values = tuple([(numbers[place] + add) / by for place, add, by in steps]) if steps else numbers
         if self._range_max is not None and any(value >= self._range_max for value in values):
             quality |= Quality.OVERRANGE
         utc_ns = self._clock.to_utc_ns(mono_ns)
-        return Reading(self._name, mono_ns, utc_ns, values, raw, quality, device_time)
+        fields = (self._name, mono_ns, utc_ns, values, raw, quality, device_time, NO_COUNTER, UNNUMBERED)
+        return new_tuple(Reading, fields)
 
 
 class Conversion(NamedTuple):
-    """How a record becomes the stream's values: for each the number's place, what to add and divide by."""
+    """How a record becomes the stream's values: for each the number's place, what to add and divide by.
+
+    Without steps its numbers are the values.
+    """
 
     steps: tuple[tuple[int, float, float], ...]
     quality: Quality
@@ -149,6 +159,8 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
     if not doubts:
         return None
     missing = reduce(and_, doubts) & NO_VALUE
+    if steps == [(place, 0.0, 1.0) for place in range(len(channels))]:
+        steps = []
     return Conversion(tuple(steps), reduce(or_, doubts) & ~NO_VALUE | missing)
 
 

@@ -5,7 +5,7 @@ import pytest
 from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.center_309 import Center309, take
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.records import Record, Rejected
 from fieldkit.errors import DeviceNotFoundError, DeviceTimeoutError
 from fieldkit.samples import Quality
 
@@ -28,6 +28,11 @@ def test_model_and_channels_are_declared(device):
     assert device.info.model == "309"
     assert device.info.channels == ("reference", "b05", "b15")
     assert (device.info.quantity, device.info.unit, device.info.shape) == ("temperature", "K", (3,))
+
+
+def test_a_record_has_every_field():
+    record = take(RECORD)
+    assert Record(*record) == record
 
 
 def test_readings_are_kelvin_and_keep_their_bytes(device):

@@ -7,9 +7,9 @@ from fieldkit.device import Device, DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.lutron import Lutron, take
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.records import Record, Rejected
 from fieldkit.errors import ConfigError, DecodeError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.samples import NO_COUNTER, Quality, Reading
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 FOOTCANDLE = bytes.fromhex("02 34 31 31 36 30 32 30 30 30 30 34 38 32 31 0D")
@@ -42,6 +42,13 @@ def test_light_meter_declares_lux_before_its_first_reading(opened):
     assert device.info.wire_time_s == pytest.approx(0.0167, abs=1e-4)
     reading = device.read(1.0)
     assert (reading.values, reading.raw, reading.quality) == ((98760.0,), LUX, Quality.GOOD)
+
+
+def test_a_record_and_its_reading_have_every_field(opened):
+    record, reading = take(LUX), opened(LUX).read(1.0)
+    assert Record(*record) == record
+    assert Reading(*reading) == reading
+    assert (reading.device_time, reading.device_seq, reading.seq) == (NO_COUNTER, NO_COUNTER, -1)
 
 
 def test_footcandles_are_stored_as_lux(opened):
