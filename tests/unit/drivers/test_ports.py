@@ -9,6 +9,7 @@ import pytest
 from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers import permission, ports
+from fieldkit.drivers.framing import Stamped
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
 from fieldkit.drivers.ports import Line, SerialPort, open_failure, open_port
@@ -38,6 +39,7 @@ def test_stamp_is_the_arrival_less_the_wire_time_of_what_came_with_the_first_byt
     found = port.read(LAYOUT, 2.0)
     after = port._clock.mono_ns()
     assert found.raw == RECORD
+    assert Stamped(*found) == found  # every field is there
     assert before - 16 * BYTE_NS <= found.mono_ns <= after - 16 * BYTE_NS
 
 
