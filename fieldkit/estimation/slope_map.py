@@ -2,15 +2,18 @@
 
 The weights of a minute are taken alike for all pixels (the balance's steepness differs by
 7 %), so H is shared and a pixel keeps four numbers, ``b`` and ``c``. Pictures are added at
-camera rate, maps solved at display rate, in closed form: within 0.005 degree of the
-polished answer for windows of 20 minutes (`normal`, which regions use). Which of the two branches
-is meant is decided as for regions (`choice`): the tilt limit, then misfit and prior.
+camera rate, maps solved at display rate, in closed form: the tilt within 0.005 degree of the
+polished answer for windows of 20 minutes (`normal`, which regions use), the azimuth within 0.01.
+Which of the two branches is meant is decided as for regions (`choice`): the tilt limit, then misfit
+and prior.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,7 +50,8 @@ class MapSums:
         self, shape: tuple[int, int], surface: SurfaceParameters, noise_k: float, tilt_limit_deg: float = 45.0
     ) -> None:
         self.shape, self.count = shape, 0
-        self._surface, self._noise_k, self._limit = surface, noise_k, tilt_limit_deg
+        self._surface, self._noise_k = surface, noise_k
+        self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
         # worked through in pieces that stay in the processor's cache: the loops are bound by memory
@@ -93,9 +97,10 @@ class MapSums:
         planes = np.full((4, self._c.size), np.nan, np.float32)
         state = np.full(self._c.size, SlopeState.TOO_FEW, np.uint8)
         if self.count >= 3:
-            eigen = np.linalg.eigh(self._H)
+            values, vectors = np.linalg.eigh(self._H)
+            vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])  # across the plane of the sun's motion is up
             for piece in self._pieces:
-                self._solve_piece(piece, eigen[0], eigen[1], planes[:, piece], state[piece])
+                self._solve_piece(piece, values, vectors, planes[:, piece], state[piece])
         tilt, azimuth, second, chi_square = planes.reshape(4, *self.shape)
         return SlopeMap(tilt, azimuth, second, chi_square, state.reshape(self.shape))
 
@@ -111,59 +116,69 @@ class MapSums:
         planes: NDArray[np.float32],
         state: NDArray[np.uint8],
     ) -> None:
-        b = self._b[:, piece]
-        c1, c2 = (vectors[:, 2] @ b) / values[2], (vectors[:, 1] @ b) / values[1]
-        left = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
-        # once the ill-conditioned sums are resolved into components, single precision is ample
-        y1, y2 = c1.astype(np.float32), c2.astype(np.float32)
+        y1, y2, pull, left = self._resolved(piece, values, vectors)
+        m, e2, e1 = vectors.T.astype(np.float32)
+        lowest, middle, highest = values.astype(np.float32)
         x1 = np.clip(y1, -1.0, 1.0)
         room = np.sqrt(1.0 - x1 * x1)
         x2 = np.clip(y2, -room, room)
         across = np.sqrt(np.maximum(room * room - x2 * x2, 0.0))
-        # both branches share what lies in the plane of the sun's motion; m taken to point up
-        upward = vectors[:, 0] if vectors[2, 0] >= 0.0 else -vectors[:, 0]
-        m, (e2, e1) = upward.astype(np.float32), vectors.T[1:].astype(np.float32)
         # over hours the sun leaves that plane, and the slope shows across it as well
-        pull = (upward @ b).astype(np.float32)
-        lowest, middle, highest = values.astype(np.float32)
         left += (lowest * across - 2.0 * pull) * across
         gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
+        # both branches share what lies in the plane
         east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
-        tilt, azimuth, second, chi_square = planes
         flatter, steeper = level + m[2] * across, level - m[2] * across
-        tilt[:], second[:] = _arc_cosine(flatter), _arc_cosine(steeper)
-        is_alone = (second > self._limit) | (across == 0.0)
+        is_alone = (steeper < self._limit_cosine) | (across == 0.0)
         swap = ~is_alone & (gain < np.log(_square_sine(flatter) / _square_sine(steeper)))
-        tilt[swap], second[swap], across[swap] = second[swap], tilt[swap], -across[swap]
-        left[swap] += gain[swap]
-        gain[swap] *= -1.0
-        np.arctan2(east + m[0] * across, north + m[1] * across, out=azimuth)
-        azimuth *= DEGREES
-        azimuth[azimuth < 0.0] += np.float32(360.0)
+        side = np.where(swap, np.float32(-1.0), np.float32(1.0))
+        left += np.where(swap, gain, np.float32(0.0))
+        gain *= side
+        across *= side
+        tilt, azimuth, second, chi_square = planes
+        chosen, other = level + m[2] * across, level - m[2] * across
+        tilt[:] = _arc_cosine(chosen)
+        # good to 0.01 degree, and forty times as fast as numpy's
+        azimuth[:] = cv2.phase(north + m[1] * across, east + m[0] * across, angleInDegrees=True).ravel()
         pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
         chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
-        self._judge(planes, gain, is_alone, state)
+        self._judge(chosen, other, chi_square, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
         state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COSINE] = SlopeState.SHADED
         state[np.isnan(y1)] = SlopeState.NO_DATA
-        second[state != SlopeState.NOT_RESOLVED] = np.nan
+        doubtful = state == SlopeState.NOT_RESOLVED
+        second[doubtful] = _arc_cosine(other[doubtful])
         unknown = state >= SlopeState.NO_INTERSECTION
         tilt[unknown] = azimuth[unknown] = np.nan
 
+    def _resolved(
+        self, piece: slice, values: FloatArray, vectors: FloatArray
+    ) -> Iterator[NDArray[np.float32]]:
+        """Of each pixel its components in the plane of the sun's motion, what pulls it across, and the misfit.
+
+        Once the ill-conditioned sums are resolved into them, single precision is ample.
+        """
+        pull, c2, c1 = vectors.T @ self._b[:, piece]
+        c1, c2 = c1 / values[2], c2 / values[1]
+        left = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
+        return (numbers.astype(np.float32) for numbers in (c1, c2, pull, left))
+
     def _judge(
         self,
-        planes: NDArray[np.float32],
+        chosen: NDArray[np.float32],
+        other: NDArray[np.float32],
+        chi_square: NDArray[np.float32],
         gain: NDArray[np.float32],
         is_alone: NDArray[np.bool_],
         state: NDArray[np.uint8],
     ) -> None:
-        """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
-        tilt, _, second, chi_square = planes
+        """States of lit pixels; `gain` is the misfit of the `other` branch less the chosen one's (cosines)."""
         # a misfit beyond what noise explains is itself the measure of how far a difference tells
         telling = NINETY_PERCENT * np.maximum(chi_square, 1.0)
         state[:] = SlopeState.OK
         state[~is_alone & (gain < telling)] = SlopeState.NOT_RESOLVED
-        too_steep = (tilt > self._limit) | ((second > self._limit) & (gain < -telling))
+        limit = self._limit_cosine
+        too_steep = (chosen < limit) | ((other < limit) & (gain < -telling))
         state[too_steep | (chi_square > _alarm(self._freedom))] = SlopeState.NO_INTERSECTION
 
 
