@@ -154,7 +154,7 @@ class MapSums:
     def _resolved(
         self, piece: slice, values: FloatArray, vectors: FloatArray
     ) -> Iterator[NDArray[np.float32]]:
-        """Of each pixel its components in the plane of the sun's motion, what pulls it across, and the misfit.
+        """Each pixel's components in the plane of the sun's motion, what pulls it across, and the misfit.
 
         Once the ill-conditioned sums are resolved into them, single precision is ample.
         """
@@ -172,7 +172,7 @@ class MapSums:
         is_alone: NDArray[np.bool_],
         state: NDArray[np.uint8],
     ) -> None:
-        """States of lit pixels; `gain` is the misfit of the `other` branch less the chosen one's (cosines)."""
+        """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
         # a misfit beyond what noise explains is itself the measure of how far a difference tells
         telling = NINETY_PERCENT * np.maximum(chi_square, 1.0)
         state[:] = SlopeState.OK
