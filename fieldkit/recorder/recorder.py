@@ -107,8 +107,8 @@ class Recorder:
             while self._goes_on():
                 self._take(self._inbox.get(0.1))
             self._stop_feeds()
-            for mark in self.last_marks():
-                self._keep_event(mark)
+            for event in chain(self.last_marks(), self._unfinished()):
+                self._keep_event(event)
             self._finish_estimates()
             self._say(EventKind.STOP, "recording stopped")
             seal = self.writer.close()
@@ -151,6 +151,11 @@ class Recorder:
         for feed in self._feeds:
             if feed.is_running:
                 log.warning("%s is stuck in a read and was left behind", feed.info.name)
+
+    def _unfinished(self) -> Iterable[Event]:
+        """What would be told later if the recording went on."""
+        now = self.clock.mono_ns()
+        return self._storage.over(now, self.clock.to_utc_ns(now), at_end=True)
 
     # --- items: the session first
 

@@ -135,11 +135,12 @@ class StorageWatch:
         self._left_out += pauses
         return pauses
 
-    def over(self, mono_ns: int, time_ns: int) -> Iterator[Event]:
-        """What to tell, once, when a pause is over."""
-        if self._error is None or mono_ns < self._until_ns:
+    def over(self, mono_ns: int, time_ns: int, *, at_end: bool = False) -> Iterator[Event]:
+        """What to tell, once, when a pause is over, or the recording in the middle of one."""
+        if self._error is None or (mono_ns < self._until_ns and not at_end):
             return
-        text = f"{self._left_out} pictures were left out after an error of storing: {self._error}"
+        pictures = "picture" if self._left_out == 1 else "pictures"
+        text = f"{self._left_out} {pictures} left out after an error of storing: {self._error}"
         self._error, self._left_out = None, 0
         yield _disk(mono_ns, time_ns, Severity.ERROR, text)
 

@@ -13,11 +13,13 @@ import pytest
 from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.commands.recording import instruments, record_session
 from fieldkit.config import load_config
+from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import Mark, drop_mark, marks_folder
-from fieldkit.samples import EventKind, Health, Quality
+from fieldkit.samples import EventKind, Health, Quality, Sample
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
 
@@ -177,6 +179,30 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
         assert session.count("lux") == summary.counts["lux"]
     assert EventKind.ESTIMATOR in kinds
     assert summary.counts["lux"] == pytest.approx(600, abs=3)
+
+
+def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
+    """An error of storing 4 s before the end: the pause that follows outlives the recording."""
+    settings = ["simulation.speed=max", "record.sampling=all"]
+    config = load_config(campaign / "fieldkit.toml", settings=settings)
+    path = campaign / "recordings" / "paused.h5"
+    original, failed = SessionWriter.append, []
+
+    def fails_once(self: SessionWriter, sample: Sample) -> None:
+        if (sample.stream, sample.seq) == ("lux", 26) and not failed:
+            failed.append(sample)
+            raise StorageError("no room for a moment")
+        original(self, sample)
+
+    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=30.0) as tools:
+        patch.setattr(SessionWriter, "append", fails_once)
+        record_session(config, tools, path, duration_s=30.0)
+    with open_session(path) as session:
+        (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
+        pictures = session.count("camera")
+    left_out = int(told.split()[0])
+    assert told == f"{left_out} pictures left out after an error of storing: no room for a moment"
+    assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
 class Noting:

@@ -75,7 +75,11 @@ def test_pictures_pause_after_an_error_of_storing_and_what_was_left_out_is_told(
     assert [watch.holds(second * S) for second in (101, 109, 111)] == [True, True, False]
     assert not list(watch.over(109 * S, 0))
     (event,) = watch.over(111 * S, 0)
-    assert event.text == "2 pictures were left out after an error of storing: database or disk is full"
+    assert event.text == "2 pictures left out after an error of storing: database or disk is full"
     assert not list(watch.over(112 * S, 0))
     assert not watch.failed(StorageError("again, hours later"), 9999 * S)
+    assert [watch.holds(10_000 * S)] == [True]
+    (at_end,) = watch.over(10_000 * S, 0, at_end=True)
+    assert at_end.text == "1 picture left out after an error of storing: again, hours later"
+    assert not watch.failed(StorageError("once more, a day later"), 9999 * S)
     assert watch.failed(StorageError("and once more"), 10_001 * S)
