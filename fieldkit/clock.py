@@ -42,7 +42,7 @@ class Clock(Protocol):
     def mono_ns(self) -> int:
         """Monotonic time, never steps."""
 
-    def to_utc_ns(self, mono_ns: int, /) -> int:
+    def to_utc_ns(self, mono_ns: int) -> int:
         """UTC of a monotonic time by the anchor taken at the start."""
 
     def check(self) -> ClockCheck:
@@ -69,7 +69,10 @@ class HostClock:
 
     def __init__(self) -> None:
         self.anchor = self.check()
-        self.to_utc_ns = self.anchor.utc_minus_mono_ns.__add__  # no function of ours: every sample needs it
+
+    def to_utc_ns(self, mono_ns: int) -> int:
+        """UTC nanoseconds since 1970 by the anchor of the start."""
+        return mono_ns + self.anchor.utc_minus_mono_ns
 
     def check(self) -> ClockCheck:
         """Tightest of eight comparisons (monotonic, wall, monotonic)."""
