@@ -81,8 +81,9 @@ def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -
 def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | None, **given: Any) -> None:
     """Turn SOURCE into a session: pictures, tables of loggers, files of weather stations.
 
-    PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg; 16-bit TIFF and .irg, or folders of them; CSV
-    tables; SURFRAD, BSRN, downloads and radiation tables of the Japan Meteorological Agency.
+    PureThermal .raw.y16.gz; FLIR .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg, or folders of them;
+    tables, also of Campbell and HOBO loggers; SURFRAD, BSRN, downloads and radiation tables of the Japan
+    Meteorological Agency.
 
     Regions of the campaign are taken along; draw them before or after (fieldkit roi).
     """

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from fieldkit.sessions.exchange.imported import Foreign
     from fieldkit.sessions.exchange.stills import Scale
 
-FLIR = (".fff", ".seq", ".jpg", ".jpeg")
-TABLES = (".csv", ".txt", ".tsv")
+TABLES = (".csv", ".txt", ".tsv", ".dat")
 AUTO = "auto"
 
 
@@ -27,9 +26,19 @@ def read_source(source: Path, given: dict[str, Any]) -> Foreign:
             return read(source, given)
     raise ConfigError(
         f"{source} is nothing that fieldkit knows",
-        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg pictures, .csv tables, "
-        "files of SURFRAD, BSRN and the Japan Meteorological Agency",
+        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg pictures, "
+        "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
     )
+
+
+def _is_flir(source: Path) -> bool:
+    """A folder with other pictures too has those; JPEGs beside them are to look at."""
+    from fieldkit.commands.import_flir import SUFFIXES, files_in
+    from fieldkit.sessions.exchange.stills import pictures_in
+
+    if source.is_dir():
+        return bool(files_in(source)) and not pictures_in(source)
+    return source.suffix.lower() in SUFFIXES
 
 
 def _is_stills(source: Path) -> bool:
@@ -103,10 +112,10 @@ def _table(source: Path, given: dict[str, Any]) -> Foreign:
 
 
 _KINDS = (
+    (_is_flir, _flir),
     (_is_stills, _stills),
     (_is_station, _station),
     (_is_jma, _jma),
-    (lambda source: source.suffix.lower() in FLIR, _flir),
     (_is_purethermal, _purethermal),
     (lambda source: source.suffix.lower() in TABLES, _table),
 )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def read_log(
     stamps, behind = _stamps(path, rows, time_at)
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
     places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
-    stored, quantity, add, by = _meaning(path, [unit or _unit(head[place]) for place in places])
+    stored, quantity, add, by = _meaning(path, [head[place] for place in places], unit)
     if not table.has_decimal_commas:
         _refuse_commas(path, head, rows, places)
     readings = []
@@ -87,15 +88,21 @@ def read_log(
     return Foreign((info,), ordered, ((Severity.INFO, said), *warnings))
 
 
-def _meaning(path: Path, units: Sequence[str]) -> tuple[str, str, float, float]:
+def _meaning(path: Path, heads: Sequence[str], unit: str) -> tuple[str, str, float, float]:
     """What `_UNITS` says of the unit that all columns have; raises `ConfigError`."""
-    meanings = {_UNITS.get(unit.lower()) for unit in units}
-    found = meanings.pop()
-    if meanings or found is None:
-        raise ConfigError(
-            f"{path}: units {', '.join(map(repr, units))}", fix=f"one stream, one unit: --unit of {_KNOWN}"
-        )
-    return found
+    units = [unit or _unit(head) for head in heads]
+    meanings = [_UNITS.get(unit.lower()) for unit in units]
+    first = meanings[0]
+    if first is not None and len(set(meanings)) == 1:
+        return first
+    alike = [_label(head) for head, meaning in zip(heads, meanings, strict=True) if meaning == first]
+    columns = " ".join(f"--column {shlex.quote(label)}" for label in alike)
+    raise ConfigError(
+        f"{path}: units {', '.join(map(repr, units))}",
+        fix=f"one stream, one unit, such as {columns}"
+        if first
+        else f"one stream, one unit: --unit of {_KNOWN}",
+    )
 
 
 def _place(path: Path, head: Sequence[str], name: str) -> int:

@@ -60,8 +60,8 @@ def read_stills(
     paths = pictures_in(source)
     if not paths:
         raise ConfigError(
-            f"{source} has no TIFF or IRG pictures",
-            fix="name the folder that has the .tif, .tiff or .irg files",
+            f"{source} has no pictures with temperatures",
+            fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
         )
     first, own, remarks = _first(paths)
     if scale is None and own is None:

@@ -137,7 +137,7 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     times = tmp_path / "times.csv"
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
-    with pytest.raises(ConfigError, match="no TIFF"):
+    with pytest.raises(ConfigError, match="no pictures with temperatures"):
         read_stills(tmp_path / "empty", Scale(1.0), times=times)
     with pytest.raises(ConfigError, match=r"no time for 1 pictures, the first b\.tif"):
         read_stills(folder, Scale(1.0), times=times)
@@ -251,6 +251,47 @@ def test_radiometric_jpeg_is_one_picture_of_the_same(tmp_path: Path) -> None:
     assert isinstance(frame, Frame)
     assert np.array_equal(frame.counts, COUNTS)
     assert frame.time_ns == 1_480_000_000_000_000_000
+
+
+def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path: Path) -> None:
+    """As on the card of a hand-held camera, whose ordinary pictures lie between the thermal ones."""
+    from fieldkit.commands.import_sources import read_source
+
+    for number, second in ((1, 20), (3, 0), (5, 10)):
+        jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
+        (tmp_path / f"FLIR000{number}.jpg").write_bytes(jpeg)
+    (tmp_path / "DC_0002.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    (tmp_path / "FLIR0007.jpg").write_bytes(b"")
+    foreign = read_source(tmp_path, {"name": None})
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    assert [int(frame.counts[0, 0]) - 18_000 for frame in frames] == [3, 5, 1]
+    assert [frame.device_seq for frame in frames] == [0, 1, 2]
+    assert not any(frame.quality for frame in frames)
+    assert foreign.streams[0].rate_hz == 0.1
+    (told,) = [text for severity, text in foreign.remarks if severity is Severity.WARNING]
+    assert told.startswith("left out, without temperatures: DC_0002.jpg (a JPEG without")
+    assert told.endswith("and 1 more")
+
+
+def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path: Path) -> None:
+    from fieldkit.commands.import_sources import read_source
+
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (tmp_path / "a.tiff").write_bytes(b"no picture")
+    with pytest.raises(ConfigError, match=r"a\.tiff cannot be read|TIFF"):
+        read_source(
+            tmp_path,
+            dict.fromkeys(("name", "times", "time_format", "zone", "kelvin_per_count"), None)
+            | {"kelvin_at_zero": 0.0},
+        )
+
+
+def test_a_folder_of_jpegs_without_temperatures_says_so(tmp_path: Path) -> None:
+    from fieldkit.commands.import_flir import read_flir
+
+    (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    with pytest.raises(ConfigError, match=r"no picture with temperatures: holiday\.jpg"):
+        read_flir(tmp_path, "camera")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from fieldkit.errors import ConfigError
 from fieldkit.samples import Reading
 from fieldkit.sessions.exchange.imported import Foreign
 from fieldkit.sessions.exchange.log_tables import read_table
@@ -56,6 +57,12 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     assert any(
         "--offset -30s" in text for _, text in foreign.remarks
     )  # the rows stand at the ends of minutes
+
+
+def test_columns_of_several_units_are_not_mixed_and_those_of_one_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="units 'Deg C', 'DegC', 'W/m") as caught:
+        read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
+    assert (caught.value.fix or "").endswith("--column Tair_Avg --column Tsand_Avg")
 
 
 def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) -> None:
