@@ -10,6 +10,7 @@ import click
 import numpy as np
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import meant
 from fieldkit.commands.types import MOMENT, utc_ns
 from fieldkit.errors import CalibrationError, ConfigError
 
@@ -22,7 +23,7 @@ BY_HAND_S, RECEIVER_S = 0.5, 0.4
 
 
 @click.command(cls=common.Verb)
-@click.argument("session", required=False, type=click.Path(exists=True, path_type=Path))
+@click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--told", type=MOMENT, help="What a phone or another computer shows this very moment, with its zone."
 )
@@ -61,6 +62,7 @@ def command(
     else:
         if told is not None:
             raise click.UsageError("--told is about this computer's clock now; leave the SESSION out")
+        session = meant(ctx, session)
         with open_session(session) as opened:
             config, date = config_for(opened), moment(opened)
             found, how = _by_gps(opened, gps) if gps is not None else _by_sun(opened)

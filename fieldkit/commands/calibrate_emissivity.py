@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import meant
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +24,7 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
 
 
 @click.command(cls=common.Verb)
-@click.argument("session", required=False, type=click.Path(exists=True, path_type=Path))
+@click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option("--sample", required=True, metavar="NAME", help="What it is; names the record.")
 @click.option("--region", metavar="NAME", help="The sample in the picture [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="If there are several.")
@@ -100,7 +101,7 @@ def command(
 
         session = record_emissivity(ctx, sample, given, settings)
         settings = ()  # the recording has them
-    work_out(session, sample, given, settings)
+    work_out(meant(ctx, session), sample, given, settings)
 
 
 def work_out(session: Path, sample: str, given: dict[str, Any], settings: Sequence[str] = ()) -> Path:

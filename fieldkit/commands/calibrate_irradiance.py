@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import meant
 from fieldkit.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 
 
 @click.command(cls=common.Verb)
-@click.argument("session", type=click.Path(exists=True, path_type=Path))
+@click.argument("session", type=click.Path(path_type=Path))
 @click.option("--name", default="light", show_default=True, help="Names the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
 @click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")
@@ -59,6 +60,7 @@ def command(
     # a file is named from the folder one stands in, not from the campaign's
     station_files = [path.resolve() for path in [Path(station or "")] if path.is_file()]
     station = str(station_files[0]) if station_files else station
+    session = meant(ctx, session)
     with open_session(session) as opened:
         config = config_for(opened, settings)
         meter = one_stream(opened, "illuminance")

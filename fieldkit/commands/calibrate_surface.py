@@ -11,6 +11,7 @@ import click
 import numpy as np
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import meant
 from fieldkit.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ CLOUDY = ("CLOUD", "LOW_SUN", "MOVED")
 
 
 @click.command(cls=common.Verb)
-@click.argument("session", type=click.Path(exists=True, path_type=Path))
+@click.argument("session", type=click.Path(path_type=Path))
 @click.option("--name", default="beds", show_default=True, help="Names the record.")
 @click.option("--bed", "beds", multiple=True, metavar="REGION", help="Only this bed; may be repeated.")
 @click.option(
@@ -61,6 +62,7 @@ def command(
     from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
     from fieldkit.sessions.reader import open_session
 
+    session = meant(ctx, session)
     with open_session(session) as opened:
         # kappa is measured against one, whatever was configured
         config = config_for(opened, (*settings, "estimator.scale=1.0"))

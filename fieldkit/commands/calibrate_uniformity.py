@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.commands import common
+from fieldkit.commands.session_paths import meant
 from fieldkit.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ LEAST_BLOCKS = 3
 
 
 @click.command(cls=common.Verb)
-@click.argument("before", type=click.Path(exists=True, path_type=Path))
-@click.argument("after", required=False, type=click.Path(exists=True, path_type=Path))
+@click.argument("before", type=click.Path(path_type=Path))
+@click.argument("after", required=False, type=click.Path(path_type=Path))
 @click.option("--name", default="uniformity", show_default=True, help="Names the record.")
 @click.option(
     "--target-sd",
@@ -49,7 +50,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     from fieldkit.commands.estimating import config_for
     from fieldkit.sessions.reader import open_session
 
-    paths = [path for path in (before, after) if path is not None]
+    paths = [meant(ctx, path) for path in (before, after) if path is not None]
     looks = []
     for path in paths:
         with open_session(path) as session:

@@ -74,7 +74,7 @@ def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
 @click.option("--encoding", default="utf-8-sig", help="Of a table, such as cp932.")
 @click.option(
-    "--into", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SESSION",
+    "--into", type=click.Path(path_type=Path), metavar="SESSION",
     help="Make a new session of this one and SOURCE together.",
 )  # fmt: skip
 @click.pass_context
@@ -93,7 +93,9 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | 
     if given["offset"] == AUTO and given["into"] is None:
         raise click.UsageError("--offset auto needs the session to align with: --into SESSION")
     if given["into"] is not None:
-        _tell(ctx, *_merge(source, out, given))
+        from fieldkit.commands.session_paths import meant
+
+        _tell(ctx, *_merge(source, out, {**given, "into": meant(ctx, given["into"])}))
         return
     foreign = read_source(source, given)
     config = _campaign_or_none(ctx)

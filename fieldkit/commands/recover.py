@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, say
-from fieldkit.commands.session_paths import is_interrupted, recordings_folder, sessions_in
+from fieldkit.commands.session_paths import is_interrupted, meant, recordings_folder, sessions_in
 from fieldkit.errors import FieldkitError, IntegrityError
 
 if TYPE_CHECKING:
@@ -31,7 +31,8 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     from fieldkit.sessions.recovery import recover
 
     folder = recordings_folder(ctx)
-    found = list(paths) or [path for path in sessions_in(folder) if is_interrupted(path)]
+    named = [meant(ctx, path) for path in paths]
+    found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
     if not found:
         say(f"no interrupted session in {folder}: nothing to recover")
     reports: list[RecoveryReport] = []
@@ -46,7 +47,7 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
             continue
         if not options(ctx).json:
             _print(reports[-1], kept=not tidy)
-    tidied = _tidy(list(paths) or sessions_in(folder)) if tidy else []
+    tidied = _tidy(named or sessions_in(folder)) if tidy else []
     if options(ctx).json:
         names = [str(path) for path in tidied]
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})

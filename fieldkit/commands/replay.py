@@ -12,7 +12,7 @@ import click
 from fieldkit.clock import HostClock
 from fieldkit.commands import common
 from fieldkit.commands.estimating import as_document, config_for, estimates_of, estimator_for, minutes_of
-from fieldkit.commands.session_paths import offer_recovery
+from fieldkit.commands.session_paths import meant, offer_recovery
 from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.answers import answers_of
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -36,6 +36,7 @@ def command(
 ) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     factor = parse_speed(speed)
+    session = meant(ctx, session)
     offer_recovery([session])
     with open_session(session) as opened:
         config = config_for(opened, settings)

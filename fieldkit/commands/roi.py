@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.commands.common import VerbGroup, options, print_json, print_table, say
+from fieldkit.commands.session_paths import meant
 from fieldkit.commands.types import RECT, XY
 from fieldkit.errors import ConfigError
 
@@ -149,7 +150,7 @@ def list_(ctx: click.Context) -> None:
 @click.option(
     "--on",
     "session",
-    type=click.Path(exists=True, path_type=Path),
+    type=click.Path(path_type=Path),
     metavar="SESSION",
     help="Look at the pictures of this session.",
 )
@@ -162,7 +163,7 @@ def check(ctx: click.Context, session: Path | None) -> None:
     from fieldkit.commands.region_check import mean_picture
 
     config, mistakes = _read(ctx)
-    looks = _looks(config, mean_picture(session) if session else None)
+    looks = _looks(config, mean_picture(meant(ctx, session)) if session else None)
     remarks = [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
     failed = bool(remarks) or any(look.level == "FAIL" for look in looks)
     if options(ctx).json:

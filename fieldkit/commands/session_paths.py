@@ -76,19 +76,26 @@ def newest(ctx: click.Context, path: Path | None) -> Path:
     return found
 
 
+def meant(ctx: click.Context, given: Path) -> Path:
+    """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
+
+    Raises `SessionError` where there is neither.
+    """
+    path = given if _exists(given) else recordings_folder(ctx) / given
+    if not _exists(path):
+        raise SessionError(f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign")
+    return path
+
+
 def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for given in paths or [recordings_folder(ctx)]:
-        path = given if _exists(given) else recordings_folder(ctx) / given  # ls prints bare names
+        path = meant(ctx, given)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
             found.extend(sessions_in(inside))
-        elif _exists(path):
-            found.append(path)
         else:
-            raise SessionError(
-                f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign"
-            )
+            found.append(path)
     if not found:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
         raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")

@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from fieldkit.commands import (
+    calibrate_surface,
+    calibrate_uniformity,
     check,
     estimate,
     export,
@@ -106,8 +108,14 @@ def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path
     (campaign / "fieldkit.toml").write_text("schema = 1\n")
     for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
         assert name in run(show, "-C", campaign, name).stdout
-    gone = run(show, "-C", campaign, "c.h5").exception
-    assert str(gone) == "there is no session c.h5"
+    for verb in (show, recover, replay, calibrate_surface, calibrate_uniformity):
+        gone = run(verb, "-C", campaign, "c.h5").exception
+        assert str(gone) == "there is no session c.h5"
+
+
+def test_an_interrupted_session_is_recovered_by_its_bare_name(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    assert "recovered" in run(recover, "-C", campaign, "20261212T025512Z-b.h5").stdout
 
 
 def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> None:
