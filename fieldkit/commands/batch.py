@@ -9,7 +9,7 @@ import math
 import platform
 import shlex
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from importlib import metadata
@@ -97,10 +97,11 @@ def names_of(sources: Sequence[Source]) -> dict[Path, str]:
     }
 
 
-def complain(failures: Failures, total: int) -> None:
+def complain(failures: Failures, paths: Iterable[Path]) -> None:
     """Explain what is wrong with sessions and raise what gives the exit code; of a single one its own."""
     from fieldkit.commands.failure import explain
 
+    total = len({path.resolve() for path in paths})
     if failures and total == 1:
         raise next(iter(failures.values()))
     for error in failures.values():

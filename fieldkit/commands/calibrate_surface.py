@@ -70,8 +70,8 @@ def command(
         for _ in minutes_of(opened, estimator):
             pass
         date = moment(opened)
-    rows, history = rows_of(estimator)
     chosen = known_beds(estimator, beds, session)
+    rows, history = rows_of(estimator)
     scales = {bed: scale_of(rows, index, slope, tilt_sd) for bed, (index, slope) in chosen.items()}
     found = pool(scales, tilt_sd)
     told = identified(estimator, history, [slope for _, slope in chosen.values()], list(chosen))
@@ -110,7 +110,10 @@ def rows_of(estimator: Estimator) -> tuple[Rows, History]:
 def known_beds(
     estimator: Estimator, beds: Sequence[str], where: Path
 ) -> dict[str, tuple[int, tuple[float, float]]]:
-    """Column and slope of every target whose slope is known; raises `ConfigError` for one that is not."""
+    """Column and slope of the targets whose slope is known; raises `ConfigError` for one that is not.
+
+    Raises `CalibrationError` where none is.
+    """
     from fieldkit.site import RegionKind
 
     targets = [region for region in estimator.regions if region.kind is RegionKind.TARGET]
@@ -127,6 +130,11 @@ def known_beds(
                 f"{where}: {bed} is no bed of known slope",
                 fix=f"known are {', '.join(known) or 'none'}; give tilt_deg",
             )
+    if not known:
+        raise CalibrationError(
+            f"{where} has no bed of known slope",
+            fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
+        )
     return {name: value for name, value in known.items() if not beds or name in beds}
 
 

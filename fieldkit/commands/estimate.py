@@ -102,7 +102,7 @@ def _estimate_sessions(
     answers = {name: answers_of(estimates, estimates.regions) for name, estimates in slopes.items()}
     if slopes:
         _print({names[source.path]: str(source.path) for source in sources}, slopes, answers)
-    batch.complain(failures, len(paths))
+    batch.complain(failures, paths)
     _refuse_silence([one for of_session in answers.values() for one in of_session.values()])
 
 

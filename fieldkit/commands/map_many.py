@@ -47,7 +47,7 @@ def map_many(
             else:
                 made[path] = found, write(bases[path], path, found, settings)
     _tell({path: made[path] for path in bases if path in made})
-    batch.complain(failures, len(bases))
+    batch.complain(failures, bases)
 
 
 def _bases(paths: Sequence[Path], out: Path | None) -> dict[Path, Path]:

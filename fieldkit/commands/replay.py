@@ -49,6 +49,9 @@ def command(
     if common.options().json:
         common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
         return
+    if not answers:
+        common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
+        return
     print_slopes(answers, estimator.regions)
     explain_slopes(answers.values())
     common.say(f"next: fieldkit report {session}")

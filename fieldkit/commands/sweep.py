@@ -76,7 +76,7 @@ def command(
         }
         written = batch.write_results(base, summary.columns(), about)
         _tell(written, ranking, grid, len(runs))
-    batch.complain(failures, len(paths))
+    batch.complain(failures, paths)
 
 
 def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:

@@ -43,7 +43,16 @@ def test_the_light_can_be_reported_and_replayed_without_beds(session):
         warnings.simplefilter("error", UserWarning)
         found = fieldkit("report", session)
     assert found.exit_code == 0, found.output
-    assert fieldkit("replay", session, "--speed", "max").exit_code == 0
+    replayed = fieldkit("replay", session, "--speed", "max")
+    assert replayed.exit_code == 0
+    assert "no region is a target" in replayed.stderr
+
+
+def test_a_scale_without_a_known_bed_is_refused_without_a_warning(session):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fieldkit("calibrate", "surface", session)
+    assert "has no bed of known slope" in found.stderr
 
 
 def test_the_report_of_several_without_beds_says_that_nothing_was_found(session):
