@@ -65,6 +65,8 @@ def command(
     if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
         if out is not None:
             raise click.UsageError("-o is for sessions; the slopes of a table are printed: --json > FILE")
+        if present or jobs is not None or address is not None:
+            raise click.UsageError("--campaign and workers are for sessions; a table takes --site and --set")
         _estimate_table(sessions[0], site, reference, settings)
         return
     _estimate_sessions(resolved(ctx, sessions), out, (kind, address, jobs), settings, present=present)

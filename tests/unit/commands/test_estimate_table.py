@@ -95,3 +95,12 @@ def test_the_slopes_of_a_table_are_not_promised_in_a_file(tmp_path):
     done = estimated(path, "-o", tmp_path / "out")
     assert done.exit_code == 2
     assert "--json > FILE" in done.stderr
+
+
+@pytest.mark.parametrize("option", [("--campaign",), ("-j", 2), ("-o", "results")])
+def test_options_for_sessions_are_refused_with_a_table(tmp_path, option):
+    path = tmp_path / "table.csv"
+    path.write_text(table_of(*CASES[10.0, 180.0]))
+    done = estimated(path, *option)
+    assert done.exit_code == 2
+    assert "for sessions" in done.stderr
