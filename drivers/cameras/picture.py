@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ _GOOD, _SATURATED, _NO_VALUE = Quality.GOOD, Quality.SATURATED, Quality.NO_VALUE
 """By plain names: looking them up in their class takes as long as finding them."""
 
 NO_ROWS = np.empty((0, 0), np.uint16)
+_NEW: Any = None  # for OpenCV to make; its type hints want an array
 _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding a row
 
 
@@ -146,7 +147,8 @@ def kelvin(picture: Picture) -> NDArray[np.float32]:
     if picture.law != "linear":
         return temperature_k(picture.law, picture.counts, picture.metadata_rows, {})
     hottest_k = picture.extremes[1] * picture.scale
-    image: NDArray[np.float32] = cv2.normalize(picture.counts, None, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)  # type: ignore[call-overload]  # its stubs do not know that it makes the array
+    made = cv2.normalize(picture.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
+    image = cast("NDArray[np.float32]", made)
     if picture.offset:
         image += picture.offset
     return image
