@@ -54,9 +54,10 @@ def _parsed(text: str, time_format: str | None) -> datetime:
         return datetime.strptime(text, pattern)
     except ValueError as error:
         expected = time_format or "ISO 8601, such as 2026-12-11T12:00:00+09:00"
+        example = "%m/%d/%y %I:%M:%S %p" if text.endswith(("AM", "PM")) else "%d.%m.%Y %H:%M:%S"
         raise ConfigError(
             f"{text!r} is not a time as expected: {expected}",
-            fix='say how times are written: --time-format "%d.%m.%Y %H:%M:%S"',
+            fix=f'say how times are written, such as --time-format "{example}"',
         ) from error
 
 

@@ -91,6 +91,12 @@ def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: 
     assert foreign.streams[0].channels == ("Temp",)
 
 
+def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="'05/12/26 10:00:00 AM' is not a time") as caught:
+        read_log(written(tmp_path, HOBO), "bed3", columns=LogColumns(values=("Temp",)))
+    assert f'--time-format "{HOBO_TIME}"' in (caught.value.fix or "")
+
+
 def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> None:
     columns = LogColumns(values=("Intensity",))
     foreign = read_log(written(tmp_path, HOBO), "lux", time_format=HOBO_TIME, columns=columns)
