@@ -9,6 +9,8 @@ from fieldkit.device import StreamInfo
 from fieldkit.samples import Frame, Sample
 from fieldkit.sessions.layout import raw_width
 
+_LOWEST, _HIGHEST = -(2**63), 2**63 - 1
+
 
 class SampleCheck:
     """Refuses samples that are not as their stream was declared: they could not be read back."""
@@ -19,7 +21,15 @@ class SampleCheck:
         self._raw_widths = {info.name: raw_width(info) for info in streams}
 
     def __call__(self, sample: Sample) -> None:
-        """Raise `ValueError` for a sample of another shape or type; that is the driver's promise."""
+        """Raise `ValueError` for a sample of another shape or type, or with numbers that no column holds.
+
+        That is the driver's promise.
+        """
+        numbers = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
+        if not (min(numbers) >= _LOWEST and max(numbers) <= _HIGHEST):
+            raise ValueError(
+                f"stream {sample.stream!r}: a time or counter needs more than 64 bits: {numbers}"
+            )
         declared = self._shapes.get(sample.stream)
         shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
         if shape != declared:

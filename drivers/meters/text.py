@@ -56,6 +56,7 @@ _PAIR = re.compile(rf"\s*([A-Za-z][\w .-]{{0,31}}?)\s*=\s*({_DIGITS}|)\s*([^\s,;
 _NAME = re.compile(r"[A-Za-z][\w .-]{0,31}")
 _NUMBER = re.compile(_DIGITS, re.IGNORECASE)
 _COLUMNS = "columns "
+_LONGEST_CLOCK = 18  # digits: 64 bits hold them, and boards restart within thirty million years
 _HINT = "does the board print lines? boards restart when the port opens and need two seconds"
 
 
@@ -106,6 +107,8 @@ class Grammar:
             return Rejected(length, f"{wrong[0][:20]!r} is no number")
         row = dict(zip(names, fields, strict=True))
         clock = row.pop("ms", "")
+        if len(clock) > _LONGEST_CLOCK:
+            return Rejected(length, f"{clock[:20]!r} is no time in milliseconds")
         values = tuple(self._value(name, field, _unit_of(name)) for name, field in row.items())
         return Record.of(length, values, device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
 

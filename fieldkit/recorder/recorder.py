@@ -19,7 +19,7 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.housekeeping import Housekeeping
 from fieldkit.recorder.inbox import Inbox, Item, room_for
-from fieldkit.recorder.watch import DiskWatch, FlagWatch, StorageWatch
+from fieldkit.recorder.watch import DiskWatch, FlagWatch, MisfitWatch, StorageWatch
 from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
@@ -84,7 +84,7 @@ class Recorder:
         )
         self._views = list(self.views)
         self._estimator: Estimator | None = self.estimator
-        self._flags = FlagWatch()
+        self._flags, self._misfits = FlagWatch(), MisfitWatch()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
         self._storage = StorageWatch()
@@ -174,8 +174,14 @@ class Recorder:
         if isinstance(sample, Frame) and (self._storage.holds(now) or not self._house.disk.pictures):
             return
         sample = sample._replace(seq=self._counts[sample.stream])
-        if not self._stored(lambda: self.writer.append(sample)):
+        try:
+            if not self._stored(lambda: self.writer.append(sample)):
+                return
+        except ValueError as error:  # a driver broke its promise: that costs this sample, not the others
+            for event in self._misfits.left_out(sample, error):
+                self._keep_event(event)
             return
+        self._misfits.stored(sample.stream)
         self._counts[sample.stream] += 1
         for event in self._flags.look(sample):
             self._keep_event(event)

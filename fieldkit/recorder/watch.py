@@ -70,6 +70,26 @@ class GarbleWatch:
 
 
 @dataclass
+class MisfitWatch:
+    """Tells of the first of a run of samples that are not as their stream was declared."""
+
+    _streams: set[str] = field(default_factory=set)
+
+    def stored(self, stream: str) -> None:
+        """Note a sample that is: the next misfit begins another run."""
+        self._streams.discard(stream)
+
+    def left_out(self, sample: Sample, error: ValueError) -> Iterator[Event]:
+        """An event if the stream's previous sample was stored."""
+        if sample.stream not in self._streams:
+            self._streams.add(sample.stream)
+            text = f"left out: {error}"
+            yield Event(
+                EventKind.GARBLED, sample.mono_ns, sample.time_ns, text, sample.stream, Severity.WARNING
+            )
+
+
+@dataclass
 class CheckPace:
     """Chooses, of a comparison each second, those to store: one a minute, and both beside a sleep.
 

@@ -13,10 +13,11 @@ import pytest
 from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.commands.recording import instruments, record_session
 from fieldkit.config import load_config
+from fieldkit.drivers.meters.meter import Meter
 from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import Mark, drop_mark, marks_folder
-from fieldkit.samples import EventKind, Health, Quality, Sample
+from fieldkit.samples import EventKind, Health, Quality, Reading, Sample
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -203,6 +204,39 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
     left_out = int(told.split()[0])
     assert told == f"{left_out} pictures left out after an error of storing: no room for a moment"
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"values": (1.0, 2.0)}, "left out: stream 'lux' was declared as (1,), the sample has (2,)"),
+        ({"device_seq": 2**63}, "left out: stream 'lux': a time or counter needs more than 64 bits"),
+    ],
+)
+def test_samples_that_are_not_as_declared_cost_only_themselves(
+    campaign: Path, change: dict[str, object], told: str
+) -> None:
+    """As of a driver with a mistake in it: two wrong ones in a row are told once."""
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / f"misfit-{next(iter(change))}.h5"
+    original, calls = Meter.read, []
+
+    def read(self: Meter, timeout_s: float) -> Reading | None:
+        reading = original(self, timeout_s)
+        if reading is not None and reading.stream == "lux":
+            calls.append(reading)
+            if len(calls) in (10, 11):
+                return reading._replace(**change)
+        return reading
+
+    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=30.0) as tools:
+        patch.setattr(Meter, "read", read)
+        summary = record_session(config, tools, path, duration_s=30.0)
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert session.count("lux") == summary.counts["lux"] == len(calls) - 2
+        (event,) = [event for event in session.events() if event.kind is EventKind.GARBLED]
+    assert event.text.startswith(told)
 
 
 class Noting:

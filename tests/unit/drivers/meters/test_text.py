@@ -50,6 +50,12 @@ def test_what_is_no_line_of_ours_is_rejected(line):
     assert isinstance(Grammar(("a", "b")).take(line[:512]), Rejected)
 
 
+def test_a_clock_that_64_bits_do_not_hold_is_rejected():
+    grammar = Grammar(("ms", "T1_c"))
+    assert grammar.take(b"999999999999999999,21.5\n").device_time == 10**18 - 1
+    assert isinstance(grammar.take(b"9999999999999999999,21.5\n"), Rejected)
+
+
 def test_board_with_header_and_clock_is_recorded(wire):
     wire.talk(b"# ready\r\nms,T1_c,T2_c,light_lx\r\n12345,21.50,-127,98760\r\n")
     device = Text().open(settings(wire, no_value=[-127, 85], labels=["reference", "bed"]), HostClock())
