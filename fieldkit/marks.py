@@ -104,7 +104,11 @@ def _closed(folder: Path) -> Path:
 
 
 def _oldest_first(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
+    """The marks of a folder; none while it cannot be read, and the next look will find them."""
+    try:
+        return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
+    except OSError:
+        return []
 
 
 def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:

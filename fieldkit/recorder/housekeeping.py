@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 
@@ -47,6 +49,7 @@ class Housekeeping:
         self._check_pace = CheckPace()
         self._late_max_us: Counter[str] = Counter()
         self._next_ns = self.clock.mono_ns()
+        self._free_bytes = sys.maxsize  # until the disk tells
 
     def arrived(self, sample: Sample) -> None:
         """Note how old a sample is when the recorder takes it."""
@@ -60,7 +63,9 @@ class Housekeeping:
             return None
         self._next_ns = now + SECOND_NS
         utc = self.clock.to_utc_ns(now)
-        free = self.free_bytes()
+        with suppress(OSError):  # a network drive that hiccups has as much room as before
+            self._free_bytes = self.free_bytes()
+        free = self._free_bytes
         events: list[Event] = []
         for feed in self.feeds:
             events += self._garbled.look(feed.info.name, feed.rejected, now, utc)

@@ -107,6 +107,19 @@ def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, 
     assert [event.text for event in left_marks(folder)] == ["the last"]
 
 
+def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, monkeypatch):
+    drop_mark(folder, Mark("wind"))
+    marks = DroppedMarks(folder, clock)
+
+    def hiccups(*_, **__):
+        raise OSError("stale file handle")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.stat", hiccups)
+        assert list(marks()) == []
+    assert [event.text for event in marks()] == ["wind"]
+
+
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):
     drop_mark(folder, Mark("dropped with sudo"))
 

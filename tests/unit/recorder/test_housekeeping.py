@@ -54,6 +54,28 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
     return told
 
 
+def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tmp_path: Path) -> None:
+    answers: list[int | OSError] = [10**12, OSError("stale file handle"), 10**11]
+
+    def free_bytes() -> int:
+        answer = answers.pop(0)
+        if isinstance(answer, OSError):
+            raise answer
+        return answer
+
+    with SimulatedClock(START_NS) as clock:
+        writer = SessionWriter(tmp_path / "a.h5", header(), clock)
+        house = Housekeeping(clock, (), Inbox({}), writer, free_bytes, tuple)
+        seen = []
+        while answers:
+            findings = house.look()
+            assert findings is not None
+            seen.append(findings.health.disk_free_bytes)
+            clock.sleep(1.0)
+        writer.close()
+    assert seen == [10**12, 10**12, 10**11]
+
+
 def test_clocks_are_compared_once_a_minute(tmp_path: Path) -> None:
     assert recorded(tmp_path / "a.h5", 130, shut_at_s=999) == []
     with open_session(tmp_path / "a.h5") as session:
