@@ -24,7 +24,7 @@ from fieldkit.commands.record import parse_duration
 from fieldkit.commands.recording import instruments, record_session, refuse_second, session_path
 from fieldkit.errors import CalibrationError
 from fieldkit.estimation.estimator import Minute
-from fieldkit.recorder.recorder import Shown
+from fieldkit.recorder.audience import Shown
 from fieldkit.samples import Frame, Reading
 
 BURSTS = (

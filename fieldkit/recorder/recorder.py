@@ -10,32 +10,21 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
-from typing import Protocol, TypeAlias
 
 from fieldkit.clock import Clock
 from fieldkit.device import Device
 from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.recorder.audience import Audience, View
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.housekeeping import Housekeeping
 from fieldkit.recorder.inbox import Inbox, Item, room_for
 from fieldkit.recorder.watch import DiskWatch, FlagWatch, MisfitWatch, StorageWatch
-from fieldkit.samples import Event, EventKind, Frame, Health, Sample, Severity
+from fieldkit.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
-Shown: TypeAlias = Sample | Event | Minute | Health
 log = logging.getLogger(__name__)
-
-
-class View(Protocol):
-    """Something that looks on; it may fail without harm, and is then left out."""
-
-    def show(self, item: Shown) -> None:
-        """Take note of an item; must return at once."""
-
-    def close(self) -> None:
-        """The recording is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +71,7 @@ class Recorder:
         self._house = Housekeeping(
             self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, self.marks, disk
         )
-        self._views = list(self.views)
+        self._audience = Audience(self.views, self._view_lost)
         self._estimator: Estimator | None = self.estimator
         self._flags, self._misfits = FlagWatch(), MisfitWatch()
         self._counts: Counter[str] = Counter()
@@ -116,8 +105,7 @@ class Recorder:
             self.writer.abandon()
             raise
         finally:
-            for view in tuple(self._views):
-                self._guarded(view, view.close)
+            self._audience.close()
         counts = {feed.info.name: self._counts[feed.info.name] for feed in self._feeds}
         return Summary(counts, dict(self._inbox.dropped), self._last_minute, seal, self._failure)
 
@@ -186,11 +174,11 @@ class Recorder:
         for event in self._flags.look(sample):
             self._keep_event(event)
         self._estimate(sample)
-        self._show(sample)
+        self._audience.show(sample)
 
     def _keep_event(self, event: Event) -> None:
         self._stored(lambda: self.writer.event(event))
-        self._show(event)
+        self._audience.show(event)
 
     def _say(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
         now = self.clock.mono_ns()
@@ -217,7 +205,7 @@ class Recorder:
         health = findings.health
         for event in chain(findings.events, self._storage.over(health.mono_ns, health.time_ns)):
             self._keep_event(event)
-        self._show(health)
+        self._audience.show(health)
         if self._house.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
             self._failure = StorageError("the disk is full", fix=fix)
@@ -259,17 +247,8 @@ class Recorder:
         )
         for notice in minute.notices:
             self._keep_event(notice)
-        self._show(minute)
+        self._audience.show(minute)
 
-    def _show(self, item: Shown) -> None:
-        for view in tuple(self._views):
-            self._guarded(view, partial(view.show, item))
-
-    def _guarded(self, view: View, act: Callable[[], None]) -> None:
-        try:
-            act()
-        except Exception as error:
-            log.exception("view failed")
-            self._views.remove(view)
-            if not self.writer.is_closed:
-                self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
+    def _view_lost(self, error: Exception) -> None:
+        if not self.writer.is_closed:
+            self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
