@@ -182,6 +182,36 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
     assert summary.counts["lux"] == pytest.approx(600, abs=3)
 
 
+class Falling:
+    """Looks on, and falls over at an item, or when all is over."""
+
+    def __init__(self, at: int = 0) -> None:
+        self.seen, self.at = 0, at
+
+    def show(self, item: object) -> None:
+        self.seen += 1
+        if self.seen == self.at:
+            raise KeyError("a mistake in the view")
+
+    def close(self) -> None:
+        raise ValueError("a mistake at the end")
+
+
+def test_views_that_raise_do_not_end_the_recording(campaign: Path) -> None:
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / "views.h5"
+    views = [Falling(at=20), Falling()]
+    with instruments(config, duration_s=59.0) as tools:
+        summary = record_session(config, tools, path, duration_s=59.0, views=views)
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert session.count("lux") == summary.counts["lux"] == pytest.approx(59, abs=3)
+        (told,) = [event.text for event in session.events() if event.kind is EventKind.VIEW]
+    assert told == "a view stopped: KeyError('a mistake in the view'); recording goes on"
+    assert views[0].seen == 20
+    assert views[1].seen > 120  # two meters each second, and pictures
+
+
 def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
     """An error of storing 4 s before the end: the pause that follows outlives the recording."""
     settings = ["simulation.speed=max", "record.sampling=all"]
