@@ -11,14 +11,14 @@ from __future__ import annotations
 import json
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
 from fieldkit.clock import Clock
-from fieldkit.errors import ConfigError
+from fieldkit.errors import ConfigError, StorageError
 from fieldkit.samples import Event, EventKind, Severity
 
 SECOND_NS = 1_000_000_000
@@ -72,9 +72,17 @@ class DroppedMarks:
     def __call__(self) -> Iterator[Event]:
         """Events for the marks dropped since the last call.
 
-        A file that is no mark becomes a warning, because a note must not vanish without a word.
+        A file that is no mark becomes a warning, because a note must not vanish without a word. A folder that
+        cannot be read just now is looked at again.
         """
-        for file in _oldest_first(self.folder):
+        try:
+            files = _oldest_first(self.folder)
+        except StorageError:
+            files = []
+        yield from self._take(files)
+
+    def _take(self, files: Iterable[Path]) -> Iterator[Event]:
+        for file in files:
             if file.name not in self._taken:
                 self._taken.add(file.name)
                 now = self.clock.mono_ns()
@@ -83,16 +91,19 @@ class DroppedMarks:
                     file.unlink()
 
     def close(self) -> Iterator[Event]:
-        """Events for the last marks; one that comes later finds no folder."""
+        """Events for the last marks; one that comes later finds no folder.
+
+        Raises `StorageError` where they cannot be read: there is no further look, and sealing removes them.
+        """
         with suppress(OSError):
             self.folder = self.folder.rename(_closed(self.folder))
-        return self()
+        return self._take(_oldest_first(self.folder))
 
 
 def left_marks(folder: Path) -> list[Event]:
     """Events for the marks that a recording ended too early to take; their files stay.
 
-    "Now" is when each was dropped, by the computer's own time; `mono_ns` is not known.
+    "Now" is when each was dropped, by the computer's own time; `mono_ns` is not known. Raises `StorageError`.
     """
     files = [*_oldest_first(_closed(folder)), *_oldest_first(folder)]
     return [replace(_read(file, 0, file.stat().st_mtime_ns), mono_ns=0) for file in files]
@@ -104,11 +115,13 @@ def _closed(folder: Path) -> Path:
 
 
 def _oldest_first(folder: Path) -> list[Path]:
-    """The marks of a folder; none while it cannot be read, and the next look will find them."""
     try:
         return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
-    except OSError:
-        return []
+    except OSError as error:
+        raise StorageError(
+            f"the marks in {folder} cannot be read: {error.strerror or error}",
+            fix="see that the disk answers, then: fieldkit recover",
+        ) from error
 
 
 def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:

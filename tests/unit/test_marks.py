@@ -3,6 +3,7 @@ import os
 
 import pytest
 
+from fieldkit.errors import StorageError
 from fieldkit.marks import DroppedMarks, Mark, drop_mark, left_marks, marks_folder
 from fieldkit.samples import EventKind, Severity
 from fieldkit.simulated_clock import SimulatedClock
@@ -118,6 +119,23 @@ def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, 
         patch.setattr("pathlib.Path.stat", hiccups)
         assert list(marks()) == []
     assert [event.text for event in marks()] == ["wind"]
+
+
+def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, monkeypatch):
+    drop_mark(folder, Mark("wind"))
+    marks = DroppedMarks(folder, clock)
+
+    def hiccups(*_, **__):
+        raise OSError("stale file handle")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.stat", hiccups)
+        with pytest.raises(StorageError, match="stale file handle") as caught:
+            marks.close()
+        with pytest.raises(StorageError, match="stale file handle"):
+            left_marks(folder)
+    assert "fieldkit recover" in caught.value.fix
+    assert [event.text for event in left_marks(folder)] == ["wind"]
 
 
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):
