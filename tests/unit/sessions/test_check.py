@@ -17,6 +17,7 @@ from fieldkit.sessions.check_sun import best_shift_min
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Site
+from tests.harness.findings import said
 from tests.harness.recording import START_NS, CountedClock, header, sample
 from tests.shared_data import shared
 
@@ -38,12 +39,6 @@ def recorded(
         writer.event(event)
     writer.close()
     return path
-
-
-def said(path: Path, what: str, *levels: str) -> str:
-    return " | ".join(
-        one.text for one in check(path) if one.what == what and one.level in (levels or ("warn", "fail"))
-    )
 
 
 STEADY = [n * STEP_NS for n in range(60)]

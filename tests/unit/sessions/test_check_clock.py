@@ -13,6 +13,7 @@ from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.findings import said
 from tests.harness.recording import START_NS, CountedClock, header, sample
 
 HEADER = header((24, 32))
@@ -29,12 +30,6 @@ def recorded(path: Path, times_ns: list[int], checks: list[ClockCheck]) -> Path:
         writer.clock_check(compared)
     writer.close()
     return path
-
-
-def said(path: Path, what: str, *levels: str) -> str:
-    return " | ".join(
-        one.text for one in check(path) if one.what == what and one.level in (levels or ("warn", "fail"))
-    )
 
 
 def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path: Path) -> None:
