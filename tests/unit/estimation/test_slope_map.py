@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -36,6 +37,14 @@ def mapped(sun, normals, noise_k=0.0, spoil=None):
             picture[spoil] = np.nan
         sums.add(picture, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
     return sums.solve()
+
+
+def test_opencvs_azimuths_are_good_to_a_hundredth_of_a_degree():
+    """As the module says of its maps; an OpenCV with a coarser arc tangent would fail here."""
+    azimuth = np.radians(np.linspace(0.0, 360.0, 100_001)[:-1])
+    north, east = np.cos(azimuth).astype(np.float32), np.sin(azimuth).astype(np.float32)
+    found = cv2.phase(north, east, angleInDegrees=True).ravel()
+    assert np.abs((found - np.degrees(azimuth) + 180.0) % 360.0 - 180.0).max() < 0.01
 
 
 def test_every_pixel_gets_its_slope_or_says_that_two_fit(scene):
