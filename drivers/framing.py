@@ -46,8 +46,8 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
 
-    def ask(self, request: bytes) -> None:
-        """Forget everything received so far and send a fresh question."""
+    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
+        """Forget everything received so far, send a question, and read the answer to it."""
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""

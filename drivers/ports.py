@@ -25,7 +25,8 @@ from fieldkit.drivers.permission import UDEV_FIX, group_of, permission_fix
 from fieldkit.drivers.records import Layout
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
-CHUNK_BYTES = 4096
+CHUNK_BYTES = 448
+"""More than an adapter holds back at a meter's speed; larger blocks would not be small objects to Python."""
 _LONGEST_TENTHS = 255
 
 
@@ -107,14 +108,15 @@ class SerialPort:
         except OSError as error:
             raise self._lost() from error
 
-    def ask(self, request: bytes) -> None:
-        """Forget everything received so far and send a fresh question."""
+    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
+        """Forget everything received so far, send a question, and read the answer to it."""
         try:
             termios.tcflush(self._fd, termios.TCIFLUSH)
             self.framer.discard()
             os.write(self._fd, request)
         except (OSError, termios.error) as error:
             raise self._lost() from error
+        return self.read(layout, timeout_s)
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more."""

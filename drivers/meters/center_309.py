@@ -198,6 +198,5 @@ def told_model(settings: DeviceSettings) -> str:
 
 def ask_model(port: SerialPort) -> str:
     """The model by ``K``, empty for a sibling that does not know the question."""
-    port.ask(b"K")
-    answer = port.read(MODEL, meter.ANSWER_S)
+    answer = port.ask(b"K", MODEL, meter.ANSWER_S)
     return answer.raw[:3].decode() if answer else ""

@@ -111,10 +111,11 @@ class SocketPort:
         except OSError as error:
             raise self._lost() from error
 
-    def ask(self, request: bytes) -> None:
-        """Forget everything received so far and send."""
+    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
+        """Forget everything received so far, send a question, and read the answer to it."""
         self.framer.discard()
         self.write(request)
+        return self.read(layout, timeout_s)
 
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`."""

@@ -79,11 +79,14 @@ class Meter:
 
     def read(self, timeout_s: float) -> Reading | None:
         """The next reading, or None; see `fieldkit.device.Device`."""
-        if self._asking is not None:
-            if not self._ask(self._asking, timeout_s):
-                return None
-            timeout_s = self._asking.answer_s
-        found = self._port.read(self._layout, timeout_s)
+        asking = self._asking
+        if asking is None:
+            found = self._port.read(self._layout, timeout_s)
+        elif self._turn(asking, timeout_s):
+            timeout_s = asking.answer_s
+            found = self._port.ask(asking.request, self._layout, timeout_s)
+        else:
+            return None
         if found is None:
             return None
         return self._reading(found) or self._behind(found, timeout_s)
@@ -100,8 +103,8 @@ class Meter:
                 return reading
         return None
 
-    def _ask(self, asking: Asking, timeout_s: float) -> bool:
-        """Wait for the next turn and send the request; False if the turn is not within `timeout_s`."""
+    def _turn(self, asking: Asking, timeout_s: float) -> bool:
+        """Wait until it is time to ask; False if that is not within `timeout_s`."""
         now_ns = self._clock.mono_ns()
         if now_ns < self._due_ns:
             wait_s = (self._due_ns - now_ns) / 1e9
@@ -113,7 +116,6 @@ class Meter:
         if asking.trigger:
             self._port.write(asking.trigger)
             self._clock.sleep(asking.settle_s)
-        self._port.ask(asking.request)
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
@@ -166,18 +168,19 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
 
 def first_answer(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
     """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
-    port.ask(request)
-    return first_record(port, layout, name, hint, ANSWER_S)
+    return _heard(port.ask(request, layout, ANSWER_S), port, name, hint, ANSWER_S)
 
 
-def first_record(port: Port, layout: Layout, name: str, hint: str, timeout_s: float | None = None) -> Stamped:
-    """The first record of a meter that has just been opened, within `FIRST_RECORD_S` unless told.
+def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
+    """The first record of a meter that has just been opened, within `FIRST_RECORD_S`.
 
     Raises `DeviceTimeoutError` if nothing is heard, `DecodeError` if what is heard is no record;
     the port is closed then.
     """
-    timeout_s = FIRST_RECORD_S if timeout_s is None else timeout_s
-    found = port.read(layout, timeout_s)
+    return _heard(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
+
+
+def _heard(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
     if found is not None:
         return found
     port.close()
