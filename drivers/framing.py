@@ -71,7 +71,6 @@ class Framer:
         self.rejected = 0
         self._byte_ns = byte_ns
         self._arrivals: deque[tuple[int, int]] = deque(maxlen=_CHUNKS_KEPT)  # (bytes so far, mono_ns)
-        self._in_step = True
         self._refused = b""
 
     @property
@@ -86,7 +85,7 @@ class Framer:
         if not self.left and 0 < length <= layout.longest:  # most chunks are one whole record
             taken = layout.take(chunk)
             if isinstance(taken, Record) and taken.length == length:
-                self._in_step, self._refused = True, b""
+                self._refused = b""
                 return new_tuple(Stamped, (taken, chunk, mono_ns - length * self._byte_ns))
         self.left += chunk
         self._arrivals.append((self.received, mono_ns))
@@ -94,8 +93,7 @@ class Framer:
 
     def discard(self) -> None:
         """Forget everything received so far."""
-        self.left = b""
-        self._in_step = True
+        self.left = self._refused = b""
 
     def take(self, layout: Layout) -> Stamped | None:
         """The next record of what is left of earlier chunks, None if there is none."""
@@ -106,10 +104,9 @@ class Framer:
             length = taken.length if taken else 1
             self.left = buffer[length:]
             if isinstance(taken, Record):
-                self._in_step, self._refused = True, b""
+                self._refused = b""
                 return Stamped(taken, buffer[:length], self._stamp(self.received - len(buffer)))
-            self.rejected += self._in_step
-            self._in_step = False
+            self.rejected += not self._refused
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
         return None
 

@@ -72,8 +72,7 @@ class SerialPort:
         try:
             self._serial.open()
             self._fd = self._serial.fileno()
-            self._blocks = clock.is_real
-            self._blocks_for_s = 0.0
+            self._blocks_for_s = math.nan
             os.set_blocking(self._fd, True)  # for as long as `_block_for` says
             # The lock above only keeps out programs that ask for it; this keeps out the others.
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
@@ -121,12 +120,19 @@ class SerialPort:
     def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more."""
         clock, framer = self._clock, self.framer
-        deadline_ns = clock.mono_ns() + int(timeout_s * 1e9)
-        found = framer.take(layout) if framer.left else None
-        while found is None and (chunk := self._chunk(timeout_s)):
-            now_ns = clock.mono_ns()
-            found = framer.feed(layout, chunk, now_ns)
-            timeout_s = (deadline_ns - now_ns) / 1e9
+        started_ns = clock.mono_ns()
+        found, left_s = framer.take(layout) if framer.left else None, timeout_s
+        try:
+            while found is None and (left_s == self._blocks_for_s or self._will_wait(left_s)):
+                chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
+                if not chunk:
+                    break
+                now_ns = clock.mono_ns()
+                found = framer.feed(layout, chunk, now_ns)
+                if found is None:
+                    left_s = timeout_s - (now_ns - started_ns) / 1e9
+        except (OSError, termios.error) as error:
+            raise self._lost() from error
         return found
 
     def close(self) -> None:
@@ -137,23 +143,21 @@ class SerialPort:
             with suppress(OSError):
                 self._serial.close()
 
-    def _chunk(self, timeout_s: float) -> bytes:
-        """What has arrived, as soon as anything has; empty if nothing does within `timeout_s`.
+    def _will_wait(self, timeout_s: float) -> bool:
+        """Let the next read wait for bytes, or wait for them by the clock; False if none came by then.
 
         The terminal's own time-out saves the other system call, a quarter of what a reading costs.
         """
-        try:
-            if self._blocks:
-                if timeout_s != self._blocks_for_s:
-                    self._block_for(timeout_s)
-            elif not self._clock.wait_readable(self._fd, max(timeout_s, 0.0)):
-                return b""
-            chunk = os.read(self._fd, CHUNK_BYTES)
-            if chunk or not self._clock.wait_readable(self._fd, 0.0):
-                return chunk
-            chunk = os.read(self._fd, CHUNK_BYTES)  # something came just now, unless it is hung up
-        except (OSError, termios.error) as error:
-            raise self._lost() from error
+        if not self._clock.is_real:
+            return self._clock.wait_readable(self._fd, max(timeout_s, 0.0))
+        self._block_for(timeout_s)
+        return True
+
+    def _late_bytes(self) -> bytes:
+        """What came just after a read had given up, empty if nothing did; raises when the port is gone."""
+        if not self._clock.wait_readable(self._fd, 0.0):
+            return b""
+        chunk = os.read(self._fd, CHUNK_BYTES)
         if not chunk:
             raise self._lost()
         return chunk

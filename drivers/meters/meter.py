@@ -112,7 +112,9 @@ class Meter:
             if wait_s > timeout_s:
                 return False
             now_ns = self._clock.mono_ns()
-        self._due_ns += self._every_ns * max(1 + (now_ns - self._due_ns) // self._every_ns, 1)
+        self._due_ns += self._every_ns
+        if self._due_ns <= now_ns:
+            self._due_ns = now_ns + self._every_ns
         if asking.trigger:
             self._port.write(asking.trigger)
             self._clock.sleep(asking.settle_s)
