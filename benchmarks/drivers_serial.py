@@ -30,6 +30,7 @@ from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters import center_309, lutron
 from fieldkit.drivers.meters.center_309 import Center309
 from fieldkit.drivers.meters.lutron import Lutron
+from fieldkit.drivers.ports import CHUNK_BYTES
 from fieldkit.drivers.records import Record
 from fieldkit.samples import Reading
 
@@ -137,7 +138,7 @@ def _least_lutron(path: str) -> tuple[Read, Callable[[], None]]:
     port, line = _blocking(path)
 
     def read() -> Reading:
-        frame = os.read(line, 4096)
+        frame = os.read(line, CHUNK_BYTES)
         now, taken = time.monotonic_ns(), lutron.take(frame)
         assert isinstance(taken, Record)
         return Reading("lux", now, now, taken.numbers, frame, taken.channels[0].quality)
@@ -157,7 +158,7 @@ def _least_center(path: str) -> tuple[Read, Callable[[], None]]:
     def read() -> Reading:
         termios.tcflush(line, termios.TCIFLUSH)
         os.write(line, b"A")
-        frame = os.read(line, 4096)
+        frame = os.read(line, CHUNK_BYTES)
         now, taken = time.monotonic_ns(), center_309.take(frame)
         assert isinstance(taken, Record)
         kelvin = tuple([number + 273.15 for number in taken.numbers])

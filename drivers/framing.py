@@ -46,11 +46,11 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
 
-    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
-        """Forget everything received so far, send a question, and read the answer to it."""
+    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`.
 
-    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`."""
+        With a `question` everything received so far is forgotten, and the record is the answer.
+        """
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""

@@ -107,22 +107,19 @@ class SerialPort:
         except OSError as error:
             raise self._lost() from error
 
-    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
-        """Forget everything received so far, send a question, and read the answer to it."""
-        try:
-            termios.tcflush(self._fd, termios.TCIFLUSH)
-            self.framer.discard()
-            os.write(self._fd, request)
-        except (OSError, termios.error) as error:
-            raise self._lost() from error
-        return self.read(layout, timeout_s)
+    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more.
 
-    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more."""
+        With a `question` everything received so far is forgotten, and the record is the answer.
+        """
         clock, framer = self._clock, self.framer
-        started_ns = clock.mono_ns()
-        found, left_s = framer.take(layout) if framer.left else None, timeout_s
         try:
+            if question:
+                termios.tcflush(self._fd, termios.TCIFLUSH)
+                framer.discard()
+                os.write(self._fd, question)
+            found = framer.take(layout) if framer.left else None
+            left_s, started_ns = timeout_s, clock.mono_ns()
             while found is None and (left_s == self._blocks_for_s or self._will_wait(left_s)):
                 chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
                 if not chunk:

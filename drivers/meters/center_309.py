@@ -29,7 +29,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import truediv
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
@@ -73,31 +73,31 @@ _HINT = "switch the thermometer on and check its cable; it answers only while no
 
 def take(buffer: bytes) -> Taken:
     """The record at the start of `buffer`, by the table above."""
-    if not buffer.startswith(_START):
-        return Rejected(skip_to(_START, buffer), "does not begin with 02")
-    if len(buffer) < LENGTH:
-        return None
-    if buffer[44] != 0x03:
-        return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
+    if len(buffer) < LENGTH or buffer[0] != 0x02 or buffer[44] != 0x03:
+        return _no_record(buffer)
     counts = _COUNTS.unpack_from(buffer, 7)
     is_open = OPEN_PROBE[0] in counts or OPEN_PROBE[1] in counts
     without = tuple([count in OPEN_PROBE for count in counts]) if is_open else _ALL_MEASURE
     channels, divisors, low, high = _meaning(buffer[1], buffer[2], buffer[39], buffer[43], without)
     numbers = tuple(map(truediv, counts, divisors))
-    if beyond := [number for number in numbers if number < low or number > high]:
-        channel = channels[numbers.index(beyond[0])]
-        reason = f"{channel.name} = {beyond[0]:g} {channel.unit} is beyond any thermocouple"
-        return Rejected(skip_to(_START, buffer), reason)
+    for number in numbers:
+        if number < low or number > high:
+            channel = channels[numbers.index(number)]
+            reason = f"{channel.name} = {number:g} {channel.unit} is beyond any thermocouple"
+            return Rejected(skip_to(_START, buffer), reason)
     return new_tuple(Record, (LENGTH, numbers, channels, "", NO_COUNTER))
 
 
-class Meaning(NamedTuple):
-    """What the flags say of each channel; a count over a divisor of NaN is no value."""
+def _no_record(buffer: bytes) -> Rejected | None:
+    if not buffer.startswith(_START):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < LENGTH:
+        return None
+    return Rejected(skip_to(_START, buffer), "no 03 at the end of 45 bytes")
 
-    channels: tuple[Channel, ...]
-    divisors: tuple[float, ...]
-    low: float
-    high: float
+
+Meaning = tuple[tuple[Channel, ...], tuple[float, ...], float, float]
+"""What the flags say: the channels, the divisor of each count (NaN for no value), the limits of the unit."""
 
 
 @lru_cache(maxsize=64)
@@ -114,7 +114,7 @@ def _meaning(first: int, second: int, overload: int, whole: int, without: tuple[
         else:
             channels.append(Channel(name, unit, quality, words))
             divisors.append(1.0 if whole >> place & 1 else 10.0)
-    return Meaning(tuple(channels), tuple(divisors), *LIMITS[unit])
+    return tuple(channels), tuple(divisors), *LIMITS[unit]
 
 
 def _words(first: int, second: int) -> tuple[str, ...]:
@@ -198,5 +198,5 @@ def told_model(settings: DeviceSettings) -> str:
 
 def ask_model(port: SerialPort) -> str:
     """The model by ``K``, empty for a sibling that does not know the question."""
-    answer = port.ask(b"K", MODEL, meter.ANSWER_S)
+    answer = port.read(MODEL, meter.ANSWER_S, b"K")
     return answer.raw[:3].decode() if answer else ""

@@ -202,7 +202,7 @@ class KonicaMinolta:
 
 def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     """Command 54 must come first; the meter then needs half a second."""
-    if port.ask(request(0, "54", "1"), LAYOUT, meter.ANSWER_S) is None:
+    if port.read(LAYOUT, meter.ANSWER_S, request(0, "54", "1")) is None:
         raise DeviceTimeoutError(f"{name}: no answer to the PC mode command from {port.path}", fix=_HINT)
     clock.sleep(0.5)
 
@@ -225,7 +225,7 @@ def _hold(port: Port, clock: Clock, head: int) -> None:
     for _ in range(2):
         port.write(request(99, "55", "1  0"))
         clock.sleep(0.5)
-        answer = port.ask(request(head, "40", "10"), LAYOUT, meter.ANSWER_S)
+        answer = port.read(LAYOUT, meter.ANSWER_S, request(head, "40", "10"))
         refusal = BROKEN.get(answer.raw[6:7].decode(), "") if answer else "it does not answer"
         if not refusal:
             return

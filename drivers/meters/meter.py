@@ -84,12 +84,13 @@ class Meter:
             found = self._port.read(self._layout, timeout_s)
         elif self._turn(asking, timeout_s):
             timeout_s = asking.answer_s
-            found = self._port.ask(asking.request, self._layout, timeout_s)
+            found = self._port.read(self._layout, timeout_s, asking.request)
         else:
             return None
         if found is None:
             return None
-        return self._reading(found) or self._behind(found, timeout_s)
+        reading = self._reading(found)
+        return self._behind(found, timeout_s) if reading is None else reading
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
@@ -170,7 +171,7 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
 
 def first_answer(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
     """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
-    return _heard(port.ask(request, layout, ANSWER_S), port, name, hint, ANSWER_S)
+    return _heard(port.read(layout, ANSWER_S, request), port, name, hint, ANSWER_S)
 
 
 def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:

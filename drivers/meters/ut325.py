@@ -97,14 +97,11 @@ class HidBridge:
         with explained(self.path):
             self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
 
-    def ask(self, request: bytes, layout: Layout, timeout_s: float) -> Stamped | None:
-        """Forget everything received so far, send a question, and read the answer to it."""
-        self.framer.discard()
-        self.write(request)
-        return self.read(layout, timeout_s)
-
-    def read(self, layout: Layout, timeout_s: float) -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`."""
+    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`; the answer to a `question`."""
+        if question:
+            self.framer.discard()
+            self.write(question)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         found = self.framer.take(layout)
         while found is None and self._clock.mono_ns() < deadline_ns:

@@ -82,7 +82,7 @@ def test_a_record_that_comes_just_as_the_wait_for_it_ends_is_no_lost_port(wire):
 
 def test_old_bytes_are_discarded(wire, port):
     wire.say(RECORD)
-    assert port.ask(b"A", LAYOUT, 0.01) is None
+    assert port.read(LAYOUT, 0.01, b"A") is None
 
 
 def test_unplugged_port_is_lost_on_read_and_on_write(wire, port):
