@@ -57,6 +57,23 @@ def test_second_of_two_records_in_one_chunk_is_one_record_later(wire, port):
     assert second.mono_ns - first.mono_ns == 16 * BYTE_NS
 
 
+def test_more_than_one_read_takes_comes_out_whole(wire, port):
+    wire.say(RECORD[5:] + 45 * RECORD)
+    assert len(45 * RECORD) > ports.CHUNK_BYTES
+    assert all(port.read(LAYOUT, 2.0).raw == RECORD for _ in range(45))
+    assert (port.framer.rejected, port.framer.left) == (1, b"")
+
+
+def test_noise_after_a_question_is_a_run_of_its_own(wire, port):
+    wire.say(b"\xff\xff")
+    assert port.read(LAYOUT, 0.05) is None
+    assert port.read(LAYOUT, 0.01, b"A") is None
+    wire.say(b"\xff")
+    assert port.read(LAYOUT, 0.05) is None
+    assert port.framer.rejected == 2
+    assert port.framer.unread == b"\xff"
+
+
 def test_noise_between_records_is_skipped_and_counted_once_a_run(wire, port):
     wire.say(b"\x34\x02\x02" + RECORD + b"\x00\xff\x02\x34" + RECORD)
     assert port.read(LAYOUT, 2.0).raw == RECORD

@@ -48,6 +48,31 @@ def test_questions_keep_to_their_grid(device):
     assert first.mono_ns < second.mono_ns < third.mono_ns
 
 
+class Sleepy(HostClock):
+    """Its time passes in sleep alone, and every sleep lasts a tenth of a second too long."""
+
+    now_ns = 0
+
+    def mono_ns(self):
+        return self.now_ns
+
+    def sleep(self, seconds):
+        self.now_ns += int(seconds * 1e9) + 100_000_000
+
+
+def test_late_wakings_do_not_add_up_and_missed_turns_are_not_made_up_for(wire):
+    wire.answer({b"K": b"309\r", b"A": RECORD})
+    clock = Sleepy()
+    device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=1.0), clock)
+    asked_s = []
+    for away_s in (0, 0, 0, 5, 0):
+        clock.now_ns += away_s * 1_000_000_000
+        assert device.read(2.0) is not None
+        asked_s.append(clock.now_ns / 1e9)
+    device.close()
+    assert asked_s == pytest.approx([0.0, 1.1, 2.1, 7.1, 8.2])
+
+
 def test_turn_that_is_not_due_is_none(wire):
     wire.answer({b"K": b"309\r", b"A": RECORD})
     device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=60), HostClock())
