@@ -59,8 +59,8 @@ class Port(Protocol):
 class Framer:
     """Takes chunks in, gives records out; `byte_ns` is the wire time of one byte.
 
-    Written out flat: at ten readings a second nothing stays in the processor's caches, and each function
-    that a reading goes through costs as much as its system call.
+    Written out flat: at ten readings a second nothing stays in the processor's caches, and each step of a
+    reading is felt.
     """
 
     def __init__(self, byte_ns: int) -> None:

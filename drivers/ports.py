@@ -143,7 +143,7 @@ class SerialPort:
     def _will_wait(self, timeout_s: float) -> bool:
         """Let the next read wait for bytes, or wait for them by the clock; False if none came by then.
 
-        The terminal's own time-out saves the other system call, a quarter of what a reading costs.
+        The terminal's own time-out saves a system call for every reading.
         """
         if not self._clock.is_real:
             return self._clock.wait_readable(self._fd, max(timeout_s, 0.0))

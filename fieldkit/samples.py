@@ -24,8 +24,8 @@ UNNUMBERED = -1
 new_tuple = tuple.__new__
 """Makes a named tuple of all its fields, ``new_tuple(Reading, (...))``, without its own constructor.
 
-That is a function, and at ten readings a second, when nothing is left in the processor's caches, each
-function costs as much as a system call.
+That is a function, and at ten readings a second, when nothing is left in the processor's caches, each step
+of a reading is felt.
 """
 
 

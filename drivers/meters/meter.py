@@ -67,7 +67,7 @@ class Meter:
         self._channels: tuple[Channel, ...] = ()
         self._conversion: Conversion | None = None
         self._asking = asking
-        self._every_ns = max(int(asking.every_s * 1e9), 1) if asking else 0
+        self._every_ns = int(asking.every_s * 1e9) if asking else 0
         self._range_max = info.settings.get("range_max_lx") if info.unit == "lx" else None
         self._due_ns = clock.mono_ns()
         self._foreign = 0

@@ -1,5 +1,6 @@
 import json
 import os
+from contextlib import contextmanager
 
 import pytest
 
@@ -108,28 +109,34 @@ def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, 
     assert [event.text for event in left_marks(folder)] == ["the last"]
 
 
-def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, monkeypatch):
+@pytest.fixture
+def hiccup(monkeypatch):
+    """While in it, the drive does not answer."""
+
+    @contextmanager
+    def hiccup():
+        def fails(*_, **__):
+            raise OSError("stale file handle")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("pathlib.Path.stat", fails)
+            yield
+
+    return hiccup
+
+
+def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, hiccup):
     drop_mark(folder, Mark("wind"))
     marks = DroppedMarks(folder, clock)
-
-    def hiccups(*_, **__):
-        raise OSError("stale file handle")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pathlib.Path.stat", hiccups)
+    with hiccup():
         assert list(marks()) == []
     assert [event.text for event in marks()] == ["wind"]
 
 
-def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, monkeypatch):
+def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, hiccup):
     drop_mark(folder, Mark("wind"))
     marks = DroppedMarks(folder, clock)
-
-    def hiccups(*_, **__):
-        raise OSError("stale file handle")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("pathlib.Path.stat", hiccups)
+    with hiccup():
         with pytest.raises(StorageError, match="stale file handle") as caught:
             marks.close()
         with pytest.raises(StorageError, match="stale file handle"):
