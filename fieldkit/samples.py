@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ class Quality(enum.IntFlag):
     """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
 
     GOOD = 0
-    STALE = 1  # older than it looks: the device repeated or delayed it
+    STALE = 1  # a value of another moment: held, a maximum, a minimum, or void by the device's own word
     FROZEN = 2  # identical pictures for longer than a shutter correction lasts
     DUPLICATE = 4  # the same picture once more (frame counter or pixels)
     DROPPED_BEFORE = 8  # samples were lost between the previous one and this
@@ -42,13 +42,45 @@ class Quality(enum.IntFlag):
     OVERRANGE = 64  # at the end of the meter's range
     CLOCK_STEP = 128  # the system clock was stepped since the previous sample
     BAD_CRC = 256  # stored bytes do not match their checksum
-    INTERPOLATED = 512  # not measured at this time
+    INTERPOLATED = 512  # the value is sound, its time was not measured: it waited and arrived in a bunch
     LOW_SUN = 1024  # sun too low for the estimate to mean anything
     SHADED = 2048  # this region alone lost its sun
     CLOUD = 4096  # the light changed faster than the sun can
     UNRESOLVED = 8192  # data fit more than one slope
     NO_VALUE = 16384  # open probe, overload, or no temperature scale known
     MOVED = 32768  # the picture moved: regions may be off their beds
+
+
+UNUSABLE = (
+    Quality.STALE
+    | Quality.FROZEN
+    | Quality.DUPLICATE
+    | Quality.SHUTTER
+    | Quality.SATURATED
+    | Quality.OVERRANGE
+    | Quality.BAD_CRC
+    | Quality.NO_VALUE
+)
+"""Flags of samples whose numbers enter no result; the one definition, for frames and readings alike."""
+_UNUSABLE_BITS = int(UNUSABLE)
+_UNSHOWABLE_BITS = int(UNUSABLE & ~(Quality.SATURATED | Quality.NO_VALUE))
+
+
+@overload
+def is_usable(flags: int) -> bool: ...
+@overload
+def is_usable(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
+def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+    """Whether a sample's numbers may enter a result, from its `Quality`.
+
+    One sample's flags, or an array of them as stored (any shape, any integer type).
+    """
+    return (flags & _UNUSABLE_BITS) == 0
+
+
+def is_showable(flags: int) -> bool:
+    """Whether a frame may serve to find regions: also one at the end of its scale, or without a scale."""
+    return (flags & _UNSHOWABLE_BITS) == 0
 
 
 class Severity(enum.IntEnum):

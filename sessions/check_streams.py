@@ -15,12 +15,8 @@ from fieldkit.sessions.reader import Session
 from fieldkit.sessions.stream_reader import StreamReader
 
 _PLAUSIBLE = {"K": (200.0, 700.0), "lx": (0.0, 200_000.0), "W m-2": (-50.0, 1600.0)}
-_TELLING = (
-    Quality.STALE | Quality.FROZEN | Quality.DUPLICATE | Quality.DROPPED_BEFORE | Quality.SHUTTER
-    | Quality.SATURATED | Quality.OVERRANGE | Quality.CLOCK_STEP | Quality.CLOUD | Quality.NO_VALUE
-    | Quality.MOVED
-)  # fmt: skip
-_HARMLESS = Quality.SHUTTER | Quality.DUPLICATE
+_REPORTED_ELSEWHERE = Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED
+_HARMLESS = (Quality.SHUTTER, Quality.DUPLICATE)
 _BUNCHED_SHARE = 0.02
 _LOOK_EVERY = 32
 
@@ -157,6 +153,6 @@ def _units(info: StreamInfo, lowest: float, highest: float) -> Iterator[Finding]
 def _flags(name: str, flags: NDArray[np.uint16]) -> Iterator[Finding]:
     for flag in Quality:
         count = int(np.count_nonzero(flags & flag.value))
-        if count and flag & _TELLING:
+        if count and not flag & _REPORTED_ELSEWHERE:
             word = str(flag.name).lower().replace("_", " ")
-            yield Finding("ok" if flag & _HARMLESS else "warn", name, f"{count} samples flagged {word}")
+            yield Finding("ok" if flag in _HARMLESS else "warn", name, f"{count} samples flagged {word}")

@@ -15,11 +15,9 @@ from fieldkit.calibration.steady import Readings
 from fieldkit.device import StreamInfo
 from fieldkit.errors import CalibrationError
 from fieldkit.physics.camera_laws import temperature_k
-from fieldkit.samples import Frame, Quality, Sample
+from fieldkit.samples import Frame, Sample, is_usable
 from fieldkit.site import Region
 
-CAMERA_DOUBTS = Quality.SHUTTER | Quality.FROZEN | Quality.DUPLICATE | Quality.SATURATED | Quality.NO_VALUE
-HELD_OUT = CAMERA_DOUBTS | Quality.OVERRANGE
 FloatArray = NDArray[np.float64]
 
 
@@ -74,8 +72,8 @@ class Gathering:
         self._masks = [None if region is None else region.mask((rows, cols)) for region in regions]
 
     def add(self, sample: Sample) -> None:
-        """Take a sample of any stream; those in doubt are passed over."""
-        if sample.quality & HELD_OUT:
+        """Take a sample of any stream; those that are not usable are skipped."""
+        if not is_usable(sample.quality):
             return
         probe = self.setup.thermometer
         if isinstance(sample, Frame):

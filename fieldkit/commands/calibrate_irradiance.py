@@ -136,11 +136,11 @@ def minute_means(session: Session, stream: str, *, recorded: bool = False) -> tu
 
     `recorded` takes the times as they were recorded, without a time map that is in force.
     """
-    from fieldkit.commands.calibrate_gather import HELD_OUT
+    from fieldkit.samples import is_usable
 
     reader = session.stream(stream)
     values = np.asarray(reader.column("value"), np.float64).reshape(len(reader), -1)[:, 0]
-    good = ((reader.column("flags") & int(HELD_OUT)) == 0) & np.isfinite(values)
+    good = is_usable(reader.column("flags")) & np.isfinite(values)
     times = reader.time_ns() if recorded else session.times_ns(stream)
     minutes, place = np.unique(times[good] // 60_000_000_000, return_inverse=True)
     if not minutes.size:

@@ -84,8 +84,8 @@ def look_of(session: Session) -> Look:
     Raises `ConfigError` without a reference, `CalibrationError` if it is too short.
     """
     from fieldkit.calibration.uniformity import Look
-    from fieldkit.commands.calibrate_gather import CAMERA_DOUBTS
     from fieldkit.estimation.scale import offsets_from_uniform
+    from fieldkit.samples import is_usable
     from fieldkit.sessions.analysis import region_series
     from fieldkit.site import RegionKind
 
@@ -94,7 +94,7 @@ def look_of(session: Session) -> Look:
     is_reference = np.array([kinds[name] is RegionKind.REFERENCE for name in series.regions])
     if not is_reference.any() or is_reference.all():
         raise ConfigError(f"{session.path} needs a reference and other regions", fix="fieldkit roi add")
-    good = (series.flags & int(CAMERA_DOUBTS)) == 0
+    good = is_usable(series.flags)
     blocks, place = np.unique(series.time_ns[good] // BLOCK_NS, return_inverse=True)
     if blocks.size < LEAST_BLOCKS:
         raise CalibrationError(

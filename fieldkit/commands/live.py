@@ -16,11 +16,10 @@ from fieldkit.commands.recording import Instruments, instruments
 from fieldkit.config import Config
 from fieldkit.device import Camera
 from fieldkit.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
-from fieldkit.estimation.bins import HELD_OUT
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.recorder import Inbox, Sampling, View
 from fieldkit.recorder.feed import Feed
-from fieldkit.samples import Event, Frame, Health, Quality, Sample, StreamHealth
+from fieldkit.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
 from fieldkit.views import picture
 
 PICTURE_WITHIN_S = 15.0
@@ -87,12 +86,11 @@ def good_frame(tools: Instruments) -> Frame:
     camera = next((device for device in tools.devices if isinstance(device, Camera)), None)
     if camera is None:
         raise DeviceNotFoundError("no camera is configured or plugged in", fix="fieldkit devices")
-    against = HELD_OUT & ~(Quality.SATURATED | Quality.NO_VALUE)
     with tools.clock.taking_part():
         end_ns = tools.clock.mono_ns() + round(PICTURE_WITHIN_S * 1e9)
         while tools.clock.mono_ns() < end_ns:
             frame = camera.read(0.5)
-            if frame is not None and not frame.quality & against:
+            if frame is not None and is_showable(frame.quality):
                 return frame
     raise DeviceTimeoutError(
         f"no picture came from the camera within {PICTURE_WITHIN_S:.0f} s",

@@ -17,7 +17,7 @@ from fieldkit.config import Config
 from fieldkit.device import StreamInfo
 from fieldkit.errors import NoAnswerError
 from fieldkit.estimation.answers import ANSWERED, answers_of
-from fieldkit.estimation.bins import HELD_OUT, MINUTE_NS, Bin
+from fieldkit.estimation.bins import MINUTE_NS, Bin
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
@@ -26,7 +26,7 @@ from fieldkit.estimation.window import Field
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.samples import Quality
+from fieldkit.samples import Quality, is_usable
 from fieldkit.sessions.reader import Session
 from fieldkit.site import Region, Site
 
@@ -157,7 +157,7 @@ def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArra
     reader = session.stream(camera.name)
     inside = session.times_ns(camera.name) // MINUTE_NS == minute
     total, pictures = np.zeros(camera.shape), 0
-    for index in np.flatnonzero(inside & ((reader.column("flags") & int(HELD_OUT)) == 0)):
+    for index in np.flatnonzero(inside & is_usable(reader.column("flags"))):
         frame = reader.frame(int(index))
         total += temperature_k(
             camera.law, frame.counts, frame.metadata_rows, camera.settings, camera.scale, camera.offset

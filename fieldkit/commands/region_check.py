@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
 from fieldkit.physics.camera_laws import LAWS, temperature_k
-from fieldkit.samples import Frame, Quality, Sample
+from fieldkit.samples import Frame, Sample, is_usable
 from fieldkit.site import Region
 
 MIN_PIXELS = 100
@@ -24,7 +24,6 @@ UNEVEN_EDGE_K = 1.0  # more is warned of
 CLEAN_EDGE_K = 0.2  # what shrinking by up to so many pixels is to reach
 MOST_SHRUNK_PX = 10
 PICTURES = 25
-DOUBTFUL = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.BAD_CRC | Quality.NO_VALUE
 
 Picture = NDArray[np.float64]
 Level = Literal["ok", "warn", "FAIL"]
@@ -114,7 +113,7 @@ def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[NDArray
     if camera.law not in LAWS and not (camera.law == "linear" and math.isfinite(camera.scale)):
         return
     for sample in samples:
-        if isinstance(sample, Frame) and not sample.quality & DOUBTFUL:
+        if isinstance(sample, Frame) and is_usable(sample.quality):
             yield temperature_k(
                 camera.law, sample.counts, sample.metadata_rows, camera.settings, camera.scale, camera.offset
             )

@@ -204,13 +204,13 @@ def middle_frame(session: Session) -> Frame | None:
     """The picture nearest to the middle of the session that has no flag against it, or None."""
     import numpy as np
 
-    from fieldkit.estimation.bins import HELD_OUT
+    from fieldkit.samples import is_usable
 
     camera = next((name for name, info in session.streams.items() if info.is_camera), None)
     if camera is None:
         return None
     reader = session.stream(camera)
-    good = np.flatnonzero((reader.column("flags") & int(HELD_OUT)) == 0)
+    good = np.flatnonzero(is_usable(reader.column("flags")))
     if not good.size:
         return None
     return reader.frame(int(good[np.argmin(np.abs(good - len(reader) // 2))]))

@@ -4,8 +4,8 @@ A minute gathers samples in any order and closes once. Pictures are summed as wh
 numbers, which no order of adding can change; readings are sorted by their time first. So
 live, replay and batch bins are equal to the last bit. Nothing here knows about slopes.
 
-Frames during a shutter correction, frozen or repeated ones, saturated ones, damaged ones
-and those without a temperature scale are held out of the sums; their flags stay on the bin.
+Samples that are not usable (`fieldkit.samples.UNUSABLE`) are excluded from the sums; their
+flags stay on the bin.
 """
 
 from __future__ import annotations
@@ -22,20 +22,11 @@ from fieldkit.device import StreamInfo
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.samples import Frame, Quality, Reading
+from fieldkit.samples import Frame, Quality, Reading, is_usable
 from fieldkit.site import Region
 
 MINUTE_NS = 60_000_000_000
 LAW_STEP_K = 0.01
-HELD_OUT = (
-    Quality.SHUTTER
-    | Quality.FROZEN
-    | Quality.DUPLICATE
-    | Quality.SATURATED
-    | Quality.NO_VALUE
-    | Quality.BAD_CRC
-)
-"""Flags of frames and readings that do not enter the means."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +171,9 @@ class OpenMinute:
         self.first_frame: Frame | None = None
 
     def add_frame(self, frame: Frame, camera: Camera) -> None:
-        """Sum a picture, unless its flags or its law hold it out."""
+        """Sum a frame, unless its flags or its law exclude it."""
         self.flags |= frame.quality
-        if frame.quality & HELD_OUT or (sums := camera.sums(frame)) is None:
+        if not is_usable(frame.quality) or (sums := camera.sums(frame)) is None:
             return
         if self.first_frame is None or frame.time_ns < self.first_frame.time_ns:
             self.first_frame = frame

@@ -14,11 +14,8 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.samples import Quality, Reading
+from fieldkit.samples import Quality, Reading, is_usable
 from fieldkit.site import Site
-
-UNUSABLE = Quality.OVERRANGE | Quality.NO_VALUE | Quality.FROZEN | Quality.BAD_CRC
-"""Flags of readings that say nothing about the light or the temperature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +53,11 @@ class Instruments:
 
     def light(self, minute: OpenMinute, site: Site, settings: EstimatorSettings) -> Light:
         """Direct irradiance of every light reading at its own time."""
-        lux = [r.values[0] for r in minute.sorted_readings(self.lux.name) if _usable(r)] if self.lux else []
+        lux = (
+            [r.values[0] for r in minute.sorted_readings(self.lux.name) if is_usable(r.quality)]
+            if self.lux
+            else []
+        )
         name = self.light_stream.name if self.light_stream is not None else ""
         readings = minute.sorted_readings(name)
         flags = Quality.GOOD
@@ -64,7 +65,7 @@ class Instruments:
             flags |= reading.quality
         times = np.array([reading.time_ns for reading in readings], np.int64)
         sun = sun_vectors(times, site, refraction=settings.refraction)
-        values = np.array([r.values[0] if _usable(r) else np.nan for r in readings], np.float64)
+        values = np.array([r.values[0] if is_usable(r.quality) else np.nan for r in readings], np.float64)
         direct = direct_normal(self.model, values, sun, times) if len(readings) else values
         # near the horizon clear light itself changes as fast as a cloud does
         high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
@@ -86,7 +87,9 @@ class Instruments:
         info = self._first(quantity)
         if info is None:
             return float("nan")
-        return mean_of(np.array([r.values[0] for r in minute.sorted_readings(info.name) if _usable(r)]))
+        return mean_of(
+            np.array([r.values[0] for r in minute.sorted_readings(info.name) if is_usable(r.quality)])
+        )
 
     def contact_k(self, minute: OpenMinute) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
@@ -95,15 +98,15 @@ class Instruments:
             if info.quantity != "temperature":
                 continue
             table = np.full((0, info.shape[0]), np.nan)
-            if rows := [r.values for r in minute.sorted_readings(info.name) if _usable(r)]:
+            if rows := [r.values for r in _usable(minute, info)]:
                 table = np.array(rows, np.float64)
             zero = 0.0 if info.unit == "K" else 273.15
             means.extend(mean_of(table[:, channel]) + zero for channel in range(table.shape[1]))
         return tuple(means)
 
 
-def _usable(reading: Reading) -> bool:
-    return not reading.quality & UNUSABLE
+def _usable(minute: OpenMinute, info: StreamInfo) -> list[Reading]:
+    return [reading for reading in minute.sorted_readings(info.name) if is_usable(reading.quality)]
 
 
 def mean_of(values: NDArray[np.float64]) -> float:

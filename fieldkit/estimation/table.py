@@ -18,11 +18,9 @@ from fieldkit.estimation.slopes import slopes
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.samples import Quality
+from fieldkit.samples import is_usable
 from fieldkit.site import Region, RegionKind, Site
 from fieldkit.slope import SlopeEstimate
-
-HELD_OUT = Quality.SHUTTER | Quality.FROZEN | Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +28,8 @@ class TemperatureTable:
     """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2 or lux; NaN where missing.
 
     Either `irradiance_w_m2` (direct normal) or `illuminance_lx` (as the irradiance model's
-    mounting says) is given. `flags` are `Quality` numbers; rows with a flag that holds
-    samples out are left out.
+    mounting says) is given. `flags` are `Quality` numbers; rows that are not
+    usable (`fieldkit.samples.UNUSABLE`) are excluded.
     """
 
     time_ns: NDArray[np.int64]
@@ -83,7 +81,7 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     columns = [direct, _or(table.diffuse_w_m2, nothing), _or(table.longwave_w_m2, nothing)]
     columns += [table.reference_k, *table.targets_k.values()]
     values = np.column_stack(columns)
-    values[(flags & int(HELD_OUT)) != 0] = np.nan
+    values[~is_usable(flags)] = np.nan
     minutes, start = np.unique(time_ns // MINUTE_NS, return_index=True)
     means = _means(values, start)
     counts = np.diff(np.append(start, rows))

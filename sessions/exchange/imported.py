@@ -134,18 +134,20 @@ class _Flagged:
 
     def __iter__(self) -> Iterator[Frame]:
         for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was left out
-            yield frame._replace(quality=frame.quality | Quality.STALE) if is_late else frame
+            yield frame._replace(quality=frame.quality | Quality.INTERPOLATED) if is_late else frame
 
 
 def flag_bunched(
     read: Callable[[], Iterable[Frame]], time_ns: Sequence[int]
 ) -> tuple[Iterable[Frame], tuple[tuple[Severity, str], ...]]:
-    """The pictures that `read` gives, never all in memory; those that came in bunches flagged `STALE`.
+    """The pictures that `read` gives, never all in memory; those that came in bunches flagged `INTERPOLATED`.
 
     `time_ns` are their stamps, known from a look before; also what to say about bunches.
     """
     late = bunched(np.array(time_ns, np.int64))
     if not late.any():
         return _Flagged(read, late), ()
-    text = f"{int(late.sum())} of {late.size} pictures came in bunches: stamps of arrival, flagged stale"
+    text = (
+        f"{int(late.sum())} of {late.size} pictures came in bunches: stamps of arrival, flagged interpolated"
+    )
     return _Flagged(read, late), ((Severity.WARNING, text),)
