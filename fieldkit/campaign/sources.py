@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.errors import ConfigError, SessionError
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.site import Region
+from fieldkit.site import Region, Site
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,10 @@ def config_for(session: Session, settings: Sequence[str] = (), *, present: bool 
     """The configuration to estimate a session with.
 
     The session's own, unless it has none (it was imported) or `present` asks for the
-    campaign's ``fieldkit.toml`` as it is now, regions included. Raises `ConfigError`.
+    campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's,
+    where it was recorded or imported; only `settings` can replace it. Raises `ConfigError`.
     """
+    settings = (*_site_settings(session.site), *settings)
     if session.config_toml and not present:
         return config_from_text(session.config_toml, session.path, settings=settings)
     try:
@@ -56,6 +59,11 @@ def config_for(session: Session, settings: Sequence[str] = (), *, present: bool 
             f"{session.path} has no configuration of its own (it was imported), and no campaign is around it",
             fix="put it into recordings/ of a campaign (fieldkit init), and draw regions with fieldkit roi",
         ) from error
+
+
+def _site_settings(site: Site) -> tuple[str, ...]:
+    """A site as settings, which stand above the campaign's file and below those given after them."""
+    return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
 
 
 def regions_for(session: Session, config: Config, *, present: bool = False) -> tuple[Region, ...]:

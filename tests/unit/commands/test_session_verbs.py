@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from fieldkit.campaign.sources import config_for, source_of
 from fieldkit.commands import (
     calibrate_surface,
     calibrate_uniformity,
@@ -27,6 +28,7 @@ from fieldkit.commands import (
     report,
     show,
 )
+from fieldkit.commands.estimating import estimator_for, minutes_of
 from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.marks import Mark, drop_mark, marks_folder
 from fieldkit.samples import Severity
@@ -256,6 +258,29 @@ def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path)
     assert "47.1, 8.5; if it was elsewhere" in own.stderr
     given = run(import_session, folder, *said, "--site=1,2", "-C", tmp_path / "own", "-o", tmp_path / "c.h5")
     assert "no --site" not in given.stderr
+
+
+@pytest.mark.parametrize("present", [False, True])
+def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(
+    tmp_path: Path, present: bool
+) -> None:
+    """In Tokyo it is night when it is noon at Alamosa; SPA (pvlib) gives 29.3 degrees there at 19:05 UTC."""
+    campaign = tmp_path / "tokyo"
+    assert run(init, campaign, "--quiet").exit_code == 0
+    log = tmp_path / "light.csv"
+    log.write_text("time,lux [lx]\n" + "".join(f"2016-01-01T19:{m:02}:00Z,50000\n" for m in range(3, 7)))
+    out = campaign / "recordings" / "noon.h5"
+    place = ("--site", "37.70,-105.92,2317", "-C", campaign)
+    assert run(import_session, log, *place, "-o", out).exit_code == 0
+    source = source_of(out, present=present)
+    assert source.config.site.latitude_deg == 37.70
+    with open_session(out) as session:
+        assert source.config.site == session.site
+        minutes = list(minutes_of(session, estimator_for(session, source.config, present=present)))
+        moved = config_for(session, ("site.latitude_deg=47.0",), present=present)
+    assert [90.0 - minute.sun_zenith_deg for minute in minutes] == pytest.approx([29.3] * 4, abs=0.2)
+    assert moved.site.latitude_deg == 47.0
+    assert moved.site.longitude_deg == -105.92
 
 
 def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> None:
