@@ -9,6 +9,9 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from fieldkit.samples import Quality
 
 NAN = float("nan")
@@ -26,6 +29,23 @@ class SlopeState(enum.IntEnum):
     LOW_SUN = 6
     SHADED = 7
     NO_DATA = 8  # no frames, no irradiance or no reference in the window
+    UNCERTAIN = 9  # one slope fits, but its likelihood region is too wide to rely on (`is_too_wide`)
+
+
+CERTAIN_WITHIN_DEG = 3.0
+"""Widest 90 % region of a flat or gentle slope that may be relied on: as far as a tenth of a kelvin
+between two beds moves the tilt where a kelvin is worth 30 degrees, the limit in a plan of a day."""
+CERTAIN_SHARE = 0.2
+"""The same for a steep slope, as a share of its tilt: 30 degrees good to 27..33."""
+
+
+def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a tilt with these bounds of its 90 % region is uncertain; any shapes that broadcast, degrees.
+
+    True also where a bound is NaN: a region that is not known vouches for nothing.
+    """
+    width = np.subtract(high_deg, low_deg)
+    return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
 
 
 @dataclass(frozen=True, slots=True)

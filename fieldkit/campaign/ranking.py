@@ -47,7 +47,7 @@ class Ranking:
     `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of
     the best. `left_out_deg` is the mean error of sessions under the parameters chosen from the
     other sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice
-    was the best set itself.
+    was the best set itself. `uncertain_share` of the best set's slopes are uncertain.
     """
 
     best: int
@@ -57,6 +57,7 @@ class Ranking:
     same_choice: int
     folds: int
     effects: tuple[Effect, ...]
+    uncertain_share: float
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -73,6 +74,11 @@ class Ranking:
                 f"overfitting: chosen without it, parameters give a session {self.left_out_deg:.1f}°, not "
                 f"{found:.1f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
             )
+        if self.uncertain_share > 0.0:
+            doubts.append(
+                f"{self.uncertain_share:.0%} of the best set's slopes are uncertain: their 90 % regions "
+                "are wide however small the errors came out"
+            )
         doubts.extend(
             f"{effect.key}: the best value is at the end of those tried; try further"
             for effect in self.effects
@@ -85,13 +91,15 @@ def ranked(
     error_deg: FloatArray,
     worst_deg: FloatArray,
     answers: NDArray[np.int64],
+    uncertain: NDArray[np.int64],
     sets: Sequence[tuple[str, ...]],
     varied: Sequence[Parameter],
 ) -> Ranking | None:
     """Rank sets (rows) by their errors in sessions (columns), degrees, NaN where nothing is known.
 
-    `worst_deg` and `answers` are the largest error and the number of answers, of the same shape;
-    `sets` the ``KEY=VALUE`` of each row. None where no set has an error.
+    `worst_deg` and `answers` are the largest error and the number of answers, of the same shape,
+    `uncertain` how many of the answers are; `sets` the ``KEY=VALUE`` of each row. None where no set
+    has an error.
     """
     quiet = answers.sum(axis=1) < TALKATIVE * answers.sum(axis=1).max(initial=0)
     judged = np.where(quiet[:, np.newaxis], np.nan, error_deg)
@@ -108,7 +116,8 @@ def ranked(
         same = choices.count(best)
     effects = tuple(_effect(parameter, sets, error) for parameter in varied)
     worst = float(np.nanmax(worst_deg[best, sessions]))
-    return Ranking(best, error, worst, left_out, same, sessions.size, effects)
+    share = float(uncertain[best].sum() / answers[best].sum())
+    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share)
 
 
 def _mean(error_deg: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from fieldkit.campaign.ranking import Ranking, ranked
 from fieldkit.campaign.runs import Outcome
 from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.site import Region, RegionKind
+from fieldkit.slope import SlopeState
 
 
 class Summary:
@@ -53,14 +54,15 @@ class Summary:
         """The sets by their errors; None where no bed of known tilt was answered."""
         shape = len(self._grid.sets), len(self._names)
         error, worst = np.full((2, *shape), np.nan)
-        answers = np.zeros(shape, np.int64)
+        answers, uncertain = np.zeros((2, *shape), np.int64)
         for (place, number), beds in self._beds.items():
             known = [bed for bed in beds if np.isfinite(bed["median_abs_error_deg"])]
             answers[number, place] = sum(bed["answered"] for bed in known)
+            uncertain[number, place] = sum(bed["uncertain"] for bed in known)
             if known:
                 error[number, place] = np.mean([bed["median_abs_error_deg"] for bed in known])
                 worst[number, place] = max(bed["worst_abs_error_deg"] for bed in known)
-        return ranked(error, worst, answers, self._grid.sets, self._grid.varied)
+        return ranked(error, worst, answers, uncertain, self._grid.sets, self._grid.varied)
 
     def _values(self, number: int) -> dict[str, Any]:
         """The parameters of a set: numbers where all values of the key are, else as written."""
@@ -80,6 +82,7 @@ def _bed(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
         "true_tilt_deg": region.tilt_deg,
         "minutes": int(rows.size),
         "answered": int(answered.size),
+        "uncertain": int(np.count_nonzero(rows["state"] == SlopeState.UNCERTAIN)),
         "median_tilt_deg": float(np.median(tilt)) if tilt.size else float("nan"),
         "mean_error_deg": float(np.mean(tilt) - region.tilt_deg) if known else float("nan"),
         "mean_abs_error_deg": float(np.mean(error)) if known else float("nan"),

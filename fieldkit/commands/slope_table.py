@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from fieldkit.commands import common
 from fieldkit.site import Region
-from fieldkit.slope import SlopeEstimate
+from fieldkit.slope import SlopeEstimate, SlopeState
 from fieldkit.views import words
 
 COLUMNS = ("bed", "truth", "tilt", "noise", "error", "azimuth", "K per °", "chi²", "state")
@@ -27,6 +27,8 @@ def explain_slopes(answers: Iterable[SlopeEstimate]) -> None:
     found = [one for one in answers if math.isfinite(one.tilt_deg)]
     if found:
         common.say(MEANING)
+    if any(one.state is SlopeState.UNCERTAIN for one in found):
+        common.say(f"uncertain: {words.UNCERTAIN_MEANS}")
     if any(one.model.startswith("paper") and "azimuth known" not in one.model for one in found):
         common.say(words.PAPER_LEAVES_OUT)
 

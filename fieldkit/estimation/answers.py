@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import SlopeEstimate, SlopeState, is_too_wide
 
-WORKED_OUT = (SlopeState.OK, SlopeState.FLAT, SlopeState.NOT_RESOLVED)
+CERTAIN = (SlopeState.OK, SlopeState.FLAT)
+"""States of a slope that may be relied on as it stands."""
+WORKED_OUT = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
 """States whose slope was worked out at that very minute; only these count in mean errors."""
 ANSWERED = (*WORKED_OUT, SlopeState.HELD_CLOUD)
 """States that say a slope: a held one is an earlier answer."""
+
+
+def is_certain(estimate: SlopeEstimate) -> bool:
+    """Whether a slope may be relied on, now or held over a cloud: one alone fits, within a narrow region."""
+    says_one = estimate.state in (*CERTAIN, SlopeState.HELD_CLOUD) and not math.isfinite(
+        estimate.second_tilt_deg
+    )
+    return says_one and not is_too_wide(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
 def answer_of(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:

@@ -32,7 +32,7 @@ from fieldkit.estimation.posterior import posterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.site import Region
-from fieldkit.slope import SlopeState
+from fieldkit.slope import SlopeState, is_too_wide
 
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
@@ -225,6 +225,9 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
     elif second is not None:
         tilt, azimuth = tilt_azimuth(second)
         state, reason = SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
+    elif is_too_wide(tilt_azimuth(best)[0], whole.tilt_low_deg, whole.tilt_high_deg):
+        low, high = whole.tilt_low_deg, whole.tilt_high_deg
+        state, reason = SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
     elif whole.vertical:
         state, reason = SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
     used = int(problem.used.sum())

@@ -9,8 +9,9 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fieldkit.estimation.answers import CERTAIN
 from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import SlopeEstimate
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
 
@@ -80,4 +81,4 @@ def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
 
 
 def _state_style(estimate: SlopeEstimate) -> str:
-    return "good" if estimate.state in (SlopeState.OK, SlopeState.FLAT) else "doubt"
+    return "good" if estimate.state in CERTAIN else "doubt"

@@ -13,7 +13,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from fieldkit.samples import Event, Severity
 from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
 
 UNKNOWN = "–"
 PAPER_LEAVES_OUT = (
@@ -21,12 +21,16 @@ PAPER_LEAVES_OUT = (
     "90 % regions hold the truth only 50 to 90 % of the time"
 )
 """By simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
+UNCERTAIN_MEANS = (
+    f"the 90 % region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
+)
 ZERO_CELSIUS_K = 273.15
 
 _LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
 _STATES = {
     SlopeState.OK: "ok",
     SlopeState.TOO_FEW: "too few minutes yet",
+    SlopeState.UNCERTAIN: "uncertain",
     SlopeState.NOT_RESOLVED: "not resolved",
     SlopeState.NO_INTERSECTION: "no intersection",
     SlopeState.HELD_CLOUD: "held: cloud",
@@ -67,12 +71,12 @@ def noise(estimate: SlopeEstimate) -> str:
 
 
 def azimuth(estimate: SlopeEstimate) -> str:
-    """Azimuth in degrees with its likelihood region, a dash for a slope that may be flat.
+    """Azimuth in degrees with its likelihood region, a dash for a slope that may be flat (tilt from 0).
 
     The bounds may lie on either side of north; where they meet the azimuth was given, not estimated.
     """
     value = estimate.azimuth_deg
-    if estimate.state is SlopeState.FLAT:
+    if estimate.tilt_low_deg == 0.0:
         return UNKNOWN
     if estimate.azimuth_low_deg == estimate.azimuth_high_deg:
         return f"{number(value)} given"

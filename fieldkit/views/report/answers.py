@@ -42,7 +42,8 @@ def beds(material: Material) -> Html:
     )
     caption = (
         "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
-        f"region ({likelihood_words(material)}); noise is the same by noise alone. Error is against "
+        f"region ({likelihood_words(material)}); noise is the same by noise alone. Uncertain: "
+        f"{words.UNCERTAIN_MEANS}. Error is against "
         "the given tilt. MAE and SD are over the n minutes with an answer; slopes held over a cloud count "
         f"for nothing. SD {sd_words(material.sd)}."
     )

@@ -75,7 +75,8 @@ def _verdict(parts: Sequence[Part]) -> str:
     if not np.isfinite(mean):
         return "No slope of a bed of known tilt was found in these sessions."
     count = int(np.isfinite(estimated - truth).sum())
-    return f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all beds and sessions."
+    found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all beds and sessions"
+    return f"{found}, of which {sum(bed.uncertain for bed in beds)} are uncertain: {words.UNCERTAIN_MEANS}."
 
 
 def _truth(bed: Bed) -> FloatArray:
@@ -88,7 +89,7 @@ def _beds(parts: Sequence[Part], sd: SdKind) -> Html:
         f"MAE and SD over the n minutes with an answer; SD {sd_words(sd)}. RMSE: measured surface "
         "temperature against eq. (7), the reference standing in for air and sky."
     )
-    columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "RMSE K", "clouded min")
+    columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
     return section("Beds", table(columns, rows, caption=caption))
 
 
@@ -104,6 +105,7 @@ def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
         words.given_slope(bed.region),
         f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else words.UNKNOWN,
         int(np.isfinite(bed.answered_tilt_deg).sum()),
+        bed.uncertain,
         words.number(rmse, 2),
         int(part.columns.cloudy.sum()),
     ]

@@ -22,7 +22,7 @@ from fieldkit.physics.surface import (
 )
 from fieldkit.samples import Quality
 from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate
+from fieldkit.slope import SlopeEstimate, SlopeState
 from fieldkit.views import words
 
 if TYPE_CHECKING:
@@ -51,6 +51,11 @@ class Bed:
     def answered_tilt_deg(self) -> FloatArray:
         """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
         return np.where(self.is_answer, self.tilt_deg, np.nan)
+
+    @property
+    def uncertain(self) -> int:
+        """Minutes whose region was too wide to rely on their slope."""
+        return sum(one is not None and one.state is SlopeState.UNCERTAIN for one in self.estimates)
 
     @property
     def last_answer(self) -> SlopeEstimate | None:

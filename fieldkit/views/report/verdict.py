@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.estimation.answers import CERTAIN, is_certain
 from fieldkit.estimation.statistics import mean_absolute_error
 from fieldkit.samples import Event, EventKind
-from fieldkit.slope import SlopeState
 from fieldkit.views import words
 from fieldkit.views.report.series import Bed, Series
 
@@ -52,17 +52,33 @@ def mean_error(columns: Series) -> float:
 
 def _headline(columns: Series) -> str:
     answered = [bed for bed in columns.beds if bed.last_answer is not None]
+    certain = [bed for bed in answered if bed.last_answer and is_certain(bed.last_answer)]
     if not columns.beds:
         return "No target regions are drawn: nothing was estimated."
     if not answered:
         return f"No slope was found on any of {len(columns.beds)} beds."
-    found = f"Slopes were found on {_of(len(answered), len(columns.beds))}."
+    found = _found(len(certain), len(columns.beds))
+    if doubtful := [bed for bed in answered if bed not in certain]:
+        found += f" Uncertain: {', '.join(map(_doubtful, doubtful))}."
     errors = {bed.region.name: bed_error(bed) for bed in answered if np.isfinite(bed_error(bed))}
     if not errors:
         return f"{found} No true tilts were given to compare with."
     worst = max(errors, key=lambda name: errors[name])
     mean = float(np.mean(list(errors.values())))
     return f"{found} Mean tilt error {mean:.1f}°; worst bed {worst} with {errors[worst]:.1f}°."
+
+
+def _found(certain: int, total: int) -> str:
+    if not certain:
+        return "No slope is certain."
+    return f"Slopes were found on {_of(certain, total)}."
+
+
+def _doubtful(bed: Bed) -> str:
+    answer = bed.last_answer
+    assert answer is not None
+    second = words.second_branch(answer)
+    return f"{bed.region.name} {words.tilt(answer)}°" + (f" or {second}" if second else "")
 
 
 def _of(some: int, total: int) -> str:
@@ -75,7 +91,7 @@ def _doubts_of_slopes(columns: Series) -> list[str]:
     doubts = []
     for bed in columns.beds:
         last = bed.last
-        if last is not None and last.state not in (SlopeState.OK, SlopeState.FLAT):
+        if last is not None and last.state not in CERTAIN:
             reason = f" ({last.reason})" if last.reason else ""
             doubts.append(f"{bed.region.name} ended as: {words.state(last)}{reason}.")
     minutes = int(columns.cloudy.sum())

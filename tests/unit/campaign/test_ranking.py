@@ -7,10 +7,11 @@ from fieldkit.campaign.ranking import ranked
 GRID = read_grid(["a=1,2,3"])
 
 
-def rank(error, answers=None, worst=None, grid=GRID):
+def rank(error, answers=None, worst=None, grid=GRID, uncertain=None):
     error = np.array(error, float)
     answers = np.full(error.shape, 10) if answers is None else np.array(answers)
-    return ranked(error, error * 2 if worst is None else worst, answers, grid.sets, grid.varied)
+    uncertain = np.zeros(error.shape, np.int64) if uncertain is None else np.array(uncertain)
+    return ranked(error, error * 2 if worst is None else worst, answers, uncertain, grid.sets, grid.varied)
 
 
 def test_the_best_set_has_the_smallest_mean_error_over_sessions():
@@ -55,6 +56,12 @@ def test_a_session_without_any_answer_counts_for_nothing():
 
 def test_nothing_known_gives_no_ranking():
     assert rank(np.full((3, 2), np.nan)) is None
+
+
+def test_a_ranking_says_how_many_of_its_slopes_are_uncertain():
+    found = rank([[3, 3], [1, 1], [2, 2]], uncertain=[[0, 0], [10, 5], [0, 0]])
+    assert found.uncertain_share == 0.75
+    assert found.warnings[0].startswith("75% of the best set's slopes are uncertain")
 
 
 def test_the_effect_of_a_parameter_is_its_mean_over_the_others():

@@ -39,7 +39,7 @@ def test_report_goes_to_the_campaigns_reports(campaign, session):
     written = campaign / "reports" / f"{session.stem}.html"
     assert found.stdout.strip() == str(written)
     text = written.read_text(encoding="utf-8")
-    assert "Slopes were found on all 3 beds" in text
+    assert "No slope is certain. Uncertain: b05 " in text
     assert "Estimated again with them (model “full”)" in text
 
 

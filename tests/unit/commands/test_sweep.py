@@ -74,7 +74,7 @@ def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, tmp_path):
         for row in rows(tmp_path / "one.csv")
         if row["region"] == "b25"
         and row["session"].endswith("s2")
-        and row["state"] in ("ok", "flat", "not_resolved")
+        and row["state"] in ("ok", "flat", "uncertain", "not_resolved")
     ]
     errors = [float(row["tilt_deg"]) - 25.0 for row in minutes]
     (row,) = (
@@ -84,6 +84,7 @@ def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, tmp_path):
         == ("s2", "0.25", "0.88", "b25")
     )
     assert int(row["answered"]) == len(errors) > 0
+    assert int(row["uncertain"]) == sum(minute["state"] == "uncertain" for minute in minutes) > 0
     assert float(row["mean_abs_error_deg"]) == pytest.approx(sum(map(abs, errors)) / len(errors), abs=1e-12)
     assert float(row["worst_abs_error_deg"]) == max(map(abs, errors))
 

@@ -1,8 +1,11 @@
 from dataclasses import replace
 
-from fieldkit.estimation.answers import answer_of, answers_of
+import numpy as np
+import pytest
+
+from fieldkit.estimation.answers import answer_of, answers_of, is_certain
 from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import SlopeEstimate, SlopeState, is_too_wide
 
 BED = Region("b", RegionKind.TARGET, ())
 OTHER = Region("c", RegionKind.TARGET, ())
@@ -23,6 +26,31 @@ def test_the_last_slope_that_was_said_stands_for_the_session():
 def test_without_any_slope_the_last_reason_stands():
     assert answer_of(said(SlopeState.TOO_FEW, SlopeState.NO_DATA)).state == SlopeState.NO_DATA
     assert answer_of([]) is None
+
+
+@pytest.mark.parametrize(
+    ("tilt", "low", "high", "wide"),
+    [
+        (17.0, 0.0, 40.2, True),
+        (30.4, 13.9, 45.0, True),
+        (5.0, 3.5, 6.5, False),  # 3 degrees wide, and gentle
+        (5.0, 3.5, 6.6, True),
+        (30.0, 27.0, 33.0, False),  # a fifth of its tilt
+        (30.0, 27.0, 33.1, True),
+        (15.0, np.nan, np.nan, True),
+    ],
+)
+def test_a_slope_is_uncertain_beyond_three_degrees_and_a_fifth_of_its_tilt(tilt, low, high, wide):
+    assert bool(is_too_wide(tilt, low, high)) is wide
+    assert is_too_wide([tilt, tilt], [low, tilt], [high, tilt]).tolist() == [wide, False]
+
+
+def test_a_slope_held_over_a_cloud_is_as_certain_as_it_was():
+    sure = SlopeEstimate(0, "b", SlopeState.HELD_CLOUD, 15.0, 180.0, 14.0, 16.0)
+    assert is_certain(sure)
+    assert not is_certain(replace(sure, tilt_high_deg=20.0))
+    assert not is_certain(replace(sure, second_tilt_deg=33.0))
+    assert not is_certain(replace(sure, state=SlopeState.UNCERTAIN))
 
 
 def test_answers_come_in_the_order_of_the_regions_and_only_for_targets():

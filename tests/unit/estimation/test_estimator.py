@@ -88,7 +88,7 @@ def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
         ]
         for azimuth in ("known", "free")
     }
-    few, ok = SlopeState.TOO_FEW, SlopeState.OK
+    few, ok = SlopeState.TOO_FEW, SlopeState.UNCERTAIN  # two minutes find a tilt, within a wide region
     assert states["known"] == [few, ok, ok, ok]
     assert states["free"][:2] == [few, few]
     assert few not in states["free"][2:]
@@ -141,11 +141,19 @@ def test_tilted_reference_and_several_references(yard):
 def test_flat_target_is_called_flat(yard):
     beds = (*yard.beds[:1], replace(yard.beds[1], tilt_deg=0.0))
     level = replace(yard, beds=beds)
-    found = run(level, level.samples(30))[-1].estimates[0]
+    found = run(level, level.samples(120), EstimatorSettings(offset_sd_k=0.1))[-1].estimates[0]
     assert found.state == SlopeState.FLAT
     assert found.tilt_low_deg == 0.0
     assert found.azimuth_high_deg - found.azimuth_low_deg == pytest.approx(360.0)
     assert found.reason.startswith("flat within")
+
+
+def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
+    doubtful = EstimatorSettings(window_s=3600.0, offset_sd_k=2.0)
+    for found in run(yard, yard.samples(61), doubtful)[-1].estimates:
+        assert found.state == SlopeState.UNCERTAIN
+        low, high = found.tilt_low_deg, found.tilt_high_deg
+        assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
 
 
 def test_both_branches_are_reported_when_both_fit(yard):

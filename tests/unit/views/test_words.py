@@ -52,7 +52,9 @@ def test_an_azimuth_that_was_given_says_so():
 
 
 def test_a_slope_that_may_be_flat_has_no_azimuth():
-    assert words.azimuth(estimate(state=SlopeState.FLAT, azimuth_deg=178.0)) == "–"
+    assert words.azimuth(estimate(state=SlopeState.FLAT, azimuth_deg=178.0, tilt_low_deg=0.0)) == "–"
+    wide = estimate(state=SlopeState.UNCERTAIN, azimuth_deg=178.0, tilt_low_deg=0.0, tilt_high_deg=40.2)
+    assert words.azimuth(wide) == "–"
 
 
 @pytest.mark.parametrize("state", SlopeState)

@@ -82,7 +82,7 @@ def test_report_tells_what_where_when_and_how_good(written):
     for needed in (
         "sand <slopes>",
         "35.5587 N 139.3952 E, 9 m · 2017-12-11 12:00 to 12:44 (JST, UTC+09:00), 45 min",
-        "Slopes were found on all 2 beds. Mean tilt error 0.",
+        "No slope is certain. Uncertain: b15 15.",
         "1 device lost while recording",
         "1 gap while recording",
         "15°/180°", "25°/180°", "eq10 /0.44, no diffuse, horizontal",
@@ -175,8 +175,20 @@ def test_full_model_says_that_it_has_the_terms(written, settings):
 
 def test_verdict_names_the_worst_bed(make_minute, regions):
     found = verdict(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
-    assert found.headline == "Slopes were found on all 2 beds. Mean tilt error 2.5°; worst bed b15 with 4.0°."
+    assert found.headline == (
+        "Slopes were found on 1 of 2 beds. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
+        "Mean tilt error 2.5°; worst bed b15 with 4.0°."
+    )
     assert found.doubts == ("b25 ended as: not resolved, or 43.3°/181°.",)
+
+
+def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_minute, regions):
+    minute = make_minute(0, tilt_deg=30.4, state=SlopeState.UNCERTAIN)
+    wide = replace(minute.estimates[0], tilt_low_deg=14.1, tilt_high_deg=46.9)
+    held = replace(wide, region="b25", state=SlopeState.HELD_CLOUD)
+    found = verdict(series([replace(minute, estimates=(wide, held))], regions), [], "sealed")
+    assert found.headline.startswith("No slope is certain. Uncertain: b15 30.4 ±16.5°, b25 30.4 ±16.5°.")
+    assert found.doubts[0] == "b15 ended as: uncertain."
 
 
 def test_verdict_without_truth_says_so(make_minute, regions):
