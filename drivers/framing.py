@@ -1,8 +1,11 @@
 """Records out of a stream of bytes that arrives in chunks: found, stamped, resynchronised.
 
 A record's stamp is when its first byte was on the wire: the moment the chunk that brought it was
-read, less the wire time of that byte and what came after it in the same chunk. Bytes that are no
-record are dropped up to the next possible start; a run of them counts as one rejection.
+read, less the wire time of that byte and what came after it in the same chunk. On a computer that falls
+behind, that moment says little: bytes wait in the port and are read in one bunch. Then the wire's time gives
+way, so that stamps keep their order and none lies before the end of the record before it, or after the
+reading; such records are marked `bunched`. Bytes that are no record are dropped up to the next possible
+start; a run of them counts as one rejection.
 """
 
 from __future__ import annotations
@@ -10,19 +13,33 @@ from __future__ import annotations
 from collections import deque
 from typing import Any, NamedTuple, Protocol
 
-from fieldkit.drivers.records import Layout, Record
+from fieldkit.drivers.records import Channel, Layout, Record
 from fieldkit.samples import new_tuple
 
 _CHUNKS_KEPT = 64  # far more than one record is made of
 _REFUSED_KEPT = 4096
+_LONG_AGO_NS = -(2**63)
+_HELD_BACK_NS = 20_000_000  # by an adapter at most: the latency timer of an FTDI chip is 16 ms
 
 
 class Stamped(NamedTuple):
-    """A record, its bytes, and when its first byte was on the wire."""
+    """A record, its bytes, when its first byte was on the wire, and whether it waited among others."""
 
     record: Record
     raw: bytes
     mono_ns: int
+    bunched: bool = False
+
+
+class Arrival(NamedTuple):
+    """A chunk: bytes received up to its end, when it was read, and how long after the one before it."""
+
+    received: int
+    mono_ns: int
+    after_ns: int
+
+
+_NOTHING_BEFORE: tuple[Arrival, tuple[Channel, ...], bool] = (Arrival(0, 0, 0), (), False)
 
 
 class Port(Protocol):
@@ -70,7 +87,11 @@ class Framer:
         """Bytes of earlier chunks that are no record yet, or further ones."""
         self.rejected = 0
         self._byte_ns = byte_ns
-        self._arrivals: deque[tuple[int, int]] = deque(maxlen=_CHUNKS_KEPT)  # (bytes so far, mono_ns)
+        self._arrivals: deque[Arrival] = deque(maxlen=_CHUNKS_KEPT)
+        self._read_ns = self._passed_ns = _LONG_AGO_NS
+        self._passed = 0  # bytes up to the end of the last record, which was on the wire at `_passed_ns`
+        self._before = _NOTHING_BEFORE
+        self._asked = False
         self._refused = b""
 
     @property
@@ -84,15 +105,20 @@ class Framer:
         self.received += length
         if not self.left and 0 < length <= layout.longest:  # most chunks are one whole record
             taken = layout.take(chunk)
-            if isinstance(taken, Record) and taken.length == length:
+            begun_ns = mono_ns - length * self._byte_ns
+            if isinstance(taken, Record) and taken.length == length and begun_ns >= self._passed_ns:
                 self._refused = b""
-                return new_tuple(Stamped, (taken, chunk, mono_ns - length * self._byte_ns))
+                self._passed = self.received
+                self._passed_ns = self._read_ns = mono_ns
+                return new_tuple(Stamped, (taken, chunk, begun_ns, False))
         self.left += chunk
-        self._arrivals.append((self.received, mono_ns))
+        self._arrivals.append(Arrival(self.received, mono_ns, mono_ns - self._read_ns))
+        self._read_ns = mono_ns
         return self.take(layout)
 
     def discard(self) -> None:
-        """Forget everything received so far."""
+        """Forget everything received so far: the next record is an answer, which has not waited."""
+        self._asked = True
         self.left = self._refused = b""
 
     def take(self, layout: Layout) -> Stamped | None:
@@ -105,15 +131,53 @@ class Framer:
             self.left = buffer[length:]
             if isinstance(taken, Record):
                 self._refused = b""
-                return Stamped(taken, buffer[:length], self._stamp(self.received - len(buffer)))
+                return self._stamped(layout, taken, buffer[:length])
             self.rejected += not self._refused
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
         return None
 
-    def _stamp(self, start: int) -> int:
-        """When the byte with `start` others before it was on the wire."""
-        received, mono_ns = self._arrivals[0]
-        while received <= start:
+    def _stamped(self, layout: Layout, record: Record, raw: bytes) -> Stamped:
+        """A record that was just taken, with its place in time; the place of its end is kept for the next."""
+        end = self.received - len(self.left)
+        arrival = self._arrival_of(end - len(raw))
+        bunched = not self._asked and self._waited(layout, arrival, record)
+        self._before, self._asked = (arrival, record.channels, bunched), False
+        begun_ns = self._when(arrival, end - len(raw))
+        self._when(self._arrival_of(end - 1), end)
+        return Stamped(record, raw, begun_ns, bunched)
+
+    def _waited(self, layout: Layout, arrival: Arrival, record: Record) -> bool:
+        """Whether a record waited in the port: the wire had no time for it, or two alike came in one chunk.
+
+        An instrument that says one thing after another in one breath has not waited, nor what an adapter
+        delivers together in its own time.
+        """
+        before, channels, bunched = self._before
+        if before == arrival and bunched:
+            return True
+        if self._wire_ns(arrival) > arrival.mono_ns - self._passed_ns + _HELD_BACK_NS:
+            return True
+        if arrival.after_ns <= _HELD_BACK_NS:
+            return False
+        behind = layout.take(self.left[: layout.longest]) if self.left else None
+        return (before == arrival and channels == record.channels) or (
+            isinstance(behind, Record) and behind.channels == record.channels
+        )
+
+    def _arrival_of(self, place: int) -> Arrival:
+        """The chunk that brought the byte with `place` others before it."""
+        while self._arrivals[0].received <= place:
             self._arrivals.popleft()
-            received, mono_ns = self._arrivals[0]
-        return mono_ns - (received - start) * self._byte_ns
+        return self._arrivals[0]
+
+    def _wire_ns(self, arrival: Arrival) -> int:
+        """Wire time of all that came since the end of the last record, up to the end of a chunk."""
+        return (arrival.received - self._passed) * self._byte_ns
+
+    def _when(self, arrival: Arrival, place: int) -> int:
+        """When so many bytes had passed: spread by the wire's time, or over less if there was no more."""
+        spread_ns = min(self._wire_ns(arrival), arrival.mono_ns - self._passed_ns)
+        behind = arrival.received - place
+        self._passed_ns = arrival.mono_ns - behind * spread_ns // (arrival.received - self._passed)
+        self._passed = place
+        return self._passed_ns

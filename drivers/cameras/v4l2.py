@@ -8,10 +8,12 @@ from __future__ import annotations
 import ctypes
 import errno
 import fcntl
+import heapq
 import mmap
 import os
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from fieldkit.clock import Clock
 from fieldkit.device import Buffer
@@ -20,6 +22,12 @@ from fieldkit.drivers.permission import permission_fix
 from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a picture
+OVERTAKEN_NS = 750_000_000
+"""How long to wait for a picture that later ones have overtaken.
+
+The kernel's UVC driver copies the parts of pictures in several workers at once; one that is kept waiting on a
+busy computer finishes its picture after those of the others.
+"""
 
 
 class V4l2Source:
@@ -36,6 +44,8 @@ class V4l2Source:
         self._clock = clock
         self._maps: list[mmap.mmap] = []
         self._fd = -1
+        self._early: list[tuple[int, Buffer]] = []  # a heap of pictures by number
+        self._next, self._last_ns = -1, 0
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
             self._need_capture()
@@ -49,23 +59,31 @@ class V4l2Source:
             raise
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture, or None; raises `DeviceLostError`."""
-        taken = self._dequeue(timeout_s)
-        if taken is None:
-            return None
-        monotonic = taken.flags & api.STAMP_MASK == api.STAMP_MONOTONIC
-        stamp_ns = taken.seconds * 1_000_000_000 + taken.microseconds * 1000
-        picture = Buffer(
-            data=self._maps[taken.index][: taken.bytesused],
-            mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),
-            sequence=taken.sequence,
-            error=bool(taken.flags & api.FLAG_ERROR),
-        )
-        self._call(api.QBUF, taken)  # last: the kernel clears what it told about the picture
+        """The next picture in the order they were taken, or None; raises `DeviceLostError`.
+
+        One that comes after its successors have been passed on is marked as an error.
+        """
+        end_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while (picture := self._due()) is None:
+            now_ns = self._clock.mono_ns()
+            until_ns = min(end_ns, self._last_ns + OVERTAKEN_NS) if self._early else end_ns
+            try:
+                arrived = self._arrived(max(until_ns - now_ns, 0) / 1e9)
+            except DeviceLostError:
+                if not self._early:
+                    raise
+                self._last_ns = now_ns - OVERTAKEN_NS  # what is missing will not come any more
+                continue
+            if arrived is not None:
+                heapq.heappush(self._early, (arrived.sequence, arrived))
+            elif until_ns == end_ns:
+                return None
         return picture
 
     def skip_until(self, mono_ns: int) -> None:
         """Give every buffer back unread until a monotonic time."""
+        self._early.clear()
+        self._next = -1
         while (remaining_ns := mono_ns - self._clock.mono_ns()) > 0:
             taken = self._dequeue(remaining_ns / 1e9)
             if taken is not None:
@@ -98,6 +116,35 @@ class V4l2Source:
         self._maps.clear()
         os.close(self._fd)
         self._fd = -1
+
+    def _due(self) -> Buffer | None:
+        """The first of the pictures that are here, unless one before it may still come."""
+        if not self._early:
+            return None
+        number, picture = self._early[0]
+        if number > self._next >= 0 and self._clock.mono_ns() < self._last_ns + OVERTAKEN_NS:
+            return None
+        heapq.heappop(self._early)
+        if number < self._next:
+            return replace(picture, error=True)
+        self._next, self._last_ns = number + 1, picture.mono_ns
+        return picture
+
+    def _arrived(self, timeout_s: float) -> Buffer | None:
+        """The next picture in the order the kernel has done with them."""
+        taken = self._dequeue(timeout_s)
+        if taken is None:
+            return None
+        monotonic = taken.flags & api.STAMP_MASK == api.STAMP_MONOTONIC
+        stamp_ns = taken.seconds * 1_000_000_000 + taken.microseconds * 1000
+        picture = Buffer(
+            data=self._maps[taken.index][: taken.bytesused],
+            mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),
+            sequence=taken.sequence,
+            error=bool(taken.flags & api.FLAG_ERROR),
+        )
+        self._call(api.QBUF, taken)  # last: the kernel clears what it told about the picture
+        return picture
 
     def _need_capture(self) -> None:
         """A camera has two nodes; the one for metadata cannot capture."""

@@ -122,7 +122,7 @@ class Meter:
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
-        (_, numbers, channels, _, device_time), raw, mono_ns = found
+        (_, numbers, channels, _, device_time), raw, mono_ns, bunched = found
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
         if self._conversion is None:
@@ -132,6 +132,8 @@ class Meter:
         values = tuple([(numbers[place] + add) / by for place, add, by in steps]) if steps else numbers
         if self._range_max is not None and any(value >= self._range_max for value in values):
             quality |= Quality.OVERRANGE
+        if bunched:
+            quality |= Quality.INTERPOLATED
         utc_ns = self._clock.to_utc_ns(mono_ns)
         fields = (self._name, mono_ns, utc_ns, values, raw, quality, device_time, NO_COUNTER, UNNUMBERED)
         return new_tuple(Reading, fields)

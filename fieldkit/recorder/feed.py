@@ -164,7 +164,7 @@ class Feed:
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
-                sample = self._last = self._across_openings(sample)
+                sample = self._last = self._in_order(self._across_openings(sample))
                 if Quality.DROPPED_BEFORE in sample.quality:
                     self._tell(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
                 self._inbox.put(sample)
@@ -184,6 +184,19 @@ class Feed:
         )
         doubt = self._doubt | (Quality.DUPLICATE if same else Quality.GOOD)
         return sample._replace(quality=sample.quality | doubt) if doubt else sample
+
+    def _in_order(self, sample: Sample) -> Sample:
+        """With a stamp not before the last one and not in the future, whatever kernel and driver say."""
+        now_ns = self._clock.mono_ns()
+        earliest_ns = self._last.mono_ns if self._last is not None else self._started_ns
+        if earliest_ns <= sample.mono_ns <= now_ns:
+            return sample
+        mono_ns = earliest_ns if sample.mono_ns < earliest_ns else now_ns
+        return sample._replace(
+            mono_ns=mono_ns,
+            time_ns=self._clock.to_utc_ns(mono_ns),
+            quality=sample.quality | Quality.INTERPOLATED,
+        )
 
     def _deadline_s(self) -> float:
         """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""

@@ -230,3 +230,22 @@ def test_what_waited_since_the_opening_is_left_out() -> None:
 
     samples, _, _ = run(Late, lambda device: device, 3.5)
     assert [sample.values for sample in samples if isinstance(sample, Reading)] == [(1.0,)] * 3
+
+
+def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_says() -> None:
+    class Jumpy(Meter):
+        """A driver whose stamps are a second late, right, two seconds early, right ..."""
+
+        errors_s = (1, 0, -2, 0)
+
+        def read(self, timeout_s: float) -> Reading | None:
+            reading = super().read(timeout_s)
+            if reading is None:
+                return None
+            number = (reading.mono_ns - self.start_ns) // S - 1
+            return reading._replace(mono_ns=reading.mono_ns + self.errors_s[number] * S, time_ns=0)
+
+    samples, _, start_ns = run(Jumpy, lambda device: device, 4.5)
+    assert [(sample.mono_ns - start_ns) / S for sample in samples] == [1, 2, 2, 4]
+    flagged = [Quality.INTERPOLATED in sample.quality for sample in samples]
+    assert flagged == [True, False, True, False]

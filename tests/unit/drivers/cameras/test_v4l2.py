@@ -129,6 +129,51 @@ def test_picture_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
     assert len(kernel.free) == v4l2.BUFFERS
 
 
+def deliver_now(kernel, *numbers):
+    """Pictures taken just now, 0.1 ms after one another, in the order the kernel has done with them."""
+    begun_us = HostClock().mono_ns() // 1000
+    for number in numbers:
+        kernel.deliver(b"picture", number, at=divmod(begun_us + 100 * number, 1_000_000))
+
+
+def test_pictures_that_the_kernel_finishes_out_of_order_come_in_the_order_they_were_taken(kernel, source):
+    deliver_now(kernel, 0, 1, 3, 4, 5, 6, 7, 2, 8)
+    pictures = [source.read(1.0) for _ in range(9)]
+    assert [picture.sequence for picture in pictures] == list(range(9))
+    stamps = [picture.mono_ns for picture in pictures]
+    assert stamps == sorted(stamps)
+    assert not any(picture.error for picture in pictures)
+
+
+def test_a_picture_that_is_lost_holds_the_next_ones_up_for_a_moment_only(kernel, source, monkeypatch):
+    monkeypatch.setattr(v4l2, "OVERTAKEN_NS", 50_000_000)
+    deliver_now(kernel, 0, 2, 3)
+    assert [source.read(1.0).sequence for _ in range(3)] == [0, 2, 3]
+
+
+def test_a_picture_that_comes_far_too_late_is_an_error_and_none_after_it_is(kernel, source):
+    monotonic_s = HostClock().mono_ns() // 1_000_000_000
+    for number, ago_s in ((0, 5), (2, 3), (1, 4), (3, 2)):
+        kernel.deliver(b"picture", number, at=(monotonic_s - ago_s, 0))
+    found = [source.read(1.0) for _ in range(4)]
+    assert [(picture.sequence, picture.error) for picture in found] == [
+        (0, False),
+        (2, False),
+        (1, True),
+        (3, False),
+    ]
+
+
+def test_what_arrived_before_the_camera_was_unplugged_is_not_lost_with_it(kernel, source):
+    deliver_now(kernel, 0, 2)
+    assert source.read(1.0).sequence == 0
+    assert source.read(0.01) is None
+    kernel.gone = True
+    assert source.read(1.0).sequence == 2
+    with pytest.raises(DeviceLostError):
+        source.read(1.0)
+
+
 def test_stamp_of_another_clock_is_not_trusted(kernel, source):
     before = HostClock().mono_ns()
     kernel.deliver(b"picture", 1, flags=0)
