@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -26,6 +26,13 @@ from fieldkit.site import Region
 from fieldkit.slope import SlopeEstimate, SlopeState
 
 _STAMPS = struct.Struct("<qqqqqHd")
+_STAMP_COLUMNS = np.dtype(
+    {
+        "names": ["mono_ns", "time", "device_time", "seq", "device_seq", "flags", "fpa_temperature"],
+        "formats": ["<i8", "<i8", "<i8", "<i8", "<i8", "<u2", "<f8"],
+    }
+)
+"""The same stamps by the names of their columns."""
 _NAN = float("nan")
 
 
@@ -117,6 +124,22 @@ def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
         int(sample.quality), fpa if fpa == fpa else _NAN,  # every NaN is the same NaN
     )  # fmt: skip
     return zlib.crc32(stamps, zlib.crc32(more, zlib.crc32(data)))
+
+
+def stored_crc32s(
+    columns: Mapping[str, NDArray[Any]], bodies: Iterable[tuple[NDArray[Any], NDArray[Any]]]
+) -> NDArray[np.uint32]:
+    """`sample_crc32` of stored rows, from their columns and what was measured and came with it in each."""
+    stamps = np.zeros(len(columns["seq"]), _STAMP_COLUMNS)
+    for name in _STAMP_COLUMNS.names or ():
+        stamps[name] = columns.get(name, _NAN)  # a meter has no sensor temperature
+    stamps["fpa_temperature"][np.isnan(stamps["fpa_temperature"])] = _NAN  # every NaN is the same NaN
+    packed, size = stamps.tobytes(), _STAMP_COLUMNS.itemsize
+    crcs = (
+        zlib.crc32(packed[place * size : (place + 1) * size], zlib.crc32(more.data, zlib.crc32(data.data)))
+        for place, (data, more) in enumerate(bodies)
+    )
+    return np.fromiter(crcs, np.uint32, len(stamps))
 
 
 def build_frame(info: StreamInfo, stamps: dict[str, Any], data: bytes, more: bytes, fpa: float) -> Frame:

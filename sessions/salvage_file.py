@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
+from fieldkit.errors import SessionError
 from fieldkit.samples import Quality, Sample
 from fieldkit.sessions.bricks import Tile, corners, unpack
 from fieldkit.sessions.journal import Chunk
@@ -41,7 +42,7 @@ class StoredSamples:
         if session is not None:
             try:
                 self._look(session.path.stat().st_size)
-            except (OSError, RuntimeError) as error:
+            except (SessionError, OSError, RuntimeError) as error:
                 damage.append(f"{info.name}: {error}")
         self._rows = dict(zip(self.numbers.tolist(), self._whole.tolist(), strict=True))
 
@@ -76,7 +77,7 @@ class StoredSamples:
         try:
             last = int(self._whole[np.searchsorted(self._whole, first + self._step) - 1])
             return list(self._reader.samples(first, last + 1))
-        except (OSError, RuntimeError, ValueError) as error:
+        except (SessionError, OSError, RuntimeError, ValueError) as error:
             self._damage.append(f"{self._reader.info.name}, rows from {first}: {error}")
             return []
 

@@ -1,15 +1,17 @@
-"""Reading the samples of one stream back, a brick at a time, each against its checksum.
+"""Reading the samples of one stream back, a chunk at a time, each against its checksum.
 
-A sample whose bytes do not match, or whose brick cannot be read, comes with the flag
-`Quality.BAD_CRC`; what was declared in the header decides how much memory a read may take,
-never the file's own sizes.
+`StreamReader._parts` is the one place where samples leave a session file. A sample whose bytes do not
+match, or whose chunk cannot be read, comes with the flag `Quality.BAD_CRC` and is remembered as
+`damaged`, whether it is read as a sample, as an array or as a column of flags. What was declared in the
+header decides how much memory a read may take, never the file's own sizes.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import repeat
 from typing import Any
 
 import h5py
@@ -19,12 +21,13 @@ from numpy.typing import NDArray
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
 from fieldkit.samples import Frame, Quality, Sample
-from fieldkit.sessions.layout import Column, brick_shape, exact_time_ns, stream_columns
-from fieldkit.sessions.records import build_frame, build_reading, sample_bytes, sample_crc32
+from fieldkit.sessions.layout import FILL_COUNT, Column, brick_shape, exact_time_ns, stream_columns
+from fieldkit.sessions.records import build_frame, build_reading, stored_crc32s
 
 Columns = dict[str, NDArray[Any]]
 _MOST_UNINDEXED_BYTES = 1_000_000_000
 _BLOCK_ROWS = 1024
+_NOTHING = np.empty(0, np.uint8)
 
 
 def stored_here(group: h5py.Group, path: str) -> Any:
@@ -87,9 +90,48 @@ class _Pictures:
     metadata_rows: h5py.Dataset | None
 
 
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Readings of a meter as arrays.
+
+    `time_ns` (n,) UTC as recorded; `values` (n, channels) in the stream's unit, NaN where there is none;
+    `flags` (n,) as `Quality`.
+    """
+
+    time_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+    flags: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Consecutive frames of a camera as arrays, from row `start` of the stream.
+
+    `counts` (n, rows, cols), or the part asked for; `metadata_rows` (n, extra rows, cols), `flags` (n,).
+    """
+
+    start: int
+    counts: NDArray[np.uint16]
+    metadata_rows: NDArray[np.uint16]
+    flags: NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Consecutive rows of all that a stream stores, the flags verified; of a camera within one chunk."""
+
+    start: int
+    columns: Columns
+    bricks: list[NDArray[np.uint16]]
+
+    def __len__(self) -> int:
+        return len(self.columns["seq"])
+
+
 class StreamReader:
     """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
 
+    `damaged` has the rows that were found not to match their checksum so far, by whatever was read.
     With `salvage` a column may have lost a part of its index.
     """
 
@@ -98,6 +140,7 @@ class StreamReader:
         if not isinstance(group, h5py.Group):
             raise SessionError(f"the group of stream {info.name!r} is missing")
         self.info = info
+        self.damaged: set[int] = set()
         self._anchor_ns = anchor_ns
         self._group = group
         self._columns = {
@@ -146,9 +189,11 @@ class StreamReader:
             dataset.refresh()
 
     def column(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
-        """Values of a column, as stored."""
-        values: NDArray[Any] = self._columns[name][start : len(self) if stop is None else stop]
-        return values
+        """Values of a column as stored, compared with no checksum; raises `SessionError` where unreadable.
+
+        What enters a result comes from `samples`, `readings`, `pictures` or `flags`.
+        """
+        return _rows(self._columns[name], start, len(self) if stop is None else stop)
 
     def time_ns(self, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
         """UTC nanoseconds of the samples."""
@@ -172,10 +217,9 @@ class StreamReader:
 
     def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
-        end = len(self) if stop is None else min(stop, len(self))
-        for first in range(start - start % self._block_rows, end, self._block_rows):
-            begin, last = max(first, start), min(first + self._block_rows, end)
-            yield from self._block(begin, last)
+        build = self._readings if self._pictures is None else self._frames
+        for part in self._parts(start, stop):
+            yield from build(part)
 
     def frame(self, row: int) -> Frame:
         """One picture."""
@@ -183,28 +227,94 @@ class StreamReader:
         assert isinstance(frame, Frame)
         return frame
 
-    def _block(self, start: int, stop: int) -> Iterator[Sample]:
-        columns = {name: dataset[start:stop] for name, dataset in self._columns.items()}
-        columns["time_ns"] = exact_time_ns(columns["time"], columns["mono_ns"], self._anchor_ns)
-        build = self._readings if self._pictures is None else self._frames
-        for row, sample in enumerate(build(columns, start, stop)):
-            yield _verified(sample, int(columns["crc32"][row]))
+    def flags(self, start: int = 0, stop: int | None = None) -> NDArray[np.uint16]:
+        """`Quality` of the samples (n,), each compared with its checksum, which reads all that it holds."""
+        parts = (part.columns["flags"] for part in self._parts(start, stop))
+        return np.concatenate([np.empty(0, np.uint16), *parts])
 
-    def _readings(self, columns: Columns, start: int, stop: int) -> Iterator[Sample]:
-        for row in range(stop - start):
-            raw = columns["raw"][row][: int(columns["raw_length"][row])].tobytes()
-            yield build_reading(self.info, _stamps(columns, row), columns["value"][row].tobytes(), raw)
+    def readings(self, start: int = 0, stop: int | None = None) -> Readings:
+        """The readings of a meter as arrays."""
+        parts = [part.columns for part in self._parts(start, stop)]
+        values = np.concatenate([self.column("value", 0, 0), *(part["value"] for part in parts)])
+        return Readings(
+            np.concatenate([np.empty(0, np.int64), *(part["time_ns"] for part in parts)]),
+            values.reshape(len(values), *self.info.shape),
+            np.concatenate([np.empty(0, np.uint16), *(part["flags"] for part in parts)]),
+        )
 
-    def _frames(self, columns: Columns, start: int, stop: int) -> Iterator[Sample]:
-        """The pictures of a block, of which only one brick is in memory."""
-        for first in range(start - start % self._depth, stop, self._depth):
-            begin, last = max(first, start), min(first + self._depth, stop)
-            pictures = [_read(dataset, begin, last) for dataset in self.bricks]
-            for n in range(last - begin):
-                row = begin - start + n
-                counts, more = (*(picture[n].tobytes() for picture in pictures), b"")[:2]
-                fpa = float(columns["fpa_temperature"][row])
-                yield build_frame(self.info, _stamps(columns, row), counts, more, fpa)
+    def pictures(self, start: int = 0, stop: int | None = None) -> Iterator[Pictures]:
+        """The frames of a camera as arrays, a chunk at a time."""
+        for part in self._parts(start, stop):
+            counts, *more = part.bricks
+            rows = more[0] if more else np.empty((len(part), *self.info.metadata_shape), np.uint16)
+            yield Pictures(part.start, counts, rows, part.columns["flags"])
+
+    def crops(self, box: tuple[slice, slice], step: int) -> Iterator[Pictures]:
+        """A `box` of rows and columns of all frames, `step` chunks at a time, the rest of them unread.
+
+        The flags are those stored, and `BAD_CRC` where the box cannot be read: the compressed bytes have a
+        checksum of their own, so damage inside is found; damage elsewhere in a frame is not looked for.
+        """
+        counts, *more = self.bricks
+        for start, stop in _spans(0, len(self), step * self._depth):
+            pixels, bad = self._read(counts, start, stop, box)
+            rows, also_bad = np.empty((stop - start, *self.info.metadata_shape), np.uint16), bad
+            if more:
+                rows, also_bad = self._read(more[0], start, stop)
+            flags = self._flagged(self.column("flags", start, stop), start, bad | also_bad)
+            yield Pictures(start, pixels, rows, flags)
+
+    def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
+        """The rows from `start` to `stop`, each compared with its checksum."""
+        end = len(self) if stop is None else min(stop, len(self))
+        for begin, last in _spans(start, end, self._block_rows):
+            block = {name: _rows(dataset, begin, last) for name, dataset in self._columns.items()}
+            block["time_ns"] = exact_time_ns(block["time"], block["mono_ns"], self._anchor_ns)
+            for first, until in _spans(begin, last, self._depth):
+                columns = {name: values[first - begin : until - begin] for name, values in block.items()}
+                bricks = [self._read(dataset, first, until)[0] for dataset in self.bricks]
+                bad = stored_crc32s(columns, _bodies(columns, bricks)) != columns["crc32"]
+                columns["flags"] = self._flagged(columns["flags"], first, bad)
+                yield _Part(first, columns, bricks)
+
+    def _flagged(self, flags: NDArray[np.uint16], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint16]:
+        """Flags of the rows from `start` on with what was found out about them, which is remembered."""
+        self.damaged.update((start + np.flatnonzero(bad)).tolist())
+        return np.where(bad, flags | np.uint16(Quality.BAD_CRC), flags)
+
+    def _read(
+        self, dataset: h5py.Dataset, start: int, stop: int, box: tuple[slice, ...] = ()
+    ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
+        """Pictures, or a `box` of them, and which cannot be read: those are the fill value."""
+        try:
+            return dataset[(slice(start, stop), *box)], np.zeros(stop - start, np.bool_)
+        except (OSError, RuntimeError):
+            if stop - start > self._depth:
+                parts = [self._read(dataset, *span, box) for span in _spans(start, stop, self._depth)]
+                pictures, lost = zip(*parts, strict=True)
+                return np.concatenate(pictures), np.concatenate(lost)
+        missing = np.broadcast_to(np.uint16(FILL_COUNT), (stop - start, *dataset.shape[1:]))
+        return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
+
+    def _readings(self, part: _Part) -> Iterator[Sample]:
+        for row, (values, raw) in enumerate(_bodies(part.columns, [])):
+            yield build_reading(self.info, _stamps(part.columns, row), values.tobytes(), raw.tobytes())
+
+    def _frames(self, part: _Part) -> Iterator[Sample]:
+        for row, (counts, more) in enumerate(_bodies(part.columns, part.bricks)):
+            fpa = float(part.columns["fpa_temperature"][row])
+            yield build_frame(self.info, _stamps(part.columns, row), counts.tobytes(), more.tobytes(), fpa)
+
+
+def _bodies(
+    columns: Columns, bricks: list[NDArray[np.uint16]]
+) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
+    """What was measured and what came with it, row by row: see `fieldkit.sessions.records.sample_bytes`."""
+    if bricks:
+        return zip(bricks[0], bricks[1] if len(bricks) > 1 else repeat(_NOTHING), strict=False)
+    lengths = columns["raw_length"].tolist()
+    raws = (row[:length] for row, length in zip(columns["raw"], lengths, strict=True))
+    return zip(columns["value"].reshape(len(lengths), -1), raws, strict=True)
 
 
 def _stamps(columns: Columns, row: int) -> dict[str, Any]:
@@ -214,16 +324,15 @@ def _stamps(columns: Columns, row: int) -> dict[str, Any]:
     return {**stamps, "quality": Quality(int(columns["flags"][row]))}
 
 
-def _read(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[np.uint16]:
-    """Pictures, or the fill value where the brick cannot be read: the checksum will tell."""
+def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:
+    """First row and end of every block of `step` rows that `start`..`stop` runs through."""
+    for first in range(start - start % step, stop, step):
+        yield max(first, start), min(first + step, stop)
+
+
+def _rows(dataset: h5py.Dataset, start: int, stop: int) -> NDArray[Any]:
     try:
-        pictures: NDArray[np.uint16] = dataset[start:stop]
-    except (OSError, RuntimeError):
-        return np.full((stop - start, *dataset.shape[1:]), 65535, "<u2")
-    return pictures
-
-
-def _verified(sample: Sample, crc32: int) -> Sample:
-    if sample_crc32(sample, *sample_bytes(sample)) == crc32:
-        return sample
-    return sample._replace(quality=sample.quality | Quality.BAD_CRC)
+        values: NDArray[Any] = dataset[start:stop]
+    except (OSError, RuntimeError) as error:
+        raise SessionError(f"{dataset.name} cannot be read: {error}") from error
+    return values

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.device import StreamInfo
+
 Counts = NDArray[np.uint16]
 Kelvin = NDArray[np.float32]
 Law = Callable[[Counts, Counts, Mapping[str, Any]], Kelvin]
@@ -48,9 +50,43 @@ def temperature_k(
     return LAWS[law](counts, metadata_rows, settings)
 
 
-def linear(counts: Counts, scale: float, offset: float = 0.0) -> Kelvin:
-    """Counts x scale + offset in kelvin, in single precision, good to 3e-5 K."""
-    kelvin = counts.astype(np.float32)  # then in place: half the time of multiplying mixed types
+def has_temperatures(info: StreamInfo) -> bool:
+    """Whether a camera's counts can become kelvin: its law is known, and of a linear one the scale."""
+    return math.isfinite(info.scale) if info.law == "linear" else info.law in LAWS
+
+
+def frame_k(
+    info: StreamInfo, counts: Counts, metadata_rows: Counts, dtype: type[np.floating[Any]] = np.float64
+) -> NDArray[Any]:
+    """Brightness temperature of one frame of a camera's stream, or of some of its pixels: counts to kelvin.
+
+    `counts` may have any shape; `metadata_rows` are those of the frame, shape (rows, cols). Kelvin in the
+    shape of `counts`, for emissivity 1; NaN where the stream's law or scale is unknown or has no answer.
+    In single precision (`dtype`) good to 3e-5 K, which is enough to look at.
+    """
+    if not has_temperatures(info):
+        return np.full(counts.shape, np.nan, dtype)
+    if info.law == "linear":
+        return linear(counts, info.scale, info.offset, dtype)
+    try:
+        return LAWS[info.law](counts, metadata_rows, info.settings).astype(dtype, copy=False)
+    except (ValueError, TypeError):  # constants missing, or metadata rows of another camera
+        return np.full(counts.shape, np.nan, dtype)
+
+
+def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray[np.float64]:
+    """Several frames by `frame_k`: counts (n, ...) and metadata rows (n, rows, cols) to kelvin (n, ...)."""
+    if info.law not in _LAWS_OF_EACH_FRAME:
+        return frame_k(info, counts, metadata_rows[:0])
+    frames = [frame_k(info, *frame) for frame in zip(counts, metadata_rows, strict=True)]
+    return np.array(frames, np.float64).reshape(counts.shape)
+
+
+def linear(
+    counts: Counts, scale: float, offset: float = 0.0, dtype: type[np.floating[Any]] = np.float32
+) -> NDArray[Any]:
+    """Counts x scale + offset in kelvin; in single precision good to 3e-5 K."""
+    kelvin = counts.astype(dtype)  # then in place: half the time of multiplying mixed types
     kelvin *= scale
     if offset:
         kelvin += offset
@@ -217,5 +253,7 @@ def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -
     ).take(counts)
 
 
+_LAWS_OF_EACH_FRAME = ("ht301",)
+"""Laws whose parameters come with each frame, in its metadata rows."""
 LAWS: Mapping[str, Law] = MappingProxyType({"ht301": ht301, "planck": planck})
 """Every law but the linear one, by the name a stream gives."""

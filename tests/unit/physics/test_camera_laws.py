@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
+from fieldkit.device import StreamInfo
 from fieldkit.physics.camera_laws import (
     LAWS,
     Planck,
+    frame_k,
+    frames_k,
+    has_temperatures,
     ht301_fpa_c,
     ht301_parameters,
     linear,
@@ -22,6 +26,46 @@ def test_linear_law_is_scale_and_offset():
     assert linear(counts, 0.01)[0] == pytest.approx([0.0, 295.15, 655.35], abs=3e-5)
     assert linear(counts, 0.04, 10.0)[0] == pytest.approx([10.0, 1190.6, 2631.4], abs=3e-4)
     assert temperature_k("linear", counts, counts[:0], {}, 0.01).dtype == np.float32
+
+
+def stream(law: str, scale: float = 1.0, settings: dict | None = None, rows: tuple[int, int] = (0, 0)):
+    """A camera's declaration."""
+    quantity = "brightness_temperature"
+    return StreamInfo("cam", quantity, "K", (4, 256), scale, 5.0, law, rows, settings=settings or {})
+
+
+def test_counts_of_a_stream_become_kelvin_by_its_declaration():
+    counts = np.array([[20_000, 30_000], [0, 65535]], np.uint16)
+    linear_k = frame_k(stream("linear", 0.01), counts, counts[:0])
+    assert linear_k == pytest.approx(counts * 0.01 + 5.0, abs=1e-12)
+    assert frame_k(stream("linear", 0.01), counts, counts[:0], np.float32).dtype == np.float32
+    constants = {name: getattr(E60, name) for name in Planck.__slots__}
+    planck_k = frames_k(stream("planck", settings=constants), np.array([counts]), counts[:0])
+    assert np.array_equal(planck_k[0], planck_table(E60).astype(np.float64)[counts], equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("law", "scale"), [("linear", np.nan), ("cubic", 1.0), ("planck", 1.0), ("ht301", 1.0)]
+)
+def test_without_a_known_scale_there_are_no_kelvin(law, scale):
+    counts = np.full((2, 4, 256), 5000, np.uint16)
+    info = stream(law, scale)
+    assert has_temperatures(info) == (law in LAWS)
+    assert np.isnan(frames_k(info, counts, np.empty((2, 0, 256), np.uint16))).all()
+
+
+def test_each_frame_of_the_ht301_has_its_own_scale():
+    counts = np.full((2, 1, 256), 5000, np.uint16)
+    rows = np.zeros((2, 4, 256), np.uint16)
+    area = 256  # words of one row, then: raw sensor word, shutter in tenths of kelvin, five coefficients
+    for picture, shutter_c in zip(rows, (20.0, 21.0), strict=True):
+        words = picture.reshape(-1)
+        words[1], words[area], words[area + 1] = 8617, 5000, round((shutter_c + 273.15) * 10)
+        words[area + 3 : area + 13] = np.array([0.01, 8.0, 0.0, 0.0, 0.6], "<f4").view("<u2")
+    first, second = frames_k(stream("ht301", rows=(4, 256)), counts, rows)
+    alone = temperature_k("ht301", counts[1], rows[1], {})
+    assert second == pytest.approx(alone, abs=0)
+    assert (second - first).mean() == pytest.approx(1.0, abs=0.1)
 
 
 def test_unknown_law_is_named():
