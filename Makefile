@@ -4,7 +4,7 @@ VENV   := .venv
 RUN    := $(VENV)/bin/python
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-slow test-lab lint bench docs clean
+.PHONY: demo test test-slow test-lab mutate lint bench docs clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
@@ -17,6 +17,9 @@ test-slow: $(VENV)/.test
 
 test-lab: $(VENV)/.test
 	$(RUN) -m pytest tests/lab --timeout 600
+
+mutate: $(VENV)/.test
+	$(RUN) tests/mutate.py $(ROOM)
 
 lint: $(VENV)/.lint
 	$(RUN) -m ruff check .

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,51 @@ def test_sensor_temperature_of_the_ht301_family(width, raw, celsius):
 def test_rows_of_another_camera_are_refused(shape):
     with pytest.raises(ValueError, match="no metadata of the HT-301 family"):
         ht301_parameters(np.zeros(shape, np.uint16))
+
+
+def raw2temp(raw, e, od, refl_k, air_k, window_k, window, humidity, law):
+    """`raw2temp` of the R package Thermimage (G. Tattersall), transcribed; °C of a count."""
+    air_c = air_k - 273.15
+    h2o = humidity * math.exp(1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 0.00000068455 * air_c**3)
+    tau1 = tau2 = 1.9 * math.exp(-math.sqrt(od / 2) * (0.006569 - 0.002276 * math.sqrt(h2o))) + (
+        1 - 1.9
+    ) * math.exp(-math.sqrt(od / 2) * (0.01262 - 0.00667 * math.sqrt(h2o)))
+
+    def counts(kelvin):
+        return law.r1 / (law.r2 * (math.exp(law.b / kelvin) - law.f)) - law.o
+
+    atm1 = (1 - tau1) / e / tau1 * counts(air_k)
+    atm2 = (1 - tau2) / e / tau1 / window / tau2 * counts(air_k)
+    wind = (1 - window) / e / tau1 / window * counts(window_k)
+    refl = (1 - e) / e * counts(refl_k)
+    obj = raw / e / tau1 / window / tau2 - atm1 - atm2 - wind - refl
+    return law.b / math.log(law.r1 / (law.r2 * (obj + law.o)) + law.f) - 273.15
+
+
+@pytest.mark.parametrize("count", [16_000, 20_000, 30_000])
+def test_flir_law_through_air_and_a_window_is_thermimages(count):
+    law = Planck(r1=21106.77, b=1501.0, f=1.0, o=-7340.0, r2=0.012545258)
+    fields = {name: getattr(law, name) for name in Planck.__slots__}
+    path = {"emissivity": 0.93, "distance_m": 40.0, "reflected_k": 268.0, "air_k": 303.0, "window_k": 290.0,
+            "window_transmission": 0.85, "humidity": 0.8}  # fmt: skip
+    found = planck_table(Planck(**{**fields, **path}))[count] - 273.15
+    expected = raw2temp(count, 0.93, 40.0, 268.0, 303.0, 290.0, 0.85, 0.8, law)
+    assert found == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("fpa_raw", [7620, 6500, 5000])  # sensor at 25, 56.1 and 97.8 °C
+@pytest.mark.parametrize("count", [4000, 6000])
+def test_ht301_law_by_the_published_formula(fpa_raw, count):
+    c1, c2, c3, c4, c5 = 0.0002, 0.02, 0.000002, -0.00001, 0.0125
+    rows = np.zeros((4, 384), np.uint16)
+    words = rows.ravel()
+    words[1], words[3 * 384], words[3 * 384 + 1] = fpa_raw, 3500, round(10 * (29.6 + 273.15))
+    words[3 * 384 + 3 : 3 * 384 + 13] = np.array([c1, c2, c3, c4, c5], "<f4").view("<u2")
+    found = temperature_k("ht301", np.full((1, 1), count, np.uint16), rows, {})[0, 0]
+    c1, c2, c3, c4, c5 = (float(np.float32(one)) for one in (c1, c2, c3, c4, c5))
+    t_fpa, t_shutter = 20.0 - (fpa_raw - 7800.0) / 36.0, round(10 * (29.6 + 273.15)) / 10 - 273.15
+    off = 3500 - max(0, int(390.0 - 7.05 * t_fpa))  # the maker's library: the correction ends at nothing
+    p = c2 / (2.0 * c1)
+    s = c1 * t_shutter**2 + c2 * t_shutter
+    g = c3 * t_fpa**2 + c4 * t_fpa + c5
+    assert found - 273.15 == pytest.approx(math.sqrt(((count - off) * g + s) / c1 + p * p) - p, abs=2e-3)

@@ -42,3 +42,9 @@ def test_microdegree_between_directions_is_resolved():
     # an arc cosine of 1 - 1.5e-16 would say 0 or 1.2e-6 degrees
     assert angle_between_deg(normal(30.0, 50.0), normal(30.000001, 50.0)) == pytest.approx(1e-6, rel=1e-6)
     assert angle_between_deg(normal(30.0, 50.0), -normal(30.0, 50.0)) == 180.0
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 90.0, 180.0, 270.0])
+def test_a_flat_facet_has_azimuth_zero_whatever_it_was_made_of(azimuth):
+    tilt, found = tilt_azimuth(normal(0.0, azimuth))
+    assert (tilt, found) == (0.0, 0.0)

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,35 @@ def test_distance_of_the_sun_over_the_year():
     near, far = extraterrestrial(days)
     assert near / far == pytest.approx(1.0689, abs=0.002)
     assert np.sqrt(near * far) == pytest.approx(1361.0, rel=0.002)
+
+
+# Sky clearness up to, then a, b, c, d of global and of direct light: table 4 of Perez et al. 1990 as Radiance
+# has it (gendaylit.c, `glob_h_effi_PEREZ` and `direct_n_effi_PEREZ`).
+TABLE_4 = (
+    (1.065, (96.63, -0.47, 11.50, -9.16), (57.20, -4.55, -2.98, 117.12)),
+    (1.230, (107.54, 0.79, 1.79, -1.19), (98.99, -3.46, -1.21, 12.38)),
+    (1.500, (98.73, 0.70, 4.40, -6.95), (109.83, -4.90, -1.71, -8.81)),
+    (1.950, (92.72, 0.56, 8.36, -8.31), (110.34, -5.84, -1.99, -4.56)),
+    (2.800, (86.73, 0.98, 7.10, -10.94), (106.36, -3.97, -1.75, -6.16)),
+    (4.500, (88.34, 1.39, 6.06, -7.60), (107.19, -1.25, -1.51, -26.73)),
+    (6.200, (78.63, 1.47, 4.93, -11.37), (105.75, 0.77, -1.26, -34.44)),
+    (math.inf, (99.65, 1.86, -4.46, -3.15), (101.18, 1.58, -1.10, -8.29)),
+)
+
+
+@pytest.mark.parametrize("zenith_deg", [20.0, 50.0, 70.0])
+@pytest.mark.parametrize("place", range(8))
+@pytest.mark.parametrize("share", [0.05, 0.95])
+def test_perez_in_every_bin_of_sky_clearness(zenith_deg, place, share):
+    upper = min(TABLE_4[place][0], 9.0)
+    lower = TABLE_4[place - 1][0] if place else 1.0
+    wanted = lower + share * (upper - lower)
+    zenith, diffuse, top, water_cm = math.radians(zenith_deg), 120.0, 1400.0, 1.5
+    cube = 1.041 * zenith**3
+    direct = (wanted * (1.0 + cube) - cube - 1.0) * diffuse  # eq. (1): clearness from beam and sky
+    _, (a, b, c, d), (e, f, g, h) = TABLE_4[place]
+    brightness = diffuse / (math.cos(zenith) * top)
+    of_global, of_direct = perez_efficacy(direct, diffuse, math.cos(zenith), top, water_cm)
+    assert of_global == pytest.approx(a + b * water_cm + c * math.cos(zenith) + d * math.log(brightness))
+    expected = e + f * water_cm + g * math.exp(5.73 * zenith - 5.0) + h * brightness
+    assert of_direct == pytest.approx(max(expected, 0.0))

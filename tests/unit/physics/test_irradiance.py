@@ -114,3 +114,11 @@ def test_every_label_fits_and_differs():
     assert len(set(labels)) == len(labels)
     assert max(map(len, labels)) <= 64
     assert labels[0] == "eq10 /0.44, diffuse 15%, horizontal"
+
+
+def test_perez_for_a_meter_held_into_the_sun_is_the_efficacy_of_direct_light():
+    sun, cosine = normal(60.0, 180.0).reshape(1, 3), 0.5
+    found = beam(90_000.0, sun=sun, kind="perez", mounting="sun-pointing", diffuse_fraction=0.1)
+    sky = 0.1 / 0.9 * found * cosine  # of which the meter sees (1 + cos 60) / 2
+    _, of_direct = perez_efficacy(found, sky, cosine, extraterrestrial(NOON)[0])
+    assert of_direct * (found + sky * 0.75) == pytest.approx(90_000.0, rel=1e-9)

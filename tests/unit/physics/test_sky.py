@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from fieldkit.physics.sky import (
+    extraterrestrial,
     ground_reflected,
     hay_davies_diffuse,
     isotropic_diffuse,
@@ -41,3 +42,22 @@ def test_hay_davies_agrees_with_pvlib():
 def test_facet_in_its_own_shade_has_no_circumsolar_light():
     shaded = hay_davies_diffuse(100.0, 700.0, 1400.0, -0.1, 0.4, 0.5)
     assert shaded == pytest.approx(100.0 * 0.5 * 0.75)
+
+
+@pytest.mark.parametrize("zenith", [80.0, 86.0, 88.9, 89.6])
+def test_circumsolar_light_of_a_low_sun_agrees_with_pvlib(zenith):
+    # pvlib holds the ratio of cosines below one degree of elevation, as we do
+    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
+    theirs = irradiance.haydavies(30.0, 180.0, 40.0, 300.0, 1400.0, zenith, 180.0)
+    cos_incidence, cos_tilt = np.cos(np.radians(zenith - 30.0)), np.cos(np.radians(30.0))
+    ours = hay_davies_diffuse(40.0, 300.0, 1400.0, cos_incidence, np.cos(np.radians(zenith)), cos_tilt)
+    assert float(ours) == pytest.approx(float(theirs), rel=1e-4)
+
+
+def test_irradiance_at_the_top_of_the_air_is_pvlibs():
+    # Spencer's series in both; pvlib takes 1366.1 W/m2 where we take Kopp and Lean's 1361
+    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
+    for day in (1, 60, 100, 200, 300, 365):
+        at = np.datetime64("2025-01-01T00:00", "ns").astype(np.int64) + (day - 1) * 86_400 * 10**9
+        theirs = irradiance.get_extra_radiation(day, solar_constant=1361.0, method="spencer")
+        assert float(extraterrestrial(at)) == pytest.approx(float(theirs), rel=1e-6)

@@ -175,3 +175,17 @@ def test_our_reading_of_the_earths_rotation_is_astropys():
     sun = get_sun(time).transform_to(AltAz(obstime=time, location=here))
     angle = angle_between_deg(astropy_vectors(stamps, PAPER), normal(90.0 - sun.alt.deg, sun.az.deg))
     assert angle.max() * 3600.0 < 0.001
+
+
+def test_the_sun_stands_on_the_horizon_34_minutes_of_arc_below_it():
+    # the almanacs' horizontal refraction
+    lifted = refract(normal([90.0 + 34.0 / 60.0], [120.0]))
+    assert lifted[0, 2] == pytest.approx(0.0, abs=np.radians(0.02))
+
+
+def test_thin_air_of_mountains_lifts_less():
+    atmosphere = pytest.importorskip("pvlib.atmosphere", reason="pvlib comes with the [lab] extra")
+    low = normal([85.0], [120.0])
+    at_sea, in_alamosa = (refract(low, elevation)[0, 2] - low[0, 2] for elevation in (0.0, 2317.0))
+    share = atmosphere.alt2pres(2317.0) / atmosphere.alt2pres(0.0)
+    assert in_alamosa / at_sea == pytest.approx(share, abs=0.003)
