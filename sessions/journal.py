@@ -24,6 +24,7 @@ from fieldkit.samples import Frame, Reading
 from fieldkit.sessions.disk import sync
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
+from fieldkit.sessions.written import Written
 
 SCHEMA_VERSION = 1
 PART_BYTES = 256_000_000
@@ -31,7 +32,7 @@ KEPT_NAME = "000000.sqlite"
 LARGE_PIXELS = 150_000
 """A picture of so many and more is large: its camera alone can keep a computer busy."""
 
-_TABLES = """
+TABLES = """
 CREATE TABLE session(schema_version INTEGER, session_id TEXT, start_ns INTEGER, anchor_ns INTEGER,
     header TEXT);
 CREATE TABLE sample(id INTEGER PRIMARY KEY, stream INTEGER, seq INTEGER, mono_ns INTEGER, time_ns INTEGER,
@@ -83,6 +84,7 @@ class Journal:
         self._streams = {info.name: number for number, info in enumerate(identity.header.streams)}
         self._number = 1
         self._part_start = 0
+        self._samples = [0] * len(self._streams)
         self._database = create_part(self.part_path(1), identity)
         self._next: sqlite3.Connection | None = None
         self._next_lock = threading.Lock()
@@ -98,6 +100,12 @@ class Journal:
     def number(self) -> int:
         """The number of the part that takes the rows now."""
         return self._number
+
+    @property
+    def written(self) -> Written:
+        """What was appended so far, from any thread: an entry may be missing, never a record too many."""
+        records = self.next_id  # read first: it is counted last
+        return Written(records, tuple(self._samples))
 
     def append(self, record: Record) -> tuple[int, int | None]:
         """Commit one record; its number, from 0 without gaps, and a sample's checksum."""
@@ -129,6 +137,7 @@ class Journal:
             crc32, data, more,
         )  # fmt: skip
         self._database.execute(_INSERT_SAMPLE, row)
+        self._samples[row[1]] += 1
         return len(data) + len(more) + 128, crc32
 
     def prepare(self) -> None:
@@ -167,7 +176,7 @@ def create_part(path: Path, identity: Identity) -> sqlite3.Connection:
     database = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False)
     database.executescript(
         f"PRAGMA page_size={_page_size(identity.header)}; PRAGMA journal_mode=WAL;"
-        "PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0; BEGIN;" + _TABLES
+        "PRAGMA synchronous=NORMAL; PRAGMA wal_autocheckpoint=0; BEGIN;" + TABLES
     )
     header = identity.header.to_json()
     row = (SCHEMA_VERSION, identity.session_id, identity.start_ns, identity.anchor_ns, header)

@@ -1,7 +1,7 @@
 """Reading a journal, also one whose writer was killed or whose disk lost the last second.
 
-SQLite recovers its own log; what cannot be read is named in `damage` and left out, and a
-sample whose checksum does not match is never handed out.
+SQLite recovers its own log; with `salvage` what lies behind a tear of it is read as well. What cannot be
+read is named in `damage` and left out, and a sample whose checksum does not match is never handed out.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from fieldkit.sessions.records import (
     sample_bytes,
     sample_crc32,
 )
+from fieldkit.sessions.torn_log import mended_part
 
 _SESSION = "SELECT session_id, start_ns, anchor_ns, header FROM session"
 _SAMPLE = (
@@ -90,12 +91,14 @@ class SampleRow:
 class JournalReader:
     """The records of a journal, in the order they were written.
 
-    Raises `SessionError` where the folder holds no readable journal.
+    With `salvage`, for a journal that is no longer written, also what SQLite does not reach. Raises
+    `SessionError` where the folder holds no readable journal.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, salvage: bool = False) -> None:
         self.folder = folder
         self.damage: list[str] = []
+        self._salvage = salvage
         self._parts: dict[str, sqlite3.Connection] = {}
         self.identity = self._open()
 
@@ -162,7 +165,7 @@ class JournalReader:
         identity: Identity | None = None
         for path in sorted(self.folder.glob("[0-9]*.sqlite")):
             try:
-                database = open_part(path)
+                database = self._open_part(path)
                 self._parts[path.name] = database
                 found = database.execute(_SESSION).fetchone()
                 if found is not None:
@@ -177,6 +180,13 @@ class JournalReader:
                 f"{self.folder} holds no readable journal: {'; '.join(self.damage) or 'empty'}"
             )
         return identity
+
+    def _open_part(self, path: Path) -> sqlite3.Connection:
+        if not self._salvage or (mended := mended_part(path)) is None:
+            return open_part(path)
+        database, found = mended
+        self.damage.append(f"{path.name}: torn; {found} records behind the tear were read from its pages")
+        return database
 
     def _merged(self, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:
         """Rows of all parts by number; of a row that stands in two parts, the one with its bytes."""

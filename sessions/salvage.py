@@ -30,6 +30,7 @@ from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
 from fieldkit.sessions.stream_reader import column_dataset, whole_rows
 from fieldkit.sessions.tally import Tally
+from fieldkit.sessions.written import read_written
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
 _READING_BLOCK = 1024
@@ -51,6 +52,7 @@ class Salvage:
         self._session = self._try_session()
         self._journal = self._try_journal()
         self.identity = self._identity()
+        self._written = read_written(journal_path(path), len(self.identity.header.streams))
         self.tallies = {info.name: Tally(info.name) for info in self.identity.header.streams}
 
     def __enter__(self) -> Salvage:
@@ -84,7 +86,7 @@ class Salvage:
             self._journal_damage.append(gone)
             return None
         try:
-            journal = self._stack.enter_context(JournalReader(folder))
+            journal = self._stack.enter_context(JournalReader(folder, salvage=True))
         except SessionError as error:
             self._journal_damage.append(error.message)
             return None
@@ -122,7 +124,8 @@ class Salvage:
                     tally.from_journal += not stored.has(seq)
                     tally.keep_sample(sample)
                     yield sample
-        tally.finish(max(stored.total, self._journal.total(place) if self._journal else 0))
+        journalled = self._journal.total(place) if self._journal else 0
+        tally.finish(max(stored.total, journalled, self._written.samples[place]))
 
     def _journalled(self, place: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Numbers of the journal's records of a stream, and of the samples in them, by the latter."""
@@ -164,10 +167,17 @@ class Salvage:
         """Everything that is no sample: of each kind, from the side that has more of it."""
         journalled = list(self._journal.entries()) if self._journal is not None else []
         stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
+        found = 0
         for kind in _KINDS:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
-            yield from ours if len(ours) >= len(theirs) else theirs
+            more = ours if len(ours) >= len(theirs) else theirs
+            found += len(more)
+            yield from more
+        if (lost := self._written.entries - found) > 0:
+            self._journal_damage.append(
+                f"{lost} of {self._written.entries} events, slopes and the like are lost"
+            )
         if self._session is not None and self._journal is None:
             self._file_damage.extend(_lost_rows(self._session))
 

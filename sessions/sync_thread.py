@@ -8,9 +8,11 @@ import sqlite3
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from fieldkit.sessions.disk import BEGIN_BYTES, begin_sync, sync_data
 from fieldkit.sessions.journal import Journal, wal_of
+from fieldkit.sessions.written import note_written
 
 log = logging.getLogger(__name__)
 
@@ -76,7 +78,7 @@ class SyncThread(threading.Thread):
         began = time.monotonic()
         try:
             self._journal.prepare()
-            last = self._journal.number
+            last, written = self._journal.number, self._journal.written
             for number in range(self._first, last + 1):
                 sync_data(wal_of(self._journal.part_path(number)))
             self._first = last
@@ -85,4 +87,7 @@ class SyncThread(threading.Thread):
             text = f"the disk did not confirm the last second: {error}"
             log.error(text)
             self._failed(text)
+        else:
+            with suppress(OSError):  # the records are safe, only their count is behind
+                note_written(self._journal.folder, written)
         self.took_ms = (time.monotonic() - began) * 1000.0
