@@ -153,13 +153,15 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
 def to_xarray(session: Session, stream: str) -> xr.Dataset:
     """A stream as an xarray dataset, lazily: counts of a camera read as kelvin.
 
-    Raises `SessionError` for an interrupted session, which other programs cannot open.
+    Raises `SessionError` for an interrupted session, which other programs cannot open, and for a stream
+    that does not lie in the session's file, which they would follow out of it.
     """
     import xarray as xr
 
     if session.state == "interrupted":
         raise SessionError(f"{session.path} is interrupted", fix=f"fieldkit recover {session.path}")
     session.stream(stream)
+    session.datasets(stream)
     is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only
     options: dict[str, Any] = {"driver_kwds": {"swmr": True}} if is_live else {}
     return xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)

@@ -11,7 +11,7 @@ import h5py
 from fieldkit.errors import SessionError
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import FORMAT_NAME, FORMAT_VERSION, decode_text
-from fieldkit.sessions.stream_reader import stored_here
+from fieldkit.sessions.stored import stored_here
 from fieldkit.sessions.superblock import CHECK_PATH
 
 _MAX_HEADER_BYTES = 16_000_000
@@ -45,13 +45,8 @@ def attribute(file: h5py.File, name: str) -> str | None:
 def scalar(file: h5py.File, name: str) -> Any:
     """A single value of this very file; raises `SessionError` where there is none or a hostile one."""
     dataset = stored_here(file, name)
-    if (
-        not isinstance(dataset, h5py.Dataset)
-        or dataset.shape != ()
-        or dataset.is_virtual
-        or dataset.external
-        or dataset.dtype.itemsize > _MAX_HEADER_BYTES
-    ):
+    is_scalar = isinstance(dataset, h5py.Dataset) and dataset.shape == ()
+    if not is_scalar or dataset.dtype.itemsize > _MAX_HEADER_BYTES:
         raise SessionError(f"{file.filename}: {name} is missing")
     return dataset[()]
 

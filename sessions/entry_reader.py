@@ -31,7 +31,7 @@ from fieldkit.sessions.layout import (
     exact_time_ns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stream_reader import column_dataset, stored_here, whole_rows
+from fieldkit.sessions.stored import column_dataset, columns_of, members, stored_here, whole_rows
 from fieldkit.sessions.time_map import TimeStep, mapped_event, mapped_health
 from fieldkit.slope import SlopeEstimate
 
@@ -48,9 +48,9 @@ class EntryReader:
 
     def refresh(self) -> None:
         """See what a living writer has added since."""
-        for name, columns in entry_columns(self.header).items():
-            for column in columns:
-                self.group(name)[column.name].refresh()
+        for name, columns in self._columns.items():
+            for dataset in columns_of(self.group(name), columns).values():
+                dataset.refresh()
 
     def events(self, *, recorded: bool = False) -> list[Event]:
         """What happened, in the order it was noticed."""
@@ -133,6 +133,15 @@ class EntryReader:
                 raise SessionError(f"the group {name} is missing")
             return group
 
+    def datasets(self, name: str) -> dict[str, h5py.Dataset]:
+        """The datasets of the group of a stream or table, those of a newer version among them.
+
+        Raises `SessionError` where one of them does not lie in this file.
+        """
+        group = self.group(name)
+        with self._explaining():
+            return {name: node for name, node in members(group) if isinstance(node, h5py.Dataset)}
+
     @contextmanager
     def _explaining(self) -> Iterator[None]:
         """What is found wrong while reading names the session, and what to do next."""
@@ -144,13 +153,12 @@ class EntryReader:
     def table(self, name: str) -> dict[str, NDArray[Any]]:
         """The columns of a table of entries as stored, as many rows as all of them have.
 
-        What an older version of the format has not is unknown: the fill value.
+        Columns missing from files of an older version are their fill value.
         """
         group = self.group(name)
-        known = [column for column in self._columns[name] if column.name in group]
         with self._explaining():
-            columns = {column.name: column_dataset(group, column, salvage=self._salvage) for column in known}
-        length = min((dataset.shape[0] for dataset in columns.values()), default=0)
+            columns = columns_of(group, self._columns[name], salvage=self._salvage)
+        length = min(dataset.shape[0] for dataset in columns.values())
         if self._salvage:
             length = self._whole(name, columns, length)
         return {

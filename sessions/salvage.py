@@ -28,7 +28,7 @@ from fieldkit.sessions.layout import TIME_MAP_COLUMNS, brick_shape, entry_column
 from fieldkit.sessions.reader import Session, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
-from fieldkit.sessions.stream_reader import column_dataset, whole_rows
+from fieldkit.sessions.stored import column_dataset, whole_rows
 from fieldkit.sessions.tally import Tally
 from fieldkit.sessions.written import read_written
 

@@ -8,9 +8,10 @@ header decides how much memory a read may take, never the file's own sizes.
 
 from __future__ import annotations
 
-import contextlib
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import repeat
 from typing import Any
 
@@ -21,73 +22,19 @@ from numpy.typing import NDArray
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
 from fieldkit.samples import Frame, Quality, Sample
-from fieldkit.sessions.layout import FILL_COUNT, Column, brick_shape, exact_time_ns, stream_columns
+from fieldkit.sessions.layout import (
+    FILL_COUNT,
+    MOST_BRICK_BYTES,
+    brick_shape,
+    exact_time_ns,
+    stream_columns,
+)
 from fieldkit.sessions.records import build_frame, build_reading, stored_crc32s
+from fieldkit.sessions.stored import check_inflation, columns_of, dataset_of, stored_here, whole_rows
 
 Columns = dict[str, NDArray[Any]]
-_MOST_UNINDEXED_BYTES = 1_000_000_000
 _BLOCK_ROWS = 1024
 _NOTHING = np.empty(0, np.uint8)
-
-
-def stored_here(group: h5py.Group, path: str) -> Any:
-    """What a path leads to within this very file; raises `SessionError` where there is nothing, or a link."""
-    found: Any = group
-    for name in path.split("/"):
-        if found.__class__ is h5py.Dataset or found.get(name, getlink=True).__class__ is not h5py.HardLink:
-            raise SessionError(f"{path} is missing, or points somewhere else")
-        try:
-            found = found[name]
-        except KeyError as error:
-            raise SessionError(f"{path} cannot be read: {error}") from error
-    return found
-
-
-def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
-    """A dataset that really lies in this file and has the declared rows; raises `SessionError`."""
-    path = f"{group.name.rstrip('/')}/{name}"
-    dataset = stored_here(group, name)
-    if not isinstance(dataset, h5py.Dataset) or dataset.is_virtual or dataset.external:
-        raise SessionError(f"{path} does not hold its data itself")
-    if dataset.ndim != 1 + len(row_shape) or dataset.shape[1:] != row_shape or dataset.dtype.str[1:] != dtype:
-        raise SessionError(f"{path} has shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}")
-    return dataset
-
-
-def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
-    """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
-    dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
-    try:
-        stored = int(dataset.id.get_storage_size())
-    except RuntimeError as error:
-        if not salvage:
-            raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error
-        stored = _MOST_UNINDEXED_BYTES
-    if dataset.shape[0] * column.row_bytes > stored:
-        raise SessionError(f"{dataset.name} claims {dataset.shape[0]} rows that are not there")
-    return dataset
-
-
-def whole_rows(dataset: h5py.Dataset, row_bytes: int, end: int) -> NDArray[np.int64]:
-    """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
-    spans: list[NDArray[np.int64]] = []
-
-    def look(chunk: Any) -> None:
-        first = int(chunk.chunk_offset[0])
-        rows = min((end - chunk.byte_offset) // row_bytes, dataset.chunks[0], dataset.shape[0] - first)
-        spans.append(np.arange(first, first + max(0, rows), dtype=np.int64))
-
-    with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
-        dataset.id.chunk_iter(look)
-    return np.sort(np.concatenate([np.empty(0, np.int64), *spans]))
-
-
-@dataclass(frozen=True, slots=True)
-class _Pictures:
-    """The brick datasets of a camera."""
-
-    counts: h5py.Dataset
-    metadata_rows: h5py.Dataset | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +79,8 @@ class StreamReader:
     """The stored samples of one stream; raises `SessionError` where the file does not fit its header.
 
     `damaged` has the rows that were found not to match their checksum so far, by whatever was read.
-    With `salvage` a column may have lost a part of its index.
+    Columns missing from files of an older version are read as their fill value. With `salvage` a column may
+    have lost a part of its index.
     """
 
     def __init__(self, file: h5py.File, info: StreamInfo, anchor_ns: int, *, salvage: bool = False) -> None:
@@ -143,22 +91,23 @@ class StreamReader:
         self.damaged: set[int] = set()
         self._anchor_ns = anchor_ns
         self._group = group
-        self._columns = {
-            column.name: column_dataset(group, column, salvage=salvage) for column in stream_columns(info)
-        }
-        self._pictures = self._open_pictures() if info.is_camera else None
+        self._declared = {column.name: column for column in stream_columns(info)}
+        self._columns = columns_of(group, self._declared.values(), salvage=salvage)
+        self._pictures = self._open_pictures() if info.is_camera else []
         self._depth = brick_shape(info)[0] if info.is_camera else _BLOCK_ROWS
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
 
-    def _open_pictures(self) -> _Pictures:
-        counts = self._brick_dataset("counts", self.info.shape)
-        rows = self.info.metadata_shape
-        return _Pictures(counts, self._brick_dataset("metadata_rows", rows) if rows[0] else None)
+    def _open_pictures(self) -> list[h5py.Dataset]:
+        shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
+        return [self._brick_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
 
     def _brick_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
         dataset = dataset_of(self._group, name, shape, "u2")
-        depth = brick_shape(self.info)[0]
-        if dataset.chunks is None or dataset.chunks[0] > depth or dataset.chunks[1:] > shape:
+        brick = (brick_shape(self.info)[0], *shape)
+        if 2 * math.prod(brick) > MOST_BRICK_BYTES:
+            raise SessionError(f"{dataset.name} has pictures of {shape}, larger than any camera's")
+        chunks = dataset.chunks or (math.inf,)
+        if any(side > most for side, most in zip(chunks, brick, strict=False)):
             raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
         return dataset
 
@@ -168,7 +117,7 @@ class StreamReader:
 
     def _datasets(self) -> Iterator[h5py.Dataset]:
         yield from self._columns.values()
-        yield from self.bricks
+        yield from self._pictures
 
     @property
     def claimed(self) -> int:
@@ -178,8 +127,8 @@ class StreamReader:
     def whole_rows(self, end: int) -> NDArray[np.int64]:
         """Rows of which everything but the picture lies in the first `end` bytes of the file."""
         rows = np.arange(0)
-        for place, column in enumerate(stream_columns(self.info)):
-            there = whole_rows(self._columns[column.name], column.row_bytes, end)
+        for place, (name, dataset) in enumerate(self._columns.items()):
+            there = whole_rows(dataset, self._declared[name].row_bytes, end)
             rows = there if place == 0 else np.intersect1d(rows, there, assume_unique=True)
         return rows[rows < len(self)]
 
@@ -193,7 +142,10 @@ class StreamReader:
 
         What enters a result comes from `samples`, `readings`, `pictures` or `flags`.
         """
-        return _rows(self._columns[name], start, len(self) if stop is None else stop)
+        end = len(self) if stop is None else min(stop, len(self))
+        if name in self._columns:
+            return _rows(self._columns[name], start, end)
+        return self._declared[name].unknown(max(0, end - start))
 
     def time_ns(self, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
         """UTC nanoseconds of the samples."""
@@ -204,20 +156,23 @@ class StreamReader:
     @property
     def counts(self) -> h5py.Dataset:
         """The pictures as stored; raises `SessionError` where the stream has none."""
-        if self._pictures is None:
+        if not self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is not a camera")
-        return self._pictures.counts
+        return self.bricks[0]
 
-    @property
+    @cached_property
     def bricks(self) -> list[h5py.Dataset]:
-        """The datasets that are cut into bricks: of a camera its counts and metadata rows, else none."""
-        pictures = self._pictures
-        both = (pictures.counts, pictures.metadata_rows) if pictures is not None else ()
-        return [dataset for dataset in both if dataset is not None]
+        """The datasets that are cut into bricks: of a camera its counts and metadata rows, else none.
+
+        Raises `SessionError` where a brick is not as large as it is said to be.
+        """
+        for dataset in self._pictures:
+            check_inflation(dataset)
+        return self._pictures
 
     def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
-        build = self._readings if self._pictures is None else self._frames
+        build = self._frames if self.info.is_camera else self._readings
         for part in self._parts(start, stop):
             yield from build(part)
 
@@ -268,7 +223,7 @@ class StreamReader:
         """The rows from `start` to `stop`, each compared with its checksum."""
         end = len(self) if stop is None else min(stop, len(self))
         for begin, last in _spans(start, end, self._block_rows):
-            block = {name: _rows(dataset, begin, last) for name, dataset in self._columns.items()}
+            block = {name: self.column(name, begin, last) for name in self._declared}
             block["time_ns"] = exact_time_ns(block["time"], block["mono_ns"], self._anchor_ns)
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}

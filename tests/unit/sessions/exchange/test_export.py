@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC
 from pathlib import Path
 
 import cv2
+import h5py
 import numpy as np
 import pytest
 
 from fieldkit.errors import ConfigError, SessionError
 from fieldkit.samples import Event, EventKind, Frame, Reading
+from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.exchange.mcap_out import export_mcap
 from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
@@ -256,3 +259,54 @@ def test_mcap_of_one_stream_and_every_nth_picture(session: Session, tmp_path: Pa
     assert "/lux" not in topics
     with pytest.raises(SessionError, match="no stream 'sonar'"):
         export_mcap(session, tmp_path, stream="sonar")
+
+
+SECRET = 424242.0
+
+
+def _linked_scale(file: h5py.File, beside: Path) -> None:
+    file["lux/humidity"] = h5py.ExternalLink(str(beside), "/secret")
+
+
+def _stored_elsewhere(file: h5py.File, beside: Path) -> None:
+    with h5py.File(beside) as other:
+        place = other["secret"].id.get_offset()
+    file.create_dataset("lux/humidity", (8,), "<f8", external=[(str(beside), place, 64)])
+
+
+def _mapped_together(file: h5py.File, beside: Path) -> None:
+    layout = h5py.VirtualLayout((8,), "<f8")
+    layout[:] = h5py.VirtualSource(str(beside), "secret", (8,))
+    file.create_virtual_dataset("lux/humidity", layout)
+
+
+@pytest.mark.parametrize("lead_out", [_linked_scale, _stored_elsewhere, _mapped_together])
+def test_numbers_of_another_file_never_come_along(
+    tmp_path: Path, lead_out: Callable[[h5py.File, Path], None]
+) -> None:
+    recorded(tmp_path / "field.h5").close()
+    with h5py.File(tmp_path / "beside.h5", "w", libver=LIBVER) as other:
+        other["secret"] = np.full(8, SECRET)
+    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER, track_order=True) as file:
+        lead_out(file, tmp_path / "beside.h5")
+    out = tmp_path / "out"
+    out.mkdir()
+    with open_session(tmp_path / "field.h5") as session:
+        with pytest.raises(SessionError, match=r"lux/humidity|points somewhere else"):
+            export_netcdf(session, out)
+        with pytest.raises(SessionError):
+            session.to_xarray("lux")
+        export_tables(session, out, "csv")
+    written = b"".join(path.read_bytes() for path in out.iterdir())
+    assert np.float64(SECRET).tobytes() not in written
+    assert str(int(SECRET)).encode() not in written
+
+
+def test_netcdf_has_what_a_newer_version_adds(tmp_path: Path) -> None:
+    recorded(tmp_path / "field.h5").close()
+    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER, track_order=True) as file:
+        file["lux/humidity"] = np.full(5, 0.6)
+    with open_session(tmp_path / "field.h5") as session:
+        export_netcdf(session, tmp_path)
+    with h5py.File(tmp_path / "field-lux.nc") as copy:
+        assert copy["humidity"][:].tolist() == [0.6] * 5

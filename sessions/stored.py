@@ -1,0 +1,131 @@
+"""What lies in a session file itself: the one way from a path to an object and to its data.
+
+A file may come from anywhere. Nothing here follows a link out of it, reads data stored in another file,
+or takes more memory than the file has bytes to fill.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.errors import SessionError
+from fieldkit.sessions.layout import Column
+
+MOST_CHUNK_BYTES = 16_777_216
+"""A chunk of a table; the writer's have a few hundred kilobytes at most."""
+
+_MOST_UNINDEXED_BYTES = 1_000_000_000
+_MOST_INFLATED_BYTES = 536_870_912
+_DEFLATE_RATIO = 1032  # nothing that deflate packs is larger: zlib's technical details
+
+
+def stored_here(group: h5py.Group, path: str) -> Any:
+    """What a path leads to within this very file; raises `SessionError` where there is nothing, or a link."""
+    found: Any = group
+    for name in path.split("/"):
+        if found.__class__ is h5py.Dataset or found.get(name, getlink=True).__class__ is not h5py.HardLink:
+            raise SessionError(f"{path} is missing, or points somewhere else")
+        try:
+            found = found[name]
+        except (KeyError, OSError) as error:
+            raise SessionError(f"{path} cannot be read: {error}") from error
+    if found.__class__ is h5py.Dataset and (found.is_virtual or found.external):
+        raise SessionError(f"{found.name} does not hold its data itself")
+    return found
+
+
+def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
+    """The members of a group, in the order they were made; raises `SessionError` at a link."""
+    for name in group:
+        yield name, stored_here(group, name)
+
+
+def dataset_of(group: h5py.Group, name: str, row_shape: tuple[int, ...], dtype: str) -> h5py.Dataset:
+    """A dataset that really lies in this file and has the declared rows; raises `SessionError`."""
+    path = f"{group.name.rstrip('/')}/{name}"
+    dataset = stored_here(group, name)
+    if not isinstance(dataset, h5py.Dataset):
+        raise SessionError(f"{path} is a group, not a dataset")
+    if dataset.ndim != 1 + len(row_shape) or dataset.shape[1:] != row_shape or dataset.dtype.str[1:] != dtype:
+        raise SessionError(f"{path} has shape {dataset.shape}, {dataset.dtype}; expected rows of {row_shape}")
+    return dataset
+
+
+def column_dataset(group: h5py.Group, column: Column, *, salvage: bool = False) -> h5py.Dataset:
+    """The dataset of a column, with no more rows than it has bytes for (unless torn: `salvage`)."""
+    dataset = dataset_of(group, column.name, column.shape, np.dtype(column.dtype).str[1:])
+    check_size(dataset, salvage=salvage)
+    return dataset
+
+
+def columns_of(
+    group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
+) -> dict[str, h5py.Dataset]:
+    """The datasets of those columns that the file has: an older version has some, a newer one more."""
+    there = [column for column in columns if group.get(column.name, getlink=True) is not None]
+    if not there:
+        raise SessionError(f"{group.name} has none of its columns")
+    return {column.name: column_dataset(group, column, salvage=salvage) for column in there}
+
+
+def check_size(dataset: h5py.Dataset, *, salvage: bool = False) -> None:
+    """Raise `SessionError` where a dataset claims more than it has bytes for (unless torn: `salvage`)."""
+    try:
+        stored = int(dataset.id.get_storage_size())
+    except RuntimeError as error:
+        if not salvage:
+            raise SessionError(f"the index of {dataset.name} is damaged: {error}") from error
+        stored = _MOST_UNINDEXED_BYTES
+    if dataset.size * dataset.dtype.itemsize > stored:
+        raise SessionError(f"{dataset.name} claims {dataset.shape} values that are not there")
+    if dataset.chunks and math.prod(dataset.chunks) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
+        raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
+
+
+def check_inflation(dataset: h5py.Dataset) -> None:
+    """Raise `SessionError` where a packed chunk holds more than a chunk does.
+
+    The HDF5 library inflates whatever is there: some megabytes of it can become gigabytes of memory. So
+    chunks too large to be harmless (none of an ordinary camera is) are inflated here before, a piece at a
+    time.
+    """
+    largest: list[Any] = []
+
+    def look(chunk: Any) -> None:
+        if chunk.size * _DEFLATE_RATIO > _MOST_INFLATED_BYTES:
+            largest.append(chunk.chunk_offset)
+
+    with contextlib.suppress(RuntimeError, OSError):  # what has no index is not inflated either
+        dataset.id.chunk_iter(look)
+    whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    for offset in largest:
+        _, packed = dataset.id.read_direct_chunk(offset)
+        with contextlib.suppress(zlib.error):  # damage is for the checksums to tell
+            squeezer = zlib.decompressobj()
+            if len(squeezer.decompress(packed, whole)) == whole and squeezer.decompress(
+                squeezer.unconsumed_tail, 1
+            ):
+                text = f"{dataset.file.filename}: a chunk of {dataset.name} holds more than {whole} bytes"
+                raise SessionError(text, fix="take another copy of the session; this one was tampered with")
+
+
+def whole_rows(dataset: h5py.Dataset, row_bytes: int, end: int) -> NDArray[np.int64]:
+    """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
+    spans: list[NDArray[np.int64]] = []
+
+    def look(chunk: Any) -> None:
+        first = int(chunk.chunk_offset[0])
+        rows = min((end - chunk.byte_offset) // row_bytes, dataset.chunks[0], dataset.shape[0] - first)
+        spans.append(np.arange(first, first + max(0, rows), dtype=np.int64))
+
+    with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
+        dataset.id.chunk_iter(look)
+    return np.sort(np.concatenate([np.empty(0, np.int64), *spans]))
