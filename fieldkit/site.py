@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,15 @@ def zone_by_longitude(longitude_deg: float) -> str:
     hours = round(((longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
     # the sign of these names is turned: Etc/GMT-9 is nine hours ahead of Greenwich
     return f"Etc/GMT{-hours:+d}" if hours else "UTC"
+
+
+@lru_cache
+def known_zone(name: str) -> ZoneInfo | None:
+    """The IANA time zone of that name; None where this computer knows no such zone."""
+    try:
+        return ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):  # a folder or an endless name is an OSError
+        return None
 
 
 class RegionKind(enum.IntEnum):

@@ -99,7 +99,10 @@ class Meter:
     def _behind(self, found: Stamped, timeout_s: float) -> Reading | None:
         """The next reading behind a record that is none, such as a line that only says OK; as long again."""
         deadline_ns = found.mono_ns + int(timeout_s * 1e9)
-        while behind := self._port.read(self._layout, (deadline_ns - self._clock.mono_ns()) / 1e9):
+        while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
+            behind = self._port.read(self._layout, left_ns / 1e9)
+            if behind is None:
+                return None
             if reading := self._reading(behind):
                 return reading
         return None

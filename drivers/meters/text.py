@@ -22,16 +22,18 @@ from typing import Any
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
+from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.units import STREAM_UNITS
 from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
-from fieldkit.errors import ConfigError
+from fieldkit.errors import ConfigError, DecodeError
 from fieldkit.samples import NO_COUNTER, Quality
 
 LONGEST = 512
 LINE = Line(115_200)
+PREAMBLE_S = 15.0  # comments and headers of a board that has just restarted
 UNITS = {
     "c": "°C",
     "°c": "°C",
@@ -165,13 +167,13 @@ class Text:
         return decode_records(data, grammar.layout)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port (the board restarts) and wait for the first line with values."""
+        """Open the port (the board restarts) and wait for the first line with values.
+
+        Raises `DecodeError` where only comments and headers come for `PREAMBLE_S`.
+        """
         grammar = _grammar(settings)
         port = open_port(settings, Line(int(options.number(settings, "baud", LINE.baud))), clock)
-        first = meter.first_record(port, grammar.layout, settings.name, _HINT).record
-        while not first.channels:
-            grammar = replace(grammar, columns=grammar.columns or header([first.note]))
-            first = meter.first_record(port, grammar.layout, settings.name, _HINT).record
+        grammar, first = _first_values(port, grammar, settings.name, clock)
         shown = first.channels[0].unit
         keys = [channel.name for channel in first.channels if channel.unit == shown]
         unit = STREAM_UNITS.get(shown, shown)
@@ -181,6 +183,22 @@ class Text:
         )
         info = replace(info, device_time_unit="ms" if first.device_time != NO_COUNTER else "")
         return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
+
+
+def _first_values(port: Port, grammar: Grammar, name: str, clock: Clock) -> tuple[Grammar, Record]:
+    """The first line with values, and how to read those after it: by the header before it."""
+    end_ns = clock.mono_ns() + int(PREAMBLE_S * 1e9)
+    while clock.mono_ns() < end_ns:
+        first = meter.first_record(port, grammar.layout, name, _HINT).record
+        if first.channels:
+            return grammar, first
+        grammar = replace(grammar, columns=grammar.columns or header([first.note]))
+    port.close()
+    raise DecodeError(
+        f"{name}: only comments and headers from {port.path}, the last one {first.note[:60]!r}",
+        raw=first.note.encode(),
+        fix="print lines with values too, such as T1=21.56 C, every few seconds",
+    )
 
 
 def _grammar(settings: DeviceSettings) -> Grammar:

@@ -1,7 +1,7 @@
 """Results of earlier runs, found again by what they were made of: session content, parameters, code.
 
-Entries lie in the user's cache folder and may be deleted at any time. Nothing in them is
-executed: they hold arrays alone.
+Entries lie in the user's cache folder and may be deleted at any time. Each begins with a checksum of the
+rest, and a damaged one is made again. Nothing in them is executed: they hold arrays alone.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import io
 import logging
 import os
 import platform
-import zipfile
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -32,6 +32,7 @@ Arrays = dict[str, NDArray[Any]]
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
 """Libraries whose version can move the last digits of a slope."""
 
+_CHECKSUM_BYTES = hashlib.sha256().digest_size
 _log = logging.getLogger(__name__)
 
 
@@ -44,19 +45,28 @@ class Cache:
     def load(self, key: str) -> Arrays | None:
         """The arrays stored under a key; None where there are none, or damaged ones."""
         try:
-            with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as entry:
-                return {name: entry[name] for name in entry.files}
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+            entry = self._path(key).read_bytes()
+        except OSError:
+            return None
+        checksum, packed = entry[:_CHECKSUM_BYTES], entry[_CHECKSUM_BYTES:]
+        if hashlib.sha256(packed).digest() != checksum:
+            _log.warning("an entry of %s is damaged and made again", self.folder)
+            return None
+        try:
+            with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in arrays.files}
+        except ValueError:  # objects, which are never executed
             return None
 
     def store(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Keep arrays; a disk that refuses costs the next run time, nothing else."""
+        packed = io.BytesIO()
+        np.savez(packed, **arrays)  # type: ignore[arg-type]  # names of arrays are not its options
         path = self._path(key)
         draft = path.with_suffix(f".{os.getpid()}.new")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with draft.open("wb") as file:
-                np.savez(file, **arrays)  # type: ignore[arg-type]  # names of arrays are not its options
+            draft.write_bytes(hashlib.sha256(packed.getbuffer()).digest() + packed.getbuffer())
             os.replace(draft, path)
         except OSError as error:
             _log.warning("cannot keep results in %s: %s", self.folder, error.strerror)
@@ -64,7 +74,7 @@ class Cache:
                 draft.unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path:
-        return self.folder / key[:2] / f"{key}.npz"
+        return self.folder / key[:2] / f"{key}.arrays"
 
 
 def digest(*made_of: object) -> str:

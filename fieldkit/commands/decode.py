@@ -61,7 +61,7 @@ def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
     """
     if list(words) == ["-"]:
         return sys.stdin.buffer.read()
-    if len(words) == 1 and "\0" not in words[0] and len(words[0]) < 4096 and Path(words[0]).is_file():
+    if len(words) == 1 and _is_file(words[0]):
         return Path(words[0]).read_bytes()
     text = " ".join(words)
     digits = _SEPARATORS.sub("", text)
@@ -73,6 +73,14 @@ def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
         f"{text[:60]!r} is neither a file nor hexadecimal",
         fix="two digits per byte, as in: 02 34 31",
     )
+
+
+def _is_file(word: str) -> bool:
+    """Whether a word names a file; hexadecimal may be longer than any name may be."""
+    try:
+        return Path(word).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def as_document(decoded: Decoded) -> dict[str, Any]:

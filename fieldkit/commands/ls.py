@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zoneinfo import ZoneInfo
 
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, print_table, say
 from fieldkit.commands.session_paths import recordings_folder, sessions_in
 from fieldkit.errors import SessionError
+from fieldkit.views import words
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
@@ -74,8 +73,7 @@ def local_time(session: Session, time_ns: int) -> str:
     """A moment in the site's zone, which is named; empty for none."""
     if not time_ns:
         return ""
-    moment = datetime.fromtimestamp(time_ns / 1e9, ZoneInfo(session.site.timezone))
-    return moment.strftime("%Y-%m-%d %H:%M:%S %Z")
+    return words.local_time(time_ns, session.site).strftime("%Y-%m-%d %H:%M:%S %Z")
 
 
 def duration(seconds: float) -> str:

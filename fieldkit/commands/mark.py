@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from datetime import datetime, time, timedelta
-from zoneinfo import ZoneInfo
+from datetime import datetime, time, timedelta, tzinfo
 
 import click
 
@@ -12,6 +11,7 @@ from fieldkit.commands.common import Verb, campaign, options, print_json, say
 from fieldkit.commands.running import session_in_progress
 from fieldkit.errors import RefusedError, StorageError
 from fieldkit.marks import Mark, When, drop_mark, marks_folder
+from fieldkit.views import words
 
 SECONDS = {"s": 1, "m": 60, "h": 3600}
 CLOCKS_DIFFER = timedelta(minutes=5)
@@ -42,7 +42,7 @@ def command(
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --to together")
     config = campaign(ctx)
-    zone = ZoneInfo(config.site.timezone)
+    zone = words.zone(config.site)
     now = datetime.now(zone)
     began = parse_when(at or start or "-0s", zone, now)
     mark = Mark(text, kind, began, parse_when(end, zone, now) if end else None)
@@ -64,7 +64,7 @@ def command(
     say(f"marked in {session.name}: {text}")
 
 
-def parse_when(text: str, zone: ZoneInfo, now: datetime) -> When:
+def parse_when(text: str, zone: tzinfo, now: datetime) -> When:
     """Seconds before `now` from ``-30s``, ``-5m``, ``-1h``; else a time as ISO 8601, by default in `zone`.
 
     ``12:31`` is the last time that clocks showed it. Raises `click.UsageError` for anything else.
@@ -81,7 +81,7 @@ def parse_when(text: str, zone: ZoneInfo, now: datetime) -> When:
     return (moment if moment.tzinfo else moment.replace(tzinfo=zone)).isoformat()
 
 
-def _last(shown: time, zone: ZoneInfo, now: datetime) -> datetime:
+def _last(shown: time, zone: tzinfo, now: datetime) -> datetime:
     """When clocks last showed a time, in its own zone where it has one."""
     theirs = shown.tzinfo or zone
     latest = (now + CLOCKS_DIFFER).timestamp()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import TYPE_CHECKING, Literal
-from zoneinfo import ZoneInfo
 
 import click
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import offer_recovery, sessions_in
+from fieldkit.views import words
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fieldkit.commands.recording import Instruments
     from fieldkit.config import Config
     from fieldkit.recorder import Summary, View
+    from fieldkit.site import Site
 
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 BELOW = {"": "s", "m": "s", "h": "m"}
@@ -57,7 +58,7 @@ def command(
     offer_recovery(sessions_in(config.recordings))
     with instruments(config, duration_s=duration_s, allow_missing=allow_missing) as tools:
         if until is not None:
-            duration_s = seconds_until(until, config.site.timezone, tools.clock)
+            duration_s = seconds_until(until, config.site, tools.clock)
         preflight(config, tools, duration_s)
         path = session_path(config, name, tools.clock.to_utc_ns(tools.clock.mono_ns()))
         views = live_views(config, tools, path.stem, duration_s, theme)
@@ -131,9 +132,9 @@ def parse_duration(text: str) -> float:
     return total
 
 
-def seconds_until(text: str, zone: str, clock: Clock) -> float:
+def seconds_until(text: str, site: Site, clock: Clock) -> float:
     """Seconds from now to the next time the site's clocks show ``HH:MM``; raises `click.UsageError`."""
-    now = datetime.fromtimestamp(clock.to_utc_ns(clock.mono_ns()) / 1e9, ZoneInfo(zone))
+    now = words.local_time(clock.to_utc_ns(clock.mono_ns()), site)
     try:
         hour, minute = (int(part) for part in text.split(":"))
         end = now.replace(hour=hour, minute=minute, second=0, microsecond=0)

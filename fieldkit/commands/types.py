@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.site import Site, zone_by_longitude
+from fieldkit.site import Site, known_zone, zone_by_longitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,12 +106,8 @@ def parse_rect(text: str) -> tuple[float, float, float, float]:
 
 def parse_zone(text: str) -> str:
     """An IANA time zone that this computer knows."""
-    from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
-
-    try:
-        ZoneInfo(text)
-    except (ZoneInfoNotFoundError, ValueError):
-        raise ValueError("is no time zone known here; write one like Asia/Tokyo or UTC") from None
+    if known_zone(text) is None:
+        raise ValueError("is not a known time zone; write one like Asia/Tokyo or UTC")
     return text
 
 

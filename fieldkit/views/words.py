@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime, tzinfo
-from functools import lru_cache
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from fieldkit.samples import Event, Severity
-from fieldkit.site import Region, RegionKind, Site
+from fieldkit.site import Region, RegionKind, Site, known_zone
 from fieldkit.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
 
 UNKNOWN = "–"
@@ -123,13 +121,9 @@ def kind(region: Region) -> str:
     return "reference" if region.kind is RegionKind.REFERENCE else "target"
 
 
-@lru_cache
 def zone(site: Site) -> tzinfo:
     """The site's time zone; UTC where its name is unknown on this computer."""
-    try:
-        return ZoneInfo(site.timezone)
-    except (ZoneInfoNotFoundError, ValueError):
-        return UTC
+    return known_zone(site.timezone) or UTC
 
 
 def local_time(time_ns: int, site: Site) -> datetime:

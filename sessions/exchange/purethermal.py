@@ -27,6 +27,8 @@ from fieldkit.sessions.exchange.times import plausible_ns
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")
 _MAX_HEADER, _MAX_SIDE, _MAX_NUMBER = 1_000_000, 4096, 2**63 - 1
+_MAX_RATE_HZ = 1000.0
+_UNREADABLE = (ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError, EOFError, zlib.error)
 _PLAUSIBLE_K = (200.0, 700.0)
 
 
@@ -88,11 +90,13 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         if signature != SIGNATURE or length > _MAX_HEADER:
             raise ValueError("no such signature")
         header = json.loads(file.read(length))
-        shape = int(header["height"]), int(header["width"])
+        shape, rate_hz = (int(header["height"]), int(header["width"])), float(header["fps"])
         if not all(0 < side <= _MAX_SIDE for side in shape):
             raise ValueError(f"pictures of {shape}")
-        return shape, float(header["fps"])
-    except (ValueError, KeyError, TypeError, OSError, EOFError, zlib.error) as error:
+        if not 0.0 < rate_hz <= _MAX_RATE_HZ:
+            raise ValueError(f"{rate_hz} pictures a second")
+        return shape, rate_hz
+    except _UNREADABLE as error:
         raise ConfigError(
             f"{path} is not a recording of the PureThermal Y16 recorder: {error}",
             fix="fieldkit import reads .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",

@@ -98,7 +98,7 @@ def sweep_held_still(recordings: Path, cache: Path, *options: object) -> Iterato
 
 
 def entries(cache: Path) -> int:
-    return len(list(cache.rglob("*.npz")))
+    return len(list(cache.rglob("*.arrays")))
 
 
 def workers_of(process: subprocess.Popen[str]) -> list[int]:

@@ -21,7 +21,7 @@ def test_what_was_stored_is_found_to_the_bit(tmp_path):
 def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
     cache = Cache(tmp_path)
     cache.store("abc", {"x": np.arange(100.0)})
-    (entry,) = tmp_path.rglob("*.npz")
+    (entry,) = tmp_path.rglob("*.arrays")
     whole = entry.read_bytes()
     for damaged in (
         b"",
@@ -32,6 +32,16 @@ def test_a_damaged_entry_is_as_if_it_were_not_there(tmp_path):
         entry.write_bytes(damaged)
         assert cache.load("abc") is None
     assert cache.load("never stored") is None
+
+
+def test_an_entry_with_any_flipped_bit_is_made_again(tmp_path):
+    cache, arrays = Cache(tmp_path), {"x": np.arange(3.0), "names": np.array(["a", "b"])}
+    cache.store("abc", arrays)
+    (entry,) = tmp_path.rglob("*.arrays")
+    whole = entry.read_bytes()
+    for place in range(len(whole)):
+        entry.write_bytes(whole[:place] + bytes([whole[place] ^ 1 << place % 8]) + whole[place + 1 :])
+        assert cache.load("abc") is None
 
 
 def test_an_entry_is_never_executed(tmp_path):

@@ -38,11 +38,11 @@ def test_other_parameters_give_other_slopes_and_the_cache_gives_them_again(campa
     session = campaign.sessions[0]
     first = session.estimate(albedo=0.25)
     assert not np.array_equal(first.rows["tilt_deg"], session.estimate().rows["tilt_deg"], equal_nan=True)
-    entries = len(list(cache_folder.rglob("*.npz")))
+    entries = len(list(cache_folder.rglob("*.arrays")))
     again = session.estimate({"surface.albedo": 0.25})
     assert again.rows.tobytes() == first.rows.tobytes()
     assert again.texts == first.texts
-    assert len(list(cache_folder.rglob("*.npz"))) == entries
+    assert len(list(cache_folder.rglob("*.arrays"))) == entries
 
 
 def test_a_frame_has_a_row_for_each_minute_and_bed(campaign):

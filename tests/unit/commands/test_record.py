@@ -5,6 +5,7 @@ import pytest
 
 from fieldkit.commands.record import parse_duration, seconds_until
 from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.site import Site
 
 
 @pytest.mark.parametrize(
@@ -45,10 +46,18 @@ def clock_at(moment: datetime) -> SimulatedClock:
     ],
 )
 def test_until_a_clock_time_also_where_the_clocks_are_changed(now, until, hours):
-    assert seconds_until(until, "Europe/Zurich", clock_at(now)) == pytest.approx(3600.0 * hours)
+    assert seconds_until(until, Site(47.4, 8.5, 400, "Europe/Zurich"), clock_at(now)) == pytest.approx(
+        3600.0 * hours
+    )
 
 
 @pytest.mark.parametrize("text", ["6", "25:00", "noon"])
 def test_what_is_no_time_of_day_is_refused(text):
     with pytest.raises(click.UsageError, match="is no time of day"):
-        seconds_until(text, "UTC", clock_at(datetime(2026, 7, 1, tzinfo=UTC)))
+        seconds_until(text, Site(0, 0), clock_at(datetime(2026, 7, 1, tzinfo=UTC)))
+
+
+@pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "", "x" * 5000])
+def test_until_a_clock_time_where_the_zone_is_unknown_on_this_computer_is_utc(zone):
+    now = clock_at(datetime(2026, 7, 1, 20, tzinfo=UTC))
+    assert seconds_until("23:30", Site(0, 0, 0, zone), now) == 3.5 * 3600

@@ -65,6 +65,16 @@ def test_ls_tells_state_length_and_samples(campaign: Path) -> None:
     assert sessions[0]["samples"] == {"camera": 20, "lux": 5, "thermometer": 5}
 
 
+@pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "x" * 300])
+def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(campaign: Path, zone: str) -> None:
+    with h5py.File(campaign / "recordings" / "20261211T025512Z-a.h5", "r+") as file:
+        del file["entry/site/timezone"]
+        file["entry/site/timezone"] = zone
+    done = run(ls, campaign)
+    assert done.exit_code == 0
+    assert " UTC " in done.stdout.splitlines()[1]
+
+
 def test_ls_lists_what_it_cannot_read(campaign: Path) -> None:
     (campaign / "recordings" / "photo.h5").write_bytes(b"no session")
     assert "unreadable" in run(ls, campaign).stdout

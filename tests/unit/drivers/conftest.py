@@ -39,12 +39,13 @@ class Wire:
         os.write(self.far, data)
 
     def talk(self, data):
-        """Say the same again and again, as a meter does that nobody asks."""
+        """Say the same again and again, unasked, until it is to say something else."""
+        self.said = data
         self._start(self._talk, data)
 
     def _talk(self, data):
         try:
-            while self.far >= 0:
+            while self.far >= 0 and self.said is data:
                 os.write(self.far, data)
                 time.sleep(0.01)
         except OSError:

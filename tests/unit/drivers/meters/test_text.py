@@ -1,4 +1,5 @@
 import math
+import time
 
 import pytest
 
@@ -6,7 +7,7 @@ from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.text import Grammar, Text
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError
+from fieldkit.errors import ConfigError, DecodeError
 from fieldkit.samples import Quality
 
 
@@ -68,6 +69,30 @@ def test_board_with_header_and_clock_is_recorded(wire):
     assert reading.values[0] == pytest.approx(294.65)
     assert math.isnan(reading.values[1])
     assert reading.device_time == 12345
+    device.close()
+
+
+class HurriedClock(HostClock):
+    """Time passes a hundred times as fast."""
+
+    def mono_ns(self):
+        return 100 * time.monotonic_ns()
+
+
+def test_a_board_that_prints_only_comments_is_said_to_after_a_while(wire):
+    wire.talk(b"# hello\r\nms,T1_c\r\n")
+    with pytest.raises(DecodeError, match="only comments and headers"):
+        Text().open(settings(wire), HurriedClock())
+
+
+def test_a_board_that_turns_to_comments_gives_no_reading_within_the_time_it_is_given(wire):
+    wire.talk(b"T1=21.5 C\r\n")
+    device = Text().open(settings(wire), HostClock())
+    wire.talk(200 * b"# hello\r\n")
+    end_s = time.monotonic() + 30.0
+    while device.read(0.1) is not None:  # what was said before
+        assert time.monotonic() < end_s
+    assert device.read(0.1) is None
     device.close()
 
 

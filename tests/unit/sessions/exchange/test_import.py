@@ -85,6 +85,23 @@ def test_other_files_are_refused(tmp_path: Path, data: bytes) -> None:
         read_purethermal(path)
 
 
+@pytest.mark.parametrize("rate", ["NaN", "Infinity", "-9", "0", "1e6", "[9]", "null", "9" * 400])
+def test_a_rate_that_no_camera_has_is_refused(tmp_path: Path, rate: str) -> None:
+    header = b'{"width": 4, "height": 3, "fps": %s}' % rate.encode()
+    path = tmp_path / "rate.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
+def test_a_header_of_endless_depth_is_refused(tmp_path: Path) -> None:
+    header = b"[" * 100_000
+    path = tmp_path / "deep.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
 def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
     header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
     path = tmp_path / "huge.gz"
