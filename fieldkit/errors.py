@@ -15,7 +15,7 @@
      +-- StorageError                6   disk full, read-only, too slow
      +-- NoAnswerError               8   the data do not determine the answer
      |    +-- CalibrationError
-     +-- RefusedError                9   preflight refused, or another recording runs
+     +-- RefusedError                9   another recording runs, or something would be overwritten
 
 Nature is not an error: night, shade or a closed shutter give NaN and a `Quality` flag.
 """
@@ -101,6 +101,6 @@ class CalibrationError(NoAnswerError):
 
 
 class RefusedError(FieldkitError):
-    """Preflight refused to start, or another recording is running."""
+    """Another recording is running, or something would be overwritten."""
 
     exit_code = 9

@@ -21,7 +21,8 @@ from fieldkit.commands.calibrate_gather import Gathering, Setup
 from fieldkit.commands.calibrate_setup import setup_of
 from fieldkit.commands.preflight import preflight
 from fieldkit.commands.record import parse_duration
-from fieldkit.commands.recording import instruments, record_session, refuse_second, session_path
+from fieldkit.commands.recording import instruments, record_session, session_path
+from fieldkit.commands.running import only_recorder
 from fieldkit.errors import CalibrationError
 from fieldkit.estimation.estimator import Minute
 from fieldkit.recorder.audience import Shown
@@ -44,8 +45,7 @@ def record_emissivity(
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
     config = common.campaign(ctx, (*BURSTS, *settings))
     duration_s = None if given["lasting"] is None else parse_duration(given["lasting"])
-    refuse_second(config)
-    with instruments(config, duration_s=duration_s) as tools:
+    with only_recorder(config.recordings), instruments(config, duration_s=duration_s) as tools:
         setup = setup_of(tools.streams, config.regions, given, config.path)
         preflight(config, tools, duration_s)
         _introduce(setup)

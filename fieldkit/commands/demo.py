@@ -17,6 +17,7 @@ from fieldkit.commands.preflight import preflight
 from fieldkit.commands.record import live_views
 from fieldkit.commands.recording import instruments, record_session, session_path
 from fieldkit.commands.report import report_session
+from fieldkit.commands.running import only_recorder
 from fieldkit.commands.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
@@ -54,8 +55,8 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     began = time.monotonic()
     config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
     _introduce(config, fault)
-    with instruments(config, duration_s=SCENE_S) as tools:
-        path = _unused(session_path(config, "demo", tools.clock.to_utc_ns(tools.clock.mono_ns())))
+    with only_recorder(config.recordings), instruments(config, duration_s=SCENE_S) as tools:
+        path = session_path(config, "demo", tools.clock.to_utc_ns(tools.clock.mono_ns()))
         preflight(config, tools, SCENE_S)
         views = live_views(config, tools, path.stem, SCENE_S, "dark")
         record_session(config, tools, path, title="demo", duration_s=SCENE_S, views=views)
@@ -78,15 +79,6 @@ def _campaign(out: Path, fast: bool, fault: str | None) -> Config:
     if fault is not None:
         settings.append(f'simulation.faults=["{fault}"]')
     return load_config(out / FILE_NAME, settings=settings)
-
-
-def _unused(path: Path) -> Path:
-    """The path, or the first ``-2``, ``-3`` ... beside it that does not exist: nothing is overwritten."""
-    number, free = 1, path
-    while free.exists() or free.with_name(f"{free.name}.journal").exists():
-        number += 1
-        free = path.with_name(f"{path.stem}-{number}.h5")
-    return free
 
 
 def _introduce(config: Config, fault: str | None) -> None:

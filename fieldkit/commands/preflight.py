@@ -10,13 +10,14 @@ from fieldkit.commands import common
 from fieldkit.commands.recording import SECOND_NS, Instruments, disk_reserve_bytes, sampling_of
 from fieldkit.config import Config
 from fieldkit.device import StreamInfo
-from fieldkit.errors import ConfigError, RefusedError
+from fieldkit.errors import ConfigError, StorageError
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
+from fieldkit.views import words
 
 
 def preflight(config: Config, tools: Instruments, duration_s: float | None) -> None:
-    """Raise `ConfigError` or `RefusedError` for what would spoil the session, before it is begun.
+    """Raise `ConfigError` or `StorageError` for what would spoil the session, before it is begun.
 
     Calibrations that are old or of another instrument are warned of.
     """
@@ -65,12 +66,13 @@ def _bytes_per_second(streams: Sequence[StreamInfo], sampling: Sampling) -> floa
 
 
 def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserve: int) -> None:
-    """Raise `RefusedError` if the planned time does not fit the disk."""
-    if planned_s is None or needed_per_s * planned_s + reserve <= free:
+    """Raise `StorageError` if the planned time, or any at all, does not fit the disk beside its reserve."""
+    needed = needed_per_s * (planned_s or 0.0)
+    if needed + reserve <= free:
         return
     lasts_min = max(0.0, free - reserve) / needed_per_s / 60
-    raise RefusedError(
-        f"{free / 1e9:.1f} GB are free and this session needs {needed_per_s * planned_s / 1e9:.1f} GB: "
-        f"the disk would be full after {lasts_min:.0f} min",
+    raise StorageError(
+        f"the disk has {words.size(free)} free and keeps {words.size(reserve)} in reserve; "
+        f"this session needs {words.size(needed_per_s * 60)} a minute: there is room for {lasts_min:.0f} min",
         fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
     )

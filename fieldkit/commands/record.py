@@ -48,15 +48,18 @@ def command(
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
     from fieldkit.commands.preflight import preflight
-    from fieldkit.commands.recording import instruments, record_session, refuse_second, session_path
+    from fieldkit.commands.recording import instruments, record_session, session_path
+    from fieldkit.commands.running import only_recorder
 
     if lasting and until:
         raise click.UsageError("give --for or --until, not both")
     config = common.campaign(ctx, settings)
     duration_s = None if lasting is None else parse_duration(lasting)
-    refuse_second(config)
-    offer_recovery(sessions_in(config.recordings))
-    with instruments(config, duration_s=duration_s, allow_missing=allow_missing) as tools:
+    with (
+        only_recorder(config.recordings),
+        instruments(config, duration_s=duration_s, allow_missing=allow_missing) as tools,
+    ):
+        offer_recovery(sessions_in(config.recordings))
         if until is not None:
             duration_s = seconds_until(until, config.site, tools.clock)
         preflight(config, tools, duration_s)

@@ -19,15 +19,15 @@ from pathlib import Path
 
 from fieldkit.clock import Clock, HostClock
 from fieldkit.commands import common
-from fieldkit.commands.running import session_in_progress
 from fieldkit.config import Config
 from fieldkit.device import Device, DeviceSettings, StreamInfo
 from fieldkit.drivers import registry
-from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError, RefusedError
+from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import DroppedMarks, marks_folder
 from fieldkit.recorder import Recorder, Sampling, Summary, View
 from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.writer import SessionWriter
 
 SECOND_NS = 1_000_000_000
@@ -100,22 +100,23 @@ def free_bytes(folder: Path) -> int:
 def session_path(config: Config, name: str, time_ns: int) -> Path:
     """Where a session that begins at `time_ns` (UTC) belongs: ``recordings/20261211T025512Z-name.h5``.
 
-    Raises `ConfigError` for a name that would put it into another folder, where no other verb looks.
+    With ``-2``, ``-3`` ... where that is taken, as by another run of the same simulated day. Raises
+    `ConfigError` for a name that would put it into another folder, where no other verb looks.
     """
     if "/" in name or "\\" in name:
         plain = name.replace("/", "-").replace("\\", "-")
         raise ConfigError(f"the name {name!r} has a slash", fix=f"--name {shlex.quote(plain)}")
     stamp = datetime.fromtimestamp(time_ns / SECOND_NS, UTC).strftime("%Y%m%dT%H%M%SZ")
-    return config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5")
+    return _unused(config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5"))
 
 
-def refuse_second(config: Config) -> None:
-    """Raise `RefusedError` if a session of this campaign is being recorded."""
-    if (running := session_in_progress(config.recordings)) is not None:
-        raise RefusedError(
-            f"this campaign is being recorded already: {running.name}",
-            fix="fieldkit status shows it, fieldkit stop ends it",
-        )
+def _unused(path: Path) -> Path:
+    """The path, or the first ``-2``, ``-3`` ... beside it that does not exist: nothing is overwritten."""
+    number, free = 1, path
+    while free.exists() or journal_path(free).exists():
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}.h5")
+    return free
 
 
 def open_all(

@@ -1,6 +1,7 @@
 """What a person gets for wrong input, through the real command line: the message and the exit code."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -58,6 +59,18 @@ def session(simulated) -> Path:
     assert code == 0, said
     (file,) = (simulated / "recordings").glob("*.h5")
     return file
+
+
+@pytest.mark.parametrize("planned", [("--for", "1m"), ()], ids=["for a minute", "without an end"])
+def test_a_disk_without_room_is_refused_in_units_that_say_how_much_and_exits_6(simulated, planned):
+    free_mb = shutil.disk_usage(simulated).free / 1e6
+    code, said = fieldkit(
+        "record", "-C", simulated, *planned, "--set", f"alarms.disk_reserve_mb={2 * free_mb}"
+    )
+    assert code == 6
+    assert "there is room for 0 min" in said
+    assert " 0.0 " not in said
+    assert "B a minute" in said
 
 
 def record(folder: Path, text: str) -> tuple[int, str]:

@@ -1,0 +1,63 @@
+"""A campaign is recorded by one process at a time, however close together two are started."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from fieldkit.commands.init import make_campaign
+from fieldkit.commands.running import session_in_progress
+from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.sessions.reader import open_session
+
+PROJECT = Path(__file__).parents[2]
+RECORD = ("record", "--quiet", "--name", "day", "--set", "simulation.speed=max", "--for")
+
+
+def fieldkit(campaign: Path, *arguments: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "fieldkit", *arguments, "-C", str(campaign)]
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, cwd=campaign.parent, env=environment, text=True, **pipes)  # type: ignore[call-overload,no-any-return]
+
+
+def outcome(process: subprocess.Popen[str]) -> tuple[int, str]:
+    _, errors = process.communicate(timeout=240)
+    return process.returncode, errors
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    folder = tmp_path / "field"
+    make_campaign(folder, campaign_toml(SIMULATED))
+    return folder
+
+
+def test_of_two_recorders_started_together_one_is_refused(campaign: Path) -> None:
+    both = [fieldkit(campaign, *RECORD, "2m") for _ in range(2)]
+    ends = sorted(outcome(process) for process in both)
+    assert [code for code, _ in ends] == [0, 9]
+    assert "this campaign is being recorded already" in ends[1][1]
+    (path,) = (campaign / "recordings").glob("*.h5")
+    with open_session(path) as session:
+        assert session.state == "sealed"
+
+
+def test_a_killed_recorder_does_not_keep_the_next_from_beginning_under_the_same_name(campaign: Path) -> None:
+    first = fieldkit(campaign, *RECORD, "3h", "--set", "simulation.speed=1")
+    deadline = time.monotonic() + 60
+    while session_in_progress(campaign / "recordings") is None:
+        assert time.monotonic() < deadline
+        assert first.poll() is None
+        time.sleep(0.05)
+    first.kill()
+    outcome(first)
+    code, errors = outcome(fieldkit(campaign, *RECORD, "30s"))
+    assert code == 0, errors
+    with open_session(next((campaign / "recordings").glob("*-2.h5"))) as session:
+        assert session.state == "sealed"
