@@ -1,8 +1,10 @@
 """How far a clock is off: against times read elsewhere, or against the sun.
 
 The offset is what must be added to the recorded times. Against the sun the logarithm of a light meter's
-reading, ``a + log sin(h) - k / sin(h)`` with h the sun's height, is fitted with a shift of time; three clear
-hours tell it to some minutes, enough to catch a wrong zone or a forgotten daylight saving time.
+reading, ``a + log sin(h) - k m(h)`` with h the sun's elevation and m the air mass, is fitted with a shift of
+time; three clear hours determine it to some minutes, enough to catch a wrong zone or a forgotten daylight
+saving time. That is the law of global irradiance of P. Ineichen and R. Perez, "A new airmass independent
+formulation for the Linke turbidity coefficient", Solar Energy 73, 2002.
 """
 
 from __future__ import annotations
@@ -11,22 +13,37 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, least_squares
+from scipy.optimize import least_squares
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.errors import CalibrationError
+from fieldkit.physics.clearsky import air_mass
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.site import Site
 
 LOWEST = 0.15
-"""Sine of the sun's height below which the simple law of the air no longer holds."""
+"""Sine of the sun's elevation (8.6 degrees) below which sky light and horizon decide what a meter reads."""
+HORIZON = 0.01
+"""Least sine of the elevation that the law is asked about: a shift with the sun below is far off anyway."""
+DARK_LX = 1000.0
 LONGEST_S = 14 * 3600.0
 FIRST_STEP_S = 900.0
 MIN_SPAN_S = 3600.0
+MIN_READINGS = 20
 WORST_SCATTER = 0.05
-MODEL_SD_S = 120.0
-"""What a changing haze and a tilted meter do to the best shift."""
+ALIKE_NS = 300e9
+"""Readings nearer than this err alike."""
+LEVEL_SD_DEG = 0.5
+"""Of a bubble level on a meter's case."""
+HAZE_SD_PER_H = 0.004
+"""Drift of k, which is 0.04 per unit of Linke turbidity: a tenth of a unit an hour."""
+LAW_SD = 0.008
+"""How far light bends away from the law per factor e of air mass: lumens per watt of sun and sky differ.
+
+A parabola of this size is what Perez's efficacies, or Littlefair's constant ones, leave of a clear sky.
+"""
+LEAST_HAZE, MOST_HAZE = 0.02, 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,67 +90,102 @@ def offset_from_times(
 
 
 def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site: Site) -> ClockOffset:
-    """The offset at which a light meter lying flat, read over an hour or more, fits the sun's height.
+    """The offset at which a light meter lying flat, read over an hour or more, fits the sun's elevation.
 
-    Minutes darker than the rest (clouds) are left out. Raises `CalibrationError` where the light does
-    not tell the time.
+    Only light from more than 8.6 degrees of sun counts, and readings darker than the rest (clouds) are
+    excluded. Raises `CalibrationError` where the light does not determine the time.
     """
-    known = np.isfinite(illuminance_lx) & (illuminance_lx > 1000.0)
-    times, light = time_ns[known], illuminance_lx[known]
-    if times.size < 20 or np.ptp(times) < MIN_SPAN_S * 1e9:
-        raise CalibrationError(
-            "less than an hour of daylight: the sun does not tell the time from it",
-            fix="take a session of three hours or more, or compare with a phone: --told",
-        )
-    shifts = np.arange(-LONGEST_S, LONGEST_S + 1.0, FIRST_STEP_S)
-    misfits = [_misfit(times, light, site, float(shift)) for shift in shifts]
-    start = float(shifts[int(np.argmin(misfits))])
-    clear = np.ones(times.size, np.bool_)
-    for _ in range(3):
-        fit = _fit(times[clear], light[clear], site, start)
-        left = _left(np.asarray(fit.x), times, light, site)
-        clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[clear]))))
-        start = float(fit.x[0]) * FIRST_STEP_S
-    left = left[clear]
-    scatter = float(np.std(left))
-    if scatter > WORST_SCATTER or clear.sum() < 20:
+    known = np.isfinite(illuminance_lx) & (illuminance_lx > DARK_LX)
+    light = _Light(time_ns[known], np.log(illuminance_lx[known]), site)
+    _refuse_short(light.time_ns, "less than an hour of daylight")
+    shift_s = light.coarse_shift_s()
+    high = clear = np.ones(light.time_ns.size, np.bool_)
+    for _ in range(4):
+        high = light.height(shift_s) > LOWEST
+        _refuse_short(light.time_ns[high], "less than an hour of light with the sun above 9°")
+        used = high & clear if (high & clear).sum() >= MIN_READINGS else high
+        shift_s, left = light.fit(shift_s, used)
+        clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[used]))))
+    used = high & clear
+    scatter = float(np.std(left[used])) if used.any() else np.inf
+    if scatter > WORST_SCATTER or used.sum() < MIN_READINGS:
         raise CalibrationError(
             f"the light scatters by {scatter:.0%} about a clear sky's: clouds, or a shaded meter",
             fix="take a clear session, or compare with a phone: --told",
         )
-    jacobian = np.asarray(fit.jac, np.float64)
-    # neighbouring readings err alike: as many are independent as there are five minutes
-    alike = max(1.0, clear.sum() / (np.ptp(times) / 300e9))
-    sd = FIRST_STEP_S * scatter * float(np.sqrt(alike * np.linalg.inv(jacobian.T @ jacobian)[0, 0]))
-    budget = (
-        Contribution("scatter of the light", scatter, "1", "A", sd),
-        Contribution("haze and level of the meter", MODEL_SD_S, "s", "B", MODEL_SD_S),
-    )
-    return ClockOffset(start, budget, int(clear.sum()))
+    return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
 
 
-def _left(unknown: FloatArray, times: NDArray[np.int64], light: FloatArray, site: Site) -> FloatArray:
-    """What is left of the logarithm of the light; unknown are the shift (in steps), a and k."""
-    height = np.maximum(_height(times, site, float(unknown[0]) * FIRST_STEP_S), 1e-3)
-    return np.asarray(np.log(light) - (unknown[1] + np.log(height) - unknown[2] / height))
+def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
+    if time_ns.size < MIN_READINGS or np.ptp(time_ns) < MIN_SPAN_S * 1e9:
+        raise CalibrationError(
+            f"{what}: the sun does not determine the time from it",
+            fix="take a session of three hours or more in the middle of the day, or compare with a phone: "
+            "--told",
+        )
 
 
-def _height(times: NDArray[np.int64], site: Site, shift_s: float) -> FloatArray:
-    return sun_vectors(times + round(shift_s * 1e9), site, refraction=True)[:, 2]
+@dataclass(frozen=True, slots=True)
+class _Light:
+    """Logarithms of a flat meter's readings (n,) and the law of a clear sky that they should follow."""
 
+    time_ns: NDArray[np.int64]
+    log_light: FloatArray
+    site: Site
 
-def _misfit(times: NDArray[np.int64], light: FloatArray, site: Site, shift_s: float) -> float:
-    """Root mean square at one shift with the best haze; infinite where bright light would have no sun."""
-    height = _height(times, site, shift_s)
-    if (height < LOWEST).any():
-        return float("inf")
-    y, x = np.log(light / height), 1.0 / height
-    k = float(np.clip(-np.polyfit(x, y, 1)[0], 0.05, 0.6))
-    return float(np.std(y + k * x))
+    def sun(self, shift_s: float) -> FloatArray:
+        """Unit vectors (n, 3) to the sun were the times so far off."""
+        return sun_vectors(self.time_ns + round(shift_s * 1e9), self.site, refraction=True)
 
+    def height(self, shift_s: float) -> FloatArray:
+        """Sine of the sun's elevation, (n,)."""
+        return np.asarray(self.sun(shift_s)[:, 2])
 
-def _fit(times: NDArray[np.int64], light: FloatArray, site: Site, start_s: float) -> OptimizeResult:
-    begin = [start_s / FIRST_STEP_S, float(np.log(light.max())), 0.2]
-    return least_squares(
-        _left, begin, args=(times, light, site), bounds=([-60.0, 5.0, 0.02], [60.0, 20.0, 0.8])
-    )
+    def coarse_shift_s(self) -> float:
+        """The multiple of a quarter of an hour at which a clear sky's law fits best."""
+        shifts = np.arange(-LONGEST_S, LONGEST_S + 1.0, FIRST_STEP_S)
+        return float(shifts[int(np.argmin([self._misfit(float(shift)) for shift in shifts]))])
+
+    def _misfit(self, shift_s: float) -> float:
+        """Mean deviation at one shift with the best haze; light that had no sun counts as it should."""
+        height = np.maximum(self.height(shift_s), HORIZON)
+        y, mass = self.log_light - np.log(height), air_mass(height, self.site.elevation_m)
+        slope = np.polyfit(mass, y, 1)[0] if np.ptp(mass) > 1e-6 else 0.0
+        left = y + np.clip(-slope, LEAST_HAZE, MOST_HAZE) * mass
+        return float(np.mean(np.abs(left - np.median(left))))
+
+    def fit(self, start_s: float, used: NDArray[np.bool_]) -> tuple[float, FloatArray]:
+        """The best shift near a first one by the readings `used`, and what it leaves of all (n,)."""
+        begin = [0.0, float(self.log_light.max()), 0.2]
+        bounds = ([-2.0, 5.0, LEAST_HAZE], [2.0, 20.0, MOST_HAZE])
+        found = least_squares(lambda unknown: self._left(unknown, start_s)[used], begin, bounds=bounds)
+        return start_s + float(found.x[0]) * FIRST_STEP_S, self._left(found.x, start_s)
+
+    def _left(self, unknown: FloatArray, start_s: float) -> FloatArray:
+        """What is left of the logarithm of the light; unknown are the shift in steps, a and k."""
+        height = np.maximum(self.height(start_s + float(unknown[0]) * FIRST_STEP_S), HORIZON)
+        mass = air_mass(height, self.site.elevation_m)
+        return np.asarray(self.log_light - (unknown[1] + np.log(height) - unknown[2] * mass))
+
+    def budget(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> tuple[Contribution, ...]:
+        """Scatter, and by how much a meter off its level and a haze that changes move the best shift."""
+        sun, later = self.sun(shift_s)[used], self.height(shift_s + 1.0)[used]
+        mass, later_mass = (air_mass(height, self.site.elevation_m) for height in (sun[:, 2], later))
+        k = float(np.clip(-np.polyfit(mass, self.log_light[used] - np.log(sun[:, 2]), 1)[0], 0.0, MOST_HAZE))
+        per_second = np.log(later / sun[:, 2]) - k * (later_mass - mass)
+        # the shift's row of the least squares solution: seconds per unit of error of each logarithm
+        gain = np.linalg.pinv(np.column_stack([per_second, np.ones_like(mass), -mass]))[0]
+        alike = max(1.0, used.sum() * ALIKE_NS / np.ptp(self.time_ns[used]))
+        east_north = gain @ (sun[:, :2] / sun[:, 2:])
+        hours = (self.time_ns[used] - self.time_ns[used][0]) / 3.6e12
+        level = float(np.radians(LEVEL_SD_DEG) * np.hypot(*east_north))
+        haze = HAZE_SD_PER_H * float(gain @ (hours * mass))
+        place = np.interp(mass, [mass.min(), mass.max()], [-1.0, 1.0])
+        law = LAW_SD * float(np.log(mass.max() / mass.min()) * (gain @ place**2))
+        noise = scatter * float(np.sqrt(alike) * np.linalg.norm(gain))
+        return (
+            Contribution("scatter of the light", scatter, "1", "A", noise),
+            Contribution("level of the meter", LEVEL_SD_DEG, "deg", "B", level),
+            Contribution("haze that changes", HAZE_SD_PER_H, "1/h", "B", haze),
+            Contribution("law of a clear sky", LAW_SD, "1", "B", law),
+        )

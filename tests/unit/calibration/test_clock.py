@@ -1,11 +1,15 @@
-"""The light is the simulated field's meter under the sky measured at Alamosa on 2016-01-01."""
+"""The light is the simulated field's meter under the sky measured at Alamosa on 2016-01-01, and that of clear skies
+elsewhere: Ineichen and Perez's irradiance, 105 lm/W of the beam and 130 of the sky (Littlefair 1988)."""
 
 import numpy as np
 import pytest
 
 from fieldkit.calibration.clock import offset_from_sun, offset_from_times
 from fieldkit.errors import CalibrationError
+from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.sun import sun_vectors
 from fieldkit.scene.sand_slopes import sand_slopes
+from fieldkit.site import Site
 
 MINUTE = 60_000_000_000
 
@@ -33,6 +37,85 @@ def test_clouds_are_left_out(light):
     found = offset_from_sun(times + 60 * MINUTE, clouded, site)
     assert found.offset_s == pytest.approx(-3600.0, abs=found.expanded_s)
     assert found.readings <= 165
+
+
+SITES = {
+    "Sagamihara": Site(35.56, 139.40, 9.0),
+    "Sapporo": Site(43.06, 141.33, 17.0),
+    "Alamosa": Site(37.70, -105.92, 2317.0),
+    "Sydney": Site(-33.9, 151.2, 10.0),
+    "Berlin": Site(52.5, 13.4, 34.0),
+    "equator": Site(0.0, 0.0, 0.0),
+}
+
+
+def clear_day(site, date, turbidity):
+    """Times, light and the sun's elevation in degrees from sunrise to sunset of a clear day."""
+    noon_ns = int(np.datetime64(f"{date}T12:00", "ns").astype(np.int64)) - round(site.longitude_deg * 240e9)
+    times = noon_ns + np.arange(-720, 720) * MINUTE
+    height = sun_vectors(times, site, refraction=True)[:, 2]
+    dni, dhi = clear_sky(height, times, site.elevation_m, turbidity)
+    lux = 105.0 * dni * np.maximum(height, 0.0) + 130.0 * dhi
+    lux *= 1.0 + 0.003 * np.random.default_rng(7).standard_normal(times.size)
+    up = height > 0.005
+    return times[up], lux[up], np.degrees(np.arcsin(height[up]))
+
+
+WINDOWS = {
+    "from sunrise": slice(0, 180),
+    "to sunset": slice(-180, None),
+    "the morning": slice(60, 300),
+    "all day": slice(None),
+}
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("place", SITES)
+def test_light_of_a_low_sun_does_not_move_the_clock(place, window):
+    """From below 8.6 degrees it moved it by -400 to +860 s at a stated 2 x 121 s, or was taken for clouds."""
+    for date, turbidity, wrong_s in (("2017-03-20", 2.5, 3600), ("2017-06-21", 4.5, 0)):
+        times, lux, _ = clear_day(SITES[place], date, turbidity)
+        part = WINDOWS[window]
+        found = offset_from_sun(times[part] + wrong_s * 1_000_000_000, lux[part], SITES[place])
+        assert found.offset_s == pytest.approx(-wrong_s, abs=found.expanded_s), date
+
+
+def test_a_whole_clear_day_determines_the_clock_to_seconds_but_for_level_and_haze():
+    times, lux, _ = clear_day(SITES["Sagamihara"], "2017-12-11", 3.5)
+    found = offset_from_sun(times, lux, SITES["Sagamihara"])
+    assert abs(found.offset_s) < 10.0
+    effects = {line.name: abs(line.effect) for line in found.budget}
+    assert effects["law of a clear sky"] < 10.0
+    # half a degree to the east moves noon, 15 degrees an hour, by about two minutes
+    assert 90.0 < effects["level of the meter"] < 300.0
+
+
+@pytest.mark.parametrize("tilt_deg", [0.5, -0.5])
+def test_a_meter_off_its_level_moves_the_clock_by_what_the_budget_says(tilt_deg):
+    site = SITES["Sagamihara"]
+    times, lux, elevation = clear_day(site, "2017-06-21", 2.5)
+    high = elevation > 15.0
+    sun = sun_vectors(times, site, refraction=True)
+    lux = lux * (1.0 + np.radians(tilt_deg) * sun[:, 0] / sun[:, 2])
+    found = offset_from_sun(times[high], lux[high], site)
+    level = next(line for line in found.budget if line.name == "level of the meter")
+    assert abs(found.offset_s) == pytest.approx(abs(level.effect), rel=0.15)
+    assert np.sign(found.offset_s) == np.sign(tilt_deg)  # leaning to the morning sun: noon seems past
+
+
+def test_a_ridge_that_hides_the_sun_until_it_is_high_counts_as_cloud():
+    site = SITES["Alamosa"]
+    times, lux, elevation = clear_day(site, "2017-03-20", 2.5)
+    shaded = np.where(elevation < 14.0, 0.15 * lux, lux)[:300]
+    found = offset_from_sun(times[:300] + 3600 * 10**9, shaded, site)
+    assert found.offset_s == pytest.approx(-3600.0, abs=found.expanded_s)
+
+
+def test_a_sun_that_stays_low_is_refused_for_that_reason():
+    times, lux, elevation = clear_day(SITES["Berlin"], "2017-12-11", 2.5)
+    low = elevation < 8.0
+    with pytest.raises(CalibrationError, match="less than an hour of light with the sun above 9°"):
+        offset_from_sun(times[low][:120], lux[low][:120], SITES["Berlin"])
 
 
 def test_light_that_tells_no_time_is_refused(light):
