@@ -27,6 +27,9 @@ LOWEST = 0.15
 HORIZON = 0.01
 """Least sine of the elevation that the law is asked about: a shift with the sun below is far off anyway."""
 DARK_LX = 1000.0
+DAY_S = 86_400.0
+ROLLOVER_S = 1024 * 7 * DAY_S
+"""GPS counts weeks in ten bits: an old receiver's date jumps back by 1024 weeks (IS-GPS-200)."""
 LONGEST_S = 14 * 3600.0
 FIRST_STEP_S = 900.0
 MIN_SPAN_S = 3600.0
@@ -76,6 +79,12 @@ def offset_from_times(
     if own_ns.size == 0:
         raise CalibrationError("no moment at which both clocks were read", fix="read the other clock once")
     apart_s = (true_ns - own_ns) / 1e9
+    rollovers = round(float(np.median(apart_s)) / ROLLOVER_S)
+    if rollovers and abs(np.median(apart_s) - rollovers * ROLLOVER_S) < DAY_S:
+        raise CalibrationError(
+            f"the {source} is {abs(1024 * rollovers)} weeks off: its count of weeks has rolled over",
+            fix="update the receiver's firmware, or compare with a phone: --told",
+        )
     scatter = float(np.std(apart_s)) if own_ns.size > 1 else 0.0
     if scatter > 10.0:
         raise CalibrationError(

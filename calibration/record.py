@@ -159,15 +159,20 @@ def _is_number(*values: Any) -> bool:
 
 
 def save(record: CalibrationRecord, folder: Path) -> Path:
-    """Write the record into the folder; the path. Raises `StorageError`, also where one is there already."""
-    path = folder / record.file_name
+    """Write the record into the folder; the path.
+
+    The same record once more is left as it is. Raises `StorageError`, also where another one is there.
+    """
+    path, text = folder / record.file_name, to_toml(record)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with path.open("x", encoding="utf-8") as file:
-            file.write(to_toml(record))
+            file.write(text)
     except FileExistsError as error:
+        if path.read_text(encoding="utf-8") == text:
+            return path
         raise StorageError(
-            f"{path} exists already: a record is never changed", fix="give the calibration another name"
+            f"{path} exists already: a record is never changed", fix="give the calibration another --name"
         ) from error
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror}") from error

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import shlex
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +14,15 @@ import numpy as np
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
-from fieldkit.commands.types import MOMENT, utc_ns
+from fieldkit.commands.types import MOMENT, RECORD_NAME, utc_ns
 from fieldkit.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
     from fieldkit.calibration.clock import ClockOffset
+    from fieldkit.samples import Sample
     from fieldkit.sessions.reader import Session
 
+DEFAULT_NAME = "clock"
 BY_HAND_S, RECEIVER_S = 0.5, 0.4
 """Half a second by hand; a receiver's sentences come up to 0.7 s late."""
 
@@ -25,14 +30,16 @@ BY_HAND_S, RECEIVER_S = 0.5, 0.4
 @click.command(cls=common.Verb)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
-    "--told", type=MOMENT, help="What a phone or another computer shows this very moment, with its zone."
+    "--told",
+    type=MOMENT,
+    help="A time a minute ahead, with its zone: press a key the moment a phone shows it.",
 )
 @click.option("--gps", metavar="STREAM", help="A GPS stream of the SESSION.")
 @click.option("--sun", is_flag=True, help="The light of the SESSION against the sun's height.")
 @click.option(
     "--apply", "is_applied", is_flag=True, help="Correct the SESSION's times from now on when reading."
 )
-@click.option("--name", default="clock", show_default=True, help="Names the record.")
+@click.option("--name", type=RECORD_NAME, default=DEFAULT_NAME, show_default=True, help="Names the record.")
 @click.pass_context
 def command(
     ctx: click.Context, /, session: Path | None, told: datetime | None, gps: str | None, sun: bool,
@@ -51,14 +58,15 @@ def command(
     from fieldkit.commands.estimating import config_for
     from fieldkit.sessions.reader import open_session
 
-    now_ns = _now_ns()
     if (told is not None) + (gps is not None) + sun != 1:
         raise click.UsageError("give one of --told, --gps, --sun")
     if session is None:
         if told is None or is_applied:
             raise click.UsageError("--gps, --sun and --apply need a SESSION")
-        config, date = common.campaign(ctx), datetime.fromtimestamp(now_ns // 10**9, UTC)
-        found, how = _by_hand(now_ns, told)
+        config = common.campaign(ctx)
+        own_ns = _key_pressed_ns(told)
+        date = datetime.fromtimestamp(own_ns // 10**9, UTC)
+        found, how = _by_hand(own_ns, told)
     else:
         if told is not None:
             raise click.UsageError("--told is about this computer's clock now; leave the SESSION out")
@@ -72,15 +80,31 @@ def command(
         sources=() if session is None else (source_of(session),),
     )  # fmt: skip
     headline = f"add {found.offset_s:+.1f} ± {found.expanded_s:.1f} s (k=2)   {how}"
-    finish(record, config, headline, "fieldkit calibrate clock SESSION --apply, or set the clock")
+    finish(record, config, headline, _next_step(session, gps, name, found))
     if session is not None and is_applied:
         _apply(session, found, how)
 
 
-def _now_ns() -> int:
+def _next_step(session: Path | None, gps: str | None, name: str, found: ClockOffset) -> str:
+    """What to do with the offset: a command as one would type it."""
+    if abs(found.offset_s) <= found.expanded_s:
+        return "nothing, the offset is within its uncertainty"
+    if session is None:
+        return "set this computer's clock before recording"
+    source = ["--sun"] if gps is None else ["--gps", gps]
+    named = [] if name == DEFAULT_NAME else ["--name", name]
+    return shlex.join(["fieldkit", "calibrate", "clock", str(session), *source, *named, "--apply"])
+
+
+def _key_pressed_ns(shown: datetime) -> int:
+    """Time of this computer at the key press, which the start of the program does not delay."""
     from fieldkit.clock import HostClock
 
+    if common.options().no_input or not sys.stdin.isatty():
+        raise click.UsageError("--told asks for a key press: run it in a terminal, without --no-input")
     clock = HostClock()
+    click.echo(f"press a key the moment the other clock shows {shown.isoformat()}", err=True)
+    click.getchar()
     return clock.to_utc_ns(clock.mono_ns())
 
 
@@ -93,17 +117,34 @@ def _by_hand(own_ns: int, told: datetime) -> tuple[ClockOffset, str]:
 
 def _by_gps(session: Session, stream: str) -> tuple[ClockOffset, str]:
     from fieldkit.calibration.clock import offset_from_times
-    from fieldkit.samples import NO_COUNTER
 
     reader = session.stream(stream)
-    if session.streams[stream].device_time_unit != "ns since 1970 UTC":
+    if reader.info.device_time_unit != "ns since 1970 UTC":
         raise ConfigError(f"{session.path}: {stream} tells no time", fix="use the drivers gpsd or nmea")
-    device = np.asarray(reader.column("device_time"), np.int64)
-    known = device != NO_COUNTER
-    if not known.any():
-        raise CalibrationError(f"{stream} never had a fix", fix="give the receiver a view of the sky")
-    found = offset_from_times(reader.time_ns()[known], device[known], RECEIVER_S, "receiver")
-    return found, f"GPS receiver {stream}"
+    moments = [(one.time_ns, one.device_time) for one in reader.samples() if _is_fix(one)]
+    if not moments:
+        raise CalibrationError(
+            f"{stream} never had a fix; without one a receiver's time is a guess",
+            fix="give the receiver a view of the sky",
+        )
+    own, true = np.array(moments, np.int64).T
+    return offset_from_times(own, true, RECEIVER_S, "receiver"), f"GPS receiver {stream}"
+
+
+def _is_fix(sample: Sample) -> bool:
+    """Whether a reading has position and time of satellites, stamped when it came.
+
+    Without a fix a receiver goes on by its own clock, from the day it was made or last had one.
+    """
+    from fieldkit.samples import NO_COUNTER, Quality, Reading, is_usable
+
+    return (
+        isinstance(sample, Reading)
+        and sample.device_time != NO_COUNTER
+        and is_usable(sample.quality)
+        and not sample.quality & Quality.INTERPOLATED
+        and math.isfinite(sample.values[0])  # the latitude
+    )
 
 
 def _by_sun(session: Session) -> tuple[ClockOffset, str]:

@@ -11,6 +11,7 @@ import click
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
+from fieldkit.commands.types import RECORD_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +26,9 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
 
 @click.command(cls=common.Verb)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
-@click.option("--sample", required=True, metavar="NAME", help="What it is; names the record.")
+@click.option(
+    "--sample", type=RECORD_NAME, required=True, metavar="NAME", help="What it is; names the record."
+)
 @click.option("--region", metavar="NAME", help="The sample in the picture [default: the reference].")
 @click.option("--thermometer", metavar="STREAM", help="If there are several.")
 @click.option("--channel", metavar="PROBE", help="Which probe, by name or number [default: the first].")
@@ -76,10 +79,11 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
 @click.option("--reflected-sd", type=click.FloatRange(0), default=5.0, show_default=True, metavar="K")
 @click.option(
     "--temperatures",
-    type=click.IntRange(1),
+    type=click.IntRange(3),  # fewer pairs cannot show whether they agree: emissivity_refusals.MIN_PAIRS
     default=3,
     show_default=True,
-    help="With instruments: stop after so many steady temperatures, 5 K apart.",
+    help="With instruments: stop after so many steady temperatures, 5 K apart, and with --reflected free "
+    "not before they span 15 K.",
 )
 @click.option("--for", "lasting", metavar="TIME", help="With instruments: stop after this time: 3h, 90m.")
 @common.set_option

@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from fieldkit.calibration.emissivity_refusals import MIN_SPAN_K
 from fieldkit.calibration.steady import STEADY_K_MIN, drift_k_min, steady_stretches
 from fieldkit.commands import common
 from fieldkit.commands.calibrate_gather import Gathering, Setup
@@ -50,7 +51,8 @@ def record_emissivity(
         preflight(config, tools, duration_s)
         _introduce(setup)
         path = session_path(config, sample, tools.clock.to_utc_ns(tools.clock.mono_ns()))
-        watch = SteadyView(Gathering(setup), given["temperatures"])
+        span_k = MIN_SPAN_K if given["reflected"] == "free" else 0.0
+        watch = SteadyView(Gathering(setup), given["temperatures"], span_k)
         summary = record_session(config, tools, path, title=sample, duration_s=duration_s, views=[watch])
     if summary.failure is not None:
         raise summary.failure
@@ -78,6 +80,7 @@ class SteadyView:
 
     gathering: Gathering
     wanted: int
+    wanted_span_k: float = 0.0
 
     def show(self, item: Shown) -> None:
         """See `fieldkit.recorder.View`."""
@@ -110,7 +113,7 @@ class SteadyView:
             f"   probe {probe}  {drift:+.2f} K/min {state:6}   apparent {apparent}   reflected {mirrored}"
             f"   temperatures {len(temperatures)} of {self.wanted}, span {span:.0f} K"
         )
-        if len(temperatures) >= self.wanted:
+        if len(temperatures) >= self.wanted and span >= self.wanted_span_k:
             signal.raise_signal(signal.SIGTERM)  # what fieldkit stop does: the recorder seals and ends
 
 

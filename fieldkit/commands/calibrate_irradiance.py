@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
+from fieldkit.commands.types import RECORD_NAME
 from fieldkit.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 
 @click.command(cls=common.Verb)
 @click.argument("session", type=click.Path(path_type=Path))
-@click.option("--name", default="light", show_default=True, help="Names the record.")
+@click.option("--name", type=RECORD_NAME, default="light", show_default=True, help="Names the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
 @click.option("--pyrheliometer", metavar="STREAM", help="A stream: direct normal irradiance.")
 @click.option(

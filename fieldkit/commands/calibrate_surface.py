@@ -12,6 +12,7 @@ import numpy as np
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
+from fieldkit.commands.types import RECORD_NAME
 from fieldkit.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ CLOUDY = ("CLOUD", "LOW_SUN", "MOVED")
 
 @click.command(cls=common.Verb)
 @click.argument("session", type=click.Path(path_type=Path))
-@click.option("--name", default="beds", show_default=True, help="Names the record.")
+@click.option("--name", type=RECORD_NAME, default="beds", show_default=True, help="Names the record.")
 @click.option("--bed", "beds", multiple=True, metavar="REGION", help="Only this bed; may be repeated.")
 @click.option(
     "--tilt-sd",

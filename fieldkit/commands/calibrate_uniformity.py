@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
+from fieldkit.commands.types import RECORD_NAME
 from fieldkit.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ LEAST_BLOCKS = 3
 @click.command(cls=common.Verb)
 @click.argument("before", type=click.Path(path_type=Path))
 @click.argument("after", required=False, type=click.Path(path_type=Path))
-@click.option("--name", default="uniformity", show_default=True, help="Names the record.")
+@click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Names the record.")
 @click.option(
     "--target-sd",
     type=click.FloatRange(0),

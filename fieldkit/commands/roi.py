@@ -9,7 +9,7 @@ import click
 
 from fieldkit.commands.common import VerbGroup, options, print_json, print_table, say
 from fieldkit.commands.session_paths import meant
-from fieldkit.commands.types import RECT, XY
+from fieldkit.commands.types import OR_RECORD, RECT, XY
 from fieldkit.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -24,7 +24,13 @@ _AZIMUTH = click.option(
     "--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise."
 )
 _EMISSIVITY = click.option(
-    "--emissivity", type=click.FloatRange(0, 1, min_open=True), help="In the camera's band."
+    "--emissivity", type=OR_RECORD, help="In the camera's band, or a record of calibrate emissivity."
+)
+_OFFSET = click.option(
+    "--offset",
+    type=OR_RECORD,
+    metavar="K|@NAME",
+    help="How much too warm the camera sees it, or a record of calibrate uniformity.",
 )
 
 
@@ -45,6 +51,7 @@ def command() -> None:
 @_TILT
 @_AZIMUTH
 @_EMISSIVITY
+@_OFFSET
 @click.pass_context
 def add(
     ctx: click.Context,
@@ -55,7 +62,8 @@ def add(
     reference: bool,
     tilt: float | None,
     azimuth: float | None,
-    emissivity: float | None,
+    emissivity: float | str | None,
+    offset: float | str | None,
 ) -> None:
     r"""Add the region NAME to fieldkit.toml.
 
@@ -72,7 +80,7 @@ def add(
         "name": name,
         "kind": "reference" if reference else "target",
         "points_px": [[_short(x), _short(y)] for x, y in points],
-        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity),
+        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
     }
     file = _file(ctx)
     add_region(file, region)
@@ -90,6 +98,7 @@ def add(
 @_TILT
 @_AZIMUTH
 @_EMISSIVITY
+@_OFFSET
 @click.pass_context
 def edit(
     ctx: click.Context,
@@ -97,7 +106,8 @@ def edit(
     shrink: float | None,
     tilt: float | None,
     azimuth: float | None,
-    emissivity: float | None,
+    emissivity: float | str | None,
+    offset: float | str | None,
 ) -> None:
     """Change the region NAME in fieldkit.toml: smaller, or with what was measured since.
 
@@ -106,11 +116,11 @@ def edit(
     """
     from fieldkit.config.edit import change_region
 
-    changes = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity)
+    changes = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
     if shrink is not None:
         changes["points_px"] = _shrunk_points(_read(ctx)[0], name, shrink)
     if not changes:
-        raise click.UsageError("say what to change: --shrink, --tilt, --azimuth or --emissivity")
+        raise click.UsageError("say what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = _file(ctx)
     change_region(file, name, changes)
     if options(ctx).json:
@@ -200,7 +210,7 @@ def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
     return check_regions(config.regions, stated if picture is None else picture.shape, picture)
 
 
-def _known(**values: float | None) -> dict[str, Any]:
+def _known(**values: float | str | None) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 

@@ -6,6 +6,7 @@ one is the commonest mistake of all, an hour of sun wide.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from datetime import UTC, date, datetime, time
 from math import isfinite
@@ -111,6 +112,23 @@ def parse_zone(text: str) -> str:
     return text
 
 
+def parse_or_record(text: str) -> float | str:
+    """A number, or ``@NAME`` of a calibration record."""
+    if text.startswith("@") and len(text) > 1:
+        return text
+    (number,) = _numbers(text, (1,), "a number, or a record like @uniformity")
+    return number
+
+
+def parse_record_name(text: str) -> str:
+    """The name of a calibration record, which becomes part of a file's name."""
+    plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.")
+    if text != plain:
+        advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
+        raise ValueError(f"a record's name has letters, digits, - _ . + only; {advice}")
+    return text
+
+
 def _refuse_far(when: date) -> None:
     if when.year not in YEARS:
         raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
@@ -134,6 +152,8 @@ HOUR = _Typed("HH:MM", parse_hour)
 ZONE = _Typed("ZONE", parse_zone)
 XY = _Typed("X,Y", parse_xy)
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
+OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
+RECORD_NAME = _Typed("NAME", parse_record_name)
 
 
 def utc_ns(moment: datetime) -> int:

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import pty
+import shlex
 import socket
+import subprocess
+import sys
 import threading
 import time
 import tomllib
-from collections.abc import Iterator
+import tty
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from fieldkit.calibration.emissivity_refusals import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.samples import Frame, Sample
 from fieldkit.sessions.exchange.imported import Foreign, write_foreign
@@ -160,6 +169,69 @@ def test_the_clock_against_a_receiver_and_applied(receiver: str, tmp_path: Path)
     assert "watch" in refused.output
 
 
+def nmea(moment: datetime, status: str) -> bytes:
+    """An RMC sentence with its check, as receivers write it: A with a fix, V without."""
+    place = "3541.3668,N,13945.3012,E,0.02,77.52" if status == "A" else ",,,,,"
+    body = f"GPRMC,{moment:%H%M%S}.00,{status},{place},{moment:%d%m%y},,,{status if status == 'A' else 'N'}"
+    return f"${body}*{reduce(xor, body.encode()):02X}\r\n".encode()
+
+
+@pytest.fixture
+def talking(tmp_path: Path) -> Iterator[Callable[[Callable[[float], bytes]], Path]]:
+    """Records three seconds of an NMEA receiver that sends, five times a second, what a function says."""
+    pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
+    far, near = pty.openpty()
+    tty.setraw(near)
+    ended = threading.Event()
+
+    def record(said: Callable[[float], bytes]) -> Path:
+        def talk() -> None:
+            start = time.monotonic()
+            while not ended.wait(0.2):
+                os.write(far, said(time.monotonic() - start))
+
+        threads.append(threading.Thread(target=talk, daemon=True))
+        threads[-1].start()
+        gps = f'[device.gps]\ndriver = "nmea"\nport = "{os.ttyname(near)}"\n'
+        (tmp_path / "fieldkit.toml").write_text(
+            campaign_toml({"site": SIMULATED["site"]}) + gps, encoding="utf-8"
+        )
+        fieldkit("record", "-C", tmp_path, "--for", "5s", "--name", "receiver")
+        return next(tmp_path.glob("recordings/*receiver.h5"))
+
+    threads: list[threading.Thread] = []
+    yield record
+    ended.set()
+    for thread in threads:
+        thread.join(2)
+    os.close(far)
+    os.close(near)
+
+
+def test_a_receivers_time_before_its_fix_does_not_count(talking: Callable[..., Path]) -> None:
+    """Until then it goes by its own clock, from the date its maker gave it (gpsd's and minmea's logs)."""
+
+    def said(seconds: float) -> bytes:
+        if seconds < 2.5:
+            return nmea(datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=seconds), "V")
+        return nmea(datetime.now(UTC) + timedelta(seconds=27.5), "A")
+
+    session = talking(said)
+    found = json.loads(fieldkit("calibrate", "clock", session, "--gps", "gps", "--json").stdout)
+    assert found["value"] == pytest.approx(27.0, abs=0.7)  # whole seconds, cut off: half a second late
+
+
+@pytest.mark.parametrize(
+    ("status", "weeks", "said"),
+    [("V", 0, "never had a fix"), ("A", 1024, "1024 weeks off: its count of weeks has rolled over")],
+)
+def test_a_receiver_without_a_date_to_be_believed_is_refused(
+    talking: Callable[..., Path], status: str, weeks: int, said: str
+) -> None:
+    session = talking(lambda _: nmea(datetime.now(UTC) - timedelta(weeks=weeks), status))
+    assert said in " ".join(fieldkit("calibrate", "clock", session, "--gps", "gps", code=8).output.split())
+
+
 def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:
     """An hour wrong, as a forgotten daylight saving time would be."""
     wrong = rewritten(
@@ -169,15 +241,54 @@ def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path)
     assert found["value"] == pytest.approx(3600.0, abs=max(600.0, 2 * found["expanded_uncertainty"]))
     with open_session(wrong) as session:
         recorded = session.start_ns
-    fieldkit("calibrate", "clock", wrong, "--sun", "--apply", "--name", "again")
+    said = " ".join(fieldkit("calibrate", "clock", wrong, "--sun").output.split())
+    command = shlex.split(said.partition("used by: ")[2])
+    assert command == ["fieldkit", "calibrate", "clock", str(wrong), "--sun", "--apply"]
+    fieldkit(*command[1:])
     with open_session(wrong) as session:
         assert next(session.samples()).time_ns - recorded == pytest.approx(found["value"] * 1e9, abs=1e9)
 
 
-def test_a_phones_time(beds: Path) -> None:
-    told = (datetime.now(UTC) + timedelta(seconds=90)).isoformat()
-    found = json.loads(fieldkit("calibrate", "clock", "-C", beds, "--told", told, "--json").stdout)
-    assert found["value"] == pytest.approx(90.0, abs=5.0)
+def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: Path) -> None:
+    """The start of the program made it -2 to -14 s wrong, stated as good to a second."""
+    shown = datetime.now(UTC) + timedelta(seconds=90)
+    command = ["calibrate", "clock", "-C", str(beds), "--told", shown.isoformat(), "--json"]
+    keys, terminal = pty.openpty()
+    with subprocess.Popen(
+        [sys.executable, "-m", "fieldkit", *command],
+        stdin=terminal, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as program:  # fmt: skip
+        assert program.stderr is not None
+        assert "press a key" in program.stderr.readline()
+        time.sleep(2.0)  # as long as a slow start would take
+        pressed = datetime.now(UTC)
+        os.write(keys, b" ")
+        out = program.communicate(timeout=60)[0]
+    os.close(keys)
+    os.close(terminal)
+    found = json.loads(out)
+    assert found["value"] == pytest.approx((shown - pressed).total_seconds(), abs=0.5)
+    assert found["expanded_uncertainty"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_phones_time_without_a_terminal_is_refused(beds: Path) -> None:
+    shown = datetime.now(UTC).isoformat()
+    assert "key press" in fieldkit("calibrate", "clock", "-C", beds, "--told", shown, code=2).output
+
+
+@pytest.mark.parametrize(
+    ("verb", "option"),
+    [("emissivity", "--sample"), ("uniformity", "--name"), ("irradiance", "--name"), ("surface", "--name"),
+     ("clock", "--name")],
+)  # fmt: skip
+def test_a_records_name_with_a_slash_is_refused_before_anything_is_read(verb: str, option: str) -> None:
+    refused = fieldkit("calibrate", verb, "absent.h5", option, "sand/dry", code=2).output
+    assert "write 'sand-dry'" in " ".join(refused.replace("│", " ").split())
+
+
+def test_one_temperature_is_refused_at_once() -> None:
+    refused = fieldkit("calibrate", "emissivity", "--sample", "sand", "--temperatures", "1", code=2).output
+    assert f"x>={MIN_PAIRS}" in refused
 
 
 def uniform(source: Path, to: Path, offsets_k: dict[str, float], hours_later: float = 0.0) -> Path:

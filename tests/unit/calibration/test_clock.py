@@ -1,4 +1,4 @@
-"""The light is the simulated field's meter under the sky measured at Alamosa on 2016-01-01, and that of clear skies
+"""Light of the simulated field's meter under the sky measured at Alamosa on 2016-01-01, and of clear skies
 elsewhere: Ineichen and Perez's irradiance, 105 lm/W of the beam and 130 of the sky (Littlefair 1988)."""
 
 import numpy as np

@@ -1,10 +1,12 @@
 import json
+from datetime import UTC, datetime
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fieldkit.calibration.record import CalibrationRecord, save
 from fieldkit.commands import main
 from fieldkit.commands.region_check import check_regions
 from fieldkit.config import load_config
@@ -219,3 +221,23 @@ def test_a_rim_that_sees_something_else_is_a_warning():
     assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
     assert right.level == "ok"
     assert right.spread_k == 0.0
+
+
+def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path):
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    roi("add", "b15", "--rect", "82,30,32,61")
+    record = CalibrationRecord(
+        "uniformity", "board", datetime(2026, 12, 10, tzinfo=UTC), 0.31, 0.06, "K", "a board",
+        values={"b15": 0.31}, uncertainties={"b15": 0.06},
+    )  # fmt: skip
+    save(record, tmp_path / "calibration")
+    assert roi("edit", "b15", "--offset", "@board").exit_code == 0
+    assert 'offset_k = "@board"' in (tmp_path / "fieldkit.toml").read_text()
+    assert load_config(tmp_path / "fieldkit.toml").estimator_settings().offsets_k == {"b15": 0.31}
+    assert roi("edit", "b15", "--offset", "-0.2").exit_code == 0
+    assert load_config(tmp_path / "fieldkit.toml").estimator_settings().offsets_k == {"b15": -0.2}
+    unknown = roi("edit", "b15", "--emissivity", "@sand")
+    assert unknown.exit_code == 3
+    assert "no calibration 'sand'" in unknown.output
+    assert "@sand" not in (tmp_path / "fieldkit.toml").read_text()
+    assert roi("edit", "b15", "--offset", "warm").exit_code == 2
