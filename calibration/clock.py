@@ -167,7 +167,11 @@ class _Light:
         """The best shift near a first one by the readings `used`, and what it leaves of all (n,)."""
         begin = [0.0, float(self.log_light.max()), 0.2]
         bounds = ([-2.0, 5.0, LEAST_HAZE], [2.0, 20.0, MOST_HAZE])
-        found = least_squares(lambda unknown: self._left(unknown, start_s)[used], begin, bounds=bounds)
+
+        def left(unknown: FloatArray) -> FloatArray:
+            return self._left(unknown, start_s)[used]
+
+        found = least_squares(left, begin, bounds=bounds)
         return start_s + float(found.x[0]) * FIRST_STEP_S, self._left(found.x, start_s)
 
     def _left(self, unknown: FloatArray, start_s: float) -> FloatArray:

@@ -80,10 +80,12 @@ def test_a_budget_with_an_unknown_number_can_be_read_again(field):
     assert replace(read, **{field: 0.0}) == replace(line, **{field: 0.0})
 
 
-def test_a_record_is_never_overwritten(tmp_path):
-    save(SAND, tmp_path)
+def test_a_record_is_never_overwritten_but_may_be_saved_again_as_it_is(tmp_path):
+    path = save(SAND, tmp_path)
+    assert save(SAND, tmp_path) == path
     with pytest.raises(StorageError, match="never changed"):
-        save(SAND, tmp_path)
+        save(replace(SAND, value=0.9), tmp_path)
+    assert from_toml(path.read_text(), "x") == SAND
 
 
 def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
