@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.connection
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -12,6 +14,7 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
+from fieldkit import __version__
 from fieldkit.campaign.cache import code_version
 from fieldkit.errors import ConfigError, FieldkitError, RefusedError
 
@@ -107,7 +110,7 @@ class Processes(Executor):
     def _started(self) -> ProcessPoolExecutor:
         # spawned: a forked copy of a process with threads may hang
         spawn = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._count, spawn, initializer=_leave_ctrl_c)
+        return ProcessPoolExecutor(self._count, spawn, initializer=_begin)
 
 
 @contextmanager
@@ -129,7 +132,7 @@ def dask(address: str) -> Iterator[Executor]:
             fix="start one: dask scheduler, and dask worker ADDRESS",
         ) from error
     with client:
-        _refuse_other_versions(client.run(code_version))
+        _refuse_other_versions(client.run(_asking_for_version()))
         executor = client.get_executor(pure=False, retries=RETRIES)
         try:
             yield executor
@@ -137,9 +140,30 @@ def dask(address: str) -> Iterator[Executor]:
             executor.shutdown(wait=False)
 
 
+def _asking_for_version() -> Callable[[], str]:
+    """A function that gives a worker's version of the code, empty where it has no such fieldkit.
+
+    It stands inside another one so that Dask sends its code, not its name, which means nothing there.
+    """
+
+    def version() -> str:
+        try:
+            from fieldkit.campaign import cache
+        except ImportError:
+            return ""
+        return cache.code_version()
+
+    return version
+
+
 def _refuse_other_versions(found: dict[str, str]) -> None:
     if not found:
         raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
+    if without := [worker for worker, version in found.items() if not version]:
+        raise RefusedError(
+            f"the Dask worker {without[0]} cannot import fieldkit",
+            fix=f"install fieldkit {__version__} and the same libraries in that worker's environment",
+        )
     other = {worker: version for worker, version in found.items() if version != code_version()}
     if other:
         worker, version = next(iter(other.items()))
@@ -149,6 +173,14 @@ def _refuse_other_versions(found: dict[str, str]) -> None:
         )
 
 
-def _leave_ctrl_c() -> None:
-    """Ctrl-C reaches every process of the terminal; only the one that hands out the work answers it."""
+def _begin() -> None:
+    """In a new worker: Ctrl-C is for the process that hands out the work; end with it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    multiprocessing.connection.wait([parent.sentinel])
+    os._exit(1)

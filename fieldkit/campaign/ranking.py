@@ -17,6 +17,9 @@ from fieldkit.campaign.grid import Parameter
 
 FloatArray = NDArray[np.float64]
 
+OVERFITTED = 1.2
+"""How much larger than the best set's error that of sessions left out of the choice may be."""
+
 TALKATIVE = 0.9
 """Share of the most answers any set gives, below which a set is not ranked."""
 
@@ -47,7 +50,8 @@ class Ranking:
     `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of
     the best. `left_out_deg` is the mean error of sessions under the parameters chosen from the
     other sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice
-    was the best set itself. `uncertain_share` of the best set's slopes are uncertain.
+    was the best set itself. `uncertain_share` of the best set's slopes are uncertain. `silent` are the
+    sessions in which no ranked set has an error.
     """
 
     best: int
@@ -58,6 +62,7 @@ class Ranking:
     folds: int
     effects: tuple[Effect, ...]
     uncertain_share: float
+    silent: tuple[str, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -69,10 +74,20 @@ class Ranking:
         doubts = []
         if self.folds < 2:
             doubts.append("one session cannot tell a good parameter from a lucky one; sweep over several")
-        elif self.same_choice < self.folds or self.left_out_deg > 1.2 * found:
+        elif self.left_out_deg > OVERFITTED * found:
             doubts.append(
-                f"overfitting: chosen without it, parameters give a session {self.left_out_deg:.1f}°, not "
-                f"{found:.1f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
+                f"overfitting: chosen without it, parameters give a session {self.left_out_deg:.2f}°, not "
+                f"{found:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
+            )
+        elif self.same_choice < self.folds:
+            doubts.append(
+                f"the choice is loose: in {self.folds - self.same_choice} of {self.folds} trials without one "
+                f"session another set is chosen, and it is about as good ({self.left_out_deg:.2f}°, the best "
+                f"set {found:.2f}°)"
+            )
+        if self.silent:
+            doubts.append(
+                f"without a slope of a bed of known tilt, and not in the ranking: {', '.join(self.silent)}"
             )
         if self.uncertain_share > 0.0:
             doubts.append(
@@ -94,16 +109,18 @@ def ranked(
     uncertain: NDArray[np.int64],
     sets: Sequence[tuple[str, ...]],
     varied: Sequence[Parameter],
+    names: Sequence[str],
 ) -> Ranking | None:
     """Rank sets (rows) by their errors in sessions (columns), degrees, NaN where nothing is known.
 
     `worst_deg` and `answers` are the largest error and the number of answers, of the same shape,
-    `uncertain` how many of the answers are; `sets` the ``KEY=VALUE`` of each row. None where no set
-    has an error.
+    `uncertain` how many of the answers are; `sets` the ``KEY=VALUE`` of each row, `names` the sessions. None
+    where no set has an error.
     """
     quiet = answers.sum(axis=1) < TALKATIVE * answers.sum(axis=1).max(initial=0)
     judged = np.where(quiet[:, np.newaxis], np.nan, error_deg)
     sessions = np.flatnonzero(np.isfinite(judged).any(axis=0))
+    silent = tuple(name for place, name in enumerate(names) if place not in sessions)
     if not sessions.size:
         return None
     judged = judged[:, sessions]
@@ -117,7 +134,7 @@ def ranked(
     effects = tuple(_effect(parameter, sets, error) for parameter in varied)
     worst = float(np.nanmax(worst_deg[best, sessions]))
     share = float(uncertain[best].sum() / answers[best].sum())
-    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share)
+    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share, silent)
 
 
 def _mean(error_deg: FloatArray) -> FloatArray:

@@ -62,7 +62,9 @@ class Summary:
             if known:
                 error[number, place] = np.mean([bed["median_abs_error_deg"] for bed in known])
                 worst[number, place] = max(bed["worst_abs_error_deg"] for bed in known)
-        return ranked(error, worst, answers, uncertain, self._grid.sets, self._grid.varied)
+        return ranked(
+            error, worst, answers, uncertain, self._grid.sets, self._grid.varied, tuple(self._names.values())
+        )
 
     def _values(self, number: int) -> dict[str, Any]:
         """The parameters of a set: numbers where all values of the key are, else as written."""

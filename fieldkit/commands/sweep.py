@@ -101,6 +101,7 @@ def ranking_document(ranking: Ranking, grid: Grid) -> dict[str, Any]:
         "left_out_deg": ranking.left_out_deg,
         "same_choice": ranking.same_choice,
         "sessions": ranking.folds,
+        "sessions_without_slopes": ranking.silent,
         "uncertain_share": ranking.uncertain_share,
         "sensitivity": {
             effect.key: dict(zip(effect.values, effect.error_deg, strict=True)) for effect in ranking.effects

@@ -41,7 +41,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def dask(*arguments: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def dask(*arguments: str, folder: Path, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """A scheduler or worker, and the address it says it listens at."""
     log = folder / f"{arguments[0]}-{time.monotonic_ns()}.log"
     with log.open("w") as file:
@@ -51,6 +51,7 @@ def dask(*arguments: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str],
             stderr=subprocess.STDOUT,
             text=True,
             cwd=folder,
+            env={**os.environ, **environment},
         )
     try:
         yield process, said(log, r"(?:Scheduler|Start worker) at:\s+(tcp://\S+)")
@@ -203,3 +204,31 @@ def test_a_cluster_without_workers_is_told(recordings, tmp_path):
         found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
     assert found.returncode == 9
     assert "no workers" in found.stderr
+
+
+def test_a_worker_that_has_no_fieldkit_is_named_with_what_to_install(recordings, tmp_path):
+    (tmp_path / "fieldkit.py").write_text("raise ModuleNotFoundError(\"No module named 'fieldkit'\")")
+    quiet = ("--no-dashboard", "--host", "127.0.0.1")
+    with (
+        dask("scheduler", "--port", "0", *quiet, folder=tmp_path) as (_, address),
+        dask("worker", address, "--no-nanny", *quiet, folder=tmp_path, PYTHONPATH=str(tmp_path)),
+    ):
+        options = ("--executor", "dask", "--address", address)
+        found = run("sweep", recordings, *GRID, *options, "-o", tmp_path / "r", cache=tmp_path)
+    assert found.returncode == 9, found.stderr
+    assert "cannot import fieldkit" in found.stderr
+    assert "install fieldkit" in found.stderr
+
+
+def test_workers_end_with_a_sweep_that_is_killed(recordings, tmp_path):
+    with sweep_held_still(recordings, tmp_path / "cache", "-j", "2", "-o", tmp_path / "r") as sweep:
+        workers = workers_of(sweep)
+        sweep.send_signal(signal.SIGKILL)
+    assert len(workers) == 2
+    try:
+        until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
+    finally:
+        for worker in workers:
+            with suppress(ProcessLookupError):
+                os.kill(worker, signal.SIGKILL)
+        sweep.communicate()

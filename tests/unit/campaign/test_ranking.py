@@ -11,7 +11,9 @@ def rank(error, answers=None, worst=None, grid=GRID, uncertain=None):
     error = np.array(error, float)
     answers = np.full(error.shape, 10) if answers is None else np.array(answers)
     uncertain = np.zeros(error.shape, np.int64) if uncertain is None else np.array(uncertain)
-    return ranked(error, error * 2 if worst is None else worst, answers, uncertain, grid.sets, grid.varied)
+    worst = error * 2 if worst is None else worst
+    names = [f"day-{place + 1}" for place in range(error.shape[1])]
+    return ranked(error, worst, answers, uncertain, grid.sets, grid.varied, names)
 
 
 def test_the_best_set_has_the_smallest_mean_error_over_sessions():
@@ -52,6 +54,23 @@ def test_a_set_that_hardly_answers_is_not_ranked():
 def test_a_session_without_any_answer_counts_for_nothing():
     found = rank([[3, np.nan], [1, np.nan], [2, np.nan]])
     assert (found.best, found.folds) == (1, 1)
+
+
+def test_a_session_without_any_answer_is_named():
+    found = rank([[3, np.nan, 3], [1, np.nan, 1], [2, np.nan, 2]])
+    assert found.silent == ("day-2",)
+    assert found.warnings == ("without a slope of a bed of known tilt, and not in the ranking: day-2",)
+
+
+def test_another_choice_that_is_as_good_is_not_called_overfitting():
+    # by hand: without the first session set 1 wins and gives it 0.74 (set 0: 0.70); without the second, set 0
+    # wins and gives it 0.70: 0.72 on average, the best set's 0.70 and 0.70
+    found = rank([[0.70, 0.70], [0.74, 0.69]], grid=read_grid(["a=1,2"]))
+    assert (found.same_choice, found.folds) == (1, 2)
+    assert found.left_out_deg == pytest.approx(0.72)
+    (warning,) = found.warnings
+    assert "overfitting" not in warning
+    assert "0.72°, the best set 0.70°" in warning
 
 
 def test_nothing_known_gives_no_ranking():
