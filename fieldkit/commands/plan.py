@@ -115,7 +115,8 @@ def make_plan(
         noise_k=given["noise"], window_min=given["window"], air_k=given["air_c"] + ZERO_CELSIUS_K
     )
     if config:
-        settings = replace(settings, surface=config.estimator_settings().surface)
+        estimator = config.estimator_settings()
+        settings = replace(settings, surface=estimator.surface, azimuth_known=estimator.azimuth == "known")
     sun = sun_vectors(time_ns, site)
     plan = plan_day(facets, time_ns, sun, _direct(sun, time_ns, site, given), settings, given["step"])
     if not plan.rows.size:
@@ -170,8 +171,9 @@ def _print(plan: DayPlan, site: Site, light: str, path: Path | None) -> None:
     from fieldkit.views import plan_page
 
     click.echo(plan_page.heading(plan, site, light))
-    # the page has room for the bound with the azimuth known, a terminal has not
-    shown = [index for index, name in enumerate(plan_page.COLUMNS) if "known" not in name]
+    # the page has room for both bounds, a terminal for the one that the campaign's estimates will have
+    left_out = plan_page.FREE if plan.settings.azimuth_known else plan_page.KNOWN
+    shown = [index for index, name in enumerate(plan_page.COLUMNS) if name != left_out]
     print_table(
         [plan_page.COLUMNS[index] for index in shown],
         [[row[index] for index in shown] for row in plan_page.rows(plan, site)],
@@ -235,6 +237,7 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
                 "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[bed, minute],
                 "kelvin_per_degree": plan.sensitivity.temperature_k[bed, minute],
                 "weak": bool(plan.weak[bed, minute]),
+                "uncertain": bool(plan.uncertain(index)[bed]),
                 **{f"bound_{name}": getattr(found, name)[bed] for name in found.__slots__},
             }
             for bed, (tilt, turn) in enumerate(plan.facets)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
 from fieldkit.estimation.plan import (
     Bound,
     Sensitivity,
@@ -23,6 +24,7 @@ from fieldkit.estimation.plan import (
 )
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.surface import SurfaceParameters
+from fieldkit.slope import is_too_wide
 
 RISING_DEG = -0.833
 """Elevation of the sun's centre at sunrise and sunset: half its width and the refraction there."""
@@ -45,7 +47,8 @@ class PlanSettings:
     """What is assumed of the beds, the camera and the air.
 
     `noise_k` is the standard deviation of one region's minute mean, `window_min` the
-    length of the windows whose bound is drawn, `bias_deg` the tilt error to budget for.
+    length of the windows whose bound is drawn, `bias_deg` the tilt error to budget for,
+    `azimuth_known` whether estimates take the given azimuths instead of finding them.
     """
 
     surface: SurfaceParameters = TABLE_1
@@ -55,6 +58,7 @@ class PlanSettings:
     tilt_limit_deg: float = 45.0
     air_k: float = 288.15
     bias_deg: float = 2.0
+    azimuth_known: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +93,21 @@ class DayPlan:
         """Facets and minutes (f, n) at which temperature hardly tells the tilt."""
         return np.abs(self.sensitivity.temperature_k) < WEAK_K_PER_DEG
 
+    def tilt_sd_deg(self, row: int) -> FloatArray:
+        """Bound (f,) of the tilt in the window of `rows[row]`, 1 sd, the azimuth known or not as set."""
+        found = self.bounds[row]
+        return found.known_azimuth_deg if self.settings.azimuth_known else found.tilt_deg
+
+    def half_region_deg(self, row: int) -> FloatArray:
+        """Half of the 90 % region of tilt (f,) that noise alone leaves in that window."""
+        drop = NINETY_PERCENT_ONE if self.settings.azimuth_known else NINETY_PERCENT
+        return np.asarray(np.sqrt(drop) * self.tilt_sd_deg(row))
+
+    def uncertain(self, row: int) -> NDArray[np.bool_]:
+        """Facets (f,) whose slope will have the state `UNCERTAIN` in that window, by noise alone."""
+        tilt, half = np.array([tilt for tilt, _ in self.facets]), self.half_region_deg(row)
+        return is_too_wide(tilt, np.maximum(tilt - half, 0.0), tilt + half)
+
     @property
     def best_row(self) -> int | None:
         """Which of `rows` starts the window with the smallest bound for the worst facet."""
@@ -96,7 +115,7 @@ class DayPlan:
         whole = [
             row for row in range(self.rows.size) if last[row] < self.usable.size and self._is_usable(row)
         ]
-        worst = {row: float(np.max(self.bounds[row].tilt_deg)) for row in whole}
+        worst = {row: float(np.max(self.tilt_sd_deg(row))) for row in whole}
         known = {row: value for row, value in worst.items() if np.isfinite(value)}
         return min(known, key=known.__getitem__) if known else None
 
@@ -136,19 +155,30 @@ class DayPlan:
         return [(int(times[a]), int(times[b])) for a, b in zip(starts, ends, strict=True)]
 
     def verdict(self, row: int) -> str:
-        """What to think of the minute of `rows[row]`: good, fair, weak or poor, and why."""
+        """What to think of the minute of `rows[row]`: good, fair, weak, uncertain or poor, and why."""
         minute = int(self.rows[row])
         elevation = self.elevation_deg[minute]
         if elevation < self.settings.low_sun_deg:
             return "poor: irradiance unknown near the horizon"
         if not self._is_usable(row):
             return f"poor: the sun is too low within {self.settings.window_min} min"
-        feeble = [label(facet) for facet, weak in zip(self.facets, self.weak[:, minute], strict=True) if weak]
-        if feeble:
-            return f"weak for {', '.join(feeble)}"
+        weak = self.weak[:, minute]
+        uncertain = self.uncertain(row) & ~weak
+        blamed = [
+            f"{word} for {self._named(beds)}"
+            for word, beds in (("weak", weak), ("uncertain", uncertain))
+            if beds.any()
+        ]
+        if blamed:
+            return "; ".join(blamed)
         if elevation < LONG_SHADOWS_DEG:
             return "fair: low sun, long shadows"
         return "good"
+
+    def _named(self, beds: NDArray[np.bool_]) -> str:
+        if beds.all() and beds.size > 1:
+            return "all"
+        return ", ".join(label(self.facets[bed]) for bed in np.flatnonzero(beds))
 
 
 def label(facet: tuple[float, float]) -> str:

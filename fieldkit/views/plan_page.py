@@ -15,7 +15,10 @@ from fieldkit.site import Site
 from fieldkit.views import html, words
 from fieldkit.views.report import canvas
 
-COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", "tilt ±°", "tilt ±°, azimuth known", "verdict")
+FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
+COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
+MEANINGLESS_SD_DEG = 45.0
+"""A standard deviation of tilt beyond this says only that the window knows nothing; the bound is linear."""
 
 
 def heading(plan: DayPlan, site: Site, light: str) -> str:
@@ -51,8 +54,8 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
                 f"{bearing[minute]:.0f}°",
                 _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
                 _beside(plan.sensitivity.temperature_k[:, minute], 2),
-                _beside(found.tilt_deg, 1),
-                _beside(found.known_azimuth_deg, 1),
+                _deviations(found.tilt_deg),
+                _deviations(found.known_azimuth_deg),
                 plan.verdict(index),
             )
         )
@@ -61,6 +64,13 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
 
 def _beside(values: Sequence[float] | np.ndarray, digits: int) -> str:
     return "  ".join(words.number(float(value), digits) for value in values)
+
+
+def _deviations(tilt_sd_deg: np.ndarray) -> str:
+    return "  ".join(
+        f">{MEANINGLESS_SD_DEG:g}" if sd > MEANINGLESS_SD_DEG else words.number(float(sd), 1)
+        for sd in tilt_sd_deg
+    )
 
 
 def warnings(plan: DayPlan, site: Site) -> list[str]:
@@ -76,7 +86,23 @@ def warnings(plan: DayPlan, site: Site) -> list[str]:
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
         told.extend(_twin(plan, index, facet))
-    return told
+    return told + _uncertain(plan)
+
+
+def _uncertain(plan: DayPlan) -> list[str]:
+    """The beds that even the best window leaves uncertain, and what narrows them."""
+    row = plan.best_row
+    if row is None or not plan.uncertain(row).any():
+        return []
+    halves = plan.half_region_deg(row)
+    beds = ", ".join(
+        f"±{halves[bed]:.1f}° at {label(plan.facets[bed])}" for bed in np.flatnonzero(plan.uncertain(row))
+    )
+    remedy = "a longer --window" if plan.settings.azimuth_known else "a longer --window, or a given azimuth,"
+    return [
+        f"even the best {plan.settings.window_min} min leave slopes uncertain (90 % region {beds}): {remedy} "
+        "narrows them"
+    ]
 
 
 def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
@@ -128,8 +154,8 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
     )
     needed = plan.minutes_for_azimuth()
     return [
-        f"best {settings.window_min} min: {between}, tilt ±{_beside(found.tilt_deg, 1)}° with azimuth free, "
-        f"±{_beside(found.known_azimuth_deg, 1)}° known (1 sd, {settings.noise_k:g} K a minute and region)",
+        f"best {settings.window_min} min: {between}, tilt ±{_deviations(found.tilt_deg)}° with azimuth free, "
+        f"±{_deviations(found.known_azimuth_deg)}° known (1 sd, {settings.noise_k:g} K a minute and region)",
         f"camera bias budget for {settings.bias_deg:g}° of tilt then: {budget}",
         f"azimuth to ±10° needs {needed} min around the best window"
         if needed
@@ -183,7 +209,7 @@ def _drawn(plan: DayPlan, site: Site) -> str:
         }
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
         lower.semilogy(hours[plan.rows], [found.tilt_deg[index] for found in plan.bounds], **line)
-    upper.axhline(WEAK_K_PER_DEG, color="0.6", linestyle=":")
+    upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")
     lower.set_xlabel(f"local time, hours ({words.zone_name(int(plan.time_ns[0]), site)})")

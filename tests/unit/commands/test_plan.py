@@ -6,7 +6,9 @@ import sys
 import pytest
 from click.testing import CliRunner
 
+from fieldkit.commands import main
 from fieldkit.commands.plan import command
+from fieldkit.views.report import canvas
 
 PAPER = ["--site", "35.558675,139.395232,9"]
 WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
@@ -37,7 +39,10 @@ def test_winter_day_of_sand_slopes():
         assert [bed["w_m2_per_degree"] for bed in beds] == pytest.approx(light, abs=0.06)
         # the plan expects warmer sand than 295 K, which makes a kelvin worth 2 % more light
         assert [bed["kelvin_per_degree"] for bed in beds] == pytest.approx(kelvin, rel=0.04)
-    assert at(plan, "15:00")["verdict"].startswith("fair")
+    assert at(plan, "11:30")["verdict"] == "good"
+    # low sun matters where the beds are determined: two hours of it are
+    hours = document(*WINTER, "--window", "90")
+    assert at(hours, "08:00")["verdict"] == "fair: low sun, long shadows"
     # the sun sinks from 9 to 4 degrees in the half hour after
     assert at(plan, "15:30")["verdict"] == "poor: the sun is too low within 20 min"
     assert at(plan, "16:00")["verdict"].startswith("poor")
@@ -78,7 +83,56 @@ def test_august_says_the_steep_bed_is_weak_after_two():
     plan = document(*AUGUST)
     assert any("20°/180° bed is weak" in line and "after 14:00" in line for line in plan["warnings"])
     assert "weak for 20°/180°" in at(plan, "14:30")["verdict"]
-    assert at(plan, "13:00")["verdict"] == "good"
+    assert at(plan, "11:30")["verdict"] == "good"
+
+
+def test_an_hour_with_a_wide_region_is_not_called_good():
+    # 13:30: 0.04 K per degree at 20 degrees and a deviation of 9.3 degrees within 20 minutes
+    row = at(document(*AUGUST), "13:30")
+    assert row["facets"][1]["kelvin_per_degree"] == pytest.approx(0.04, abs=0.005)
+    assert row["facets"][1]["bound_tilt_deg"] == pytest.approx(9.3, abs=0.1)
+    assert row["verdict"] == "uncertain for all"
+    # every good hour of three beds determines each to the larger of 3 degrees and a fifth of its tilt at 90 %
+    plan = document(*AUGUST, "--facet", "35,180", "--step", "10")
+    for row in plan["rows"]:
+        for bed in row["facets"] if row["verdict"] == "good" else ():
+            assert 2.0 * 2.146 * bed["bound_tilt_deg"] <= max(3.0, bed["tilt_deg"] / 5.0) + 1e-3
+            assert not bed["uncertain"]
+    assert {"good", "uncertain for all"} <= {row["verdict"] for row in plan["rows"]}
+
+
+def test_a_deviation_beyond_all_slopes_is_not_printed_as_a_number():
+    printed = run(*AUGUST, "--facet", "35,180").stdout
+    assert ">45" in printed
+    assert "298" not in printed
+    assert not re.search(r"\b\d{3}\.\d", printed.split("S 800")[1])
+
+
+def test_a_campaign_with_known_azimuths_is_planned_with_them(tmp_path):
+    region = '[[region]]\nname = "b{0}"\nkind = "{1}"\ntilt_deg = {0}\nazimuth_deg = 180\n'
+    beds = "".join(
+        region.format(tilt, "target" if tilt else "reference") + "points_px = [[0, 0], [9, 0], [9, 9]]\n"
+        for tilt in (0, 10, 20)
+    )
+    site = "[site]\nlatitude_deg = 35.558675\nlongitude_deg = 139.395232\nelevation_m = 9\n"
+    site += 'timezone = "Asia/Tokyo"\n'
+    (tmp_path / "fieldkit.toml").write_text(f'{site}[estimator]\nazimuth = "known"\n{beds}')
+    found = CliRunner().invoke(
+        main, ["plan", "-C", str(tmp_path), "--on", "2017-08-30", "--json"], catch_exceptions=False
+    )
+    row = at(json.loads(found.stdout), "12:00")
+    assert at(document(*AUGUST), "12:00")["verdict"] == "uncertain for all"
+    assert row["verdict"] == "good"
+
+
+def test_the_chart_marks_weakness_on_both_sides_of_zero(tmp_path, monkeypatch):
+    # a steep bed in August: a steeper facet turns away from the sun, so a degree is worth less than nothing
+    drawn = []
+    svg = canvas.svg
+    monkeypatch.setattr(canvas, "svg", lambda figure: drawn.append(figure) or svg(figure))
+    run(*AUGUST, "--facet", "35,180", "--out", str(tmp_path / "plan.html"))
+    (band,) = drawn[0].axes[0].patches
+    assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((-1 / 30, 1 / 30))
 
 
 def test_august_names_the_twins():
@@ -117,6 +171,7 @@ import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
 from fieldkit.commands.plan import command
+from fieldkit.views.report import canvas
 command(sys.argv[1:])
 """
 
