@@ -78,6 +78,15 @@ def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]
     return (flags & _UNUSABLE_BITS) == 0
 
 
+@overload
+def is_damaged(flags: int) -> bool: ...
+@overload
+def is_damaged(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
+def is_damaged(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+    """Whether stored bytes do not match their checksum: the numbers are not those that were measured."""
+    return (flags & int(Quality.BAD_CRC)) != 0
+
+
 def is_showable(flags: int) -> bool:
     """Whether a frame may serve to find regions: also one at the end of its scale, or without a scale."""
     return (flags & _UNSHOWABLE_BITS) == 0

@@ -1,23 +1,25 @@
-"""From a session to arrays and tables: curves of regions, kelvin, pandas, xarray.
+"""From a session to arrays and tables: time series of regions, kelvin, pandas, xarray.
 
-Everything reads only what it needs: a region's curve touches the tiles of the picture that
-the region lies in. Kelvin are brightness temperatures, ``counts * scale + offset`` as the
-camera declared it, unless another calibration is handed in.
+Kelvin are brightness temperatures by the law that the camera declared, unless another calibration is
+given. Flags are verified: a sample that does not match its checksum has `Quality.BAD_CRC`. A region's time
+series reads only the tiles of the frame that the region lies in, where the seal vouches for the rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.physics.camera_laws import planck
+from fieldkit.errors import IntegrityError, SessionError
+from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
+from fieldkit.samples import is_damaged, is_usable
 from fieldkit.sessions.layout import brick_shape
+from fieldkit.sessions.stream_reader import Pictures, StreamReader
 from fieldkit.site import Region
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ Calibration = Callable[[NDArray[np.uint16]], FloatArray]
 """Kelvin from counts of any shape."""
 
 _BLOCK_BYTES = 32_000_000
+_MINUTE_NS = 60_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ class RegionSeries:
     """Brightness temperature of regions over time.
 
     `time_ns` (n,) UTC; `mean_k` and `spread_k` (n, regions), the spread being the standard
-    deviation over the pixels; `pixels` (regions,); `flags` (n,) as `Quality`.
+    deviation over the pixels, NaN where they cannot be read; `pixels` (regions,); `flags` (n,) as `Quality`.
     """
 
     regions: tuple[str, ...]
@@ -59,65 +62,107 @@ def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
     return chosen[0]
 
 
-def own_scale(info: StreamInfo) -> Calibration:
-    """The camera's own scale; NaN where its counts alone give no temperature."""
-    if info.law == "planck":
-        return lambda counts: planck(counts, counts[:0], info.settings).astype(np.float64)
-    scale, offset = (info.scale, info.offset) if info.law == "linear" else (np.nan, np.nan)
-    return lambda counts: counts.astype(np.float64) * scale + offset
+def _to_kelvin(info: StreamInfo, calibration: Calibration | None) -> Callable[[Pictures], FloatArray]:
+    """Kelvin of pictures, or of a part of them, in their shape."""
+    if calibration is not None:
+        return lambda pictures: calibration(pictures.counts)
+    return lambda pictures: frames_k(info, pictures.counts, pictures.metadata_rows)
 
 
 def kelvin(
     session: Session, start: int = 0, stop: int | None = None, *, stream: str | None = None,
-    calibration: Calibration | None = None,
+    calibration: Calibration | None = None, damaged: Literal["raise", "nan"] = "raise",
 ) -> FloatArray:  # fmt: skip
-    """Brightness temperature of pictures `start`..`stop`, shape (n, rows, cols)."""
+    """Brightness temperature of frames `start`..`stop`, shape (n, rows, cols).
+
+    `calibration` gives kelvin from counts of any shape, in place of the camera's own law. Raises
+    `IntegrityError` for a frame that does not match its checksum or cannot be read, unless `damaged` is
+    "nan": then it is NaN.
+    """
     info = camera_of(session, stream)
-    convert = calibration or own_scale(info)
-    return convert(session.raw(info.name)[start : session.count(info.name) if stop is None else stop])
+    convert, parts = _to_kelvin(info, calibration), [np.empty((0, *info.shape))]
+    for pictures in session.stream(info.name).pictures(start, stop):
+        values = convert(pictures)
+        bad = is_damaged(pictures.flags)
+        if bad.any():
+            if damaged == "raise":
+                row = pictures.start + int(np.argmax(bad))
+                raise IntegrityError(
+                    f"{session.path}: frame {row} of {info.name} does not match its checksum",
+                    fix='damaged="nan" returns NaN in its place; fieldkit check lists what is damaged',
+                )
+            values[bad] = np.nan
+        parts.append(values)
+    return np.concatenate(parts)
 
 
 def region_series(
     session: Session, regions: Sequence[Region] | None = None, *, stream: str | None = None,
     calibration: Calibration | None = None,
 ) -> RegionSeries:  # fmt: skip
-    """The curve of each region (of the session's, if none are given).
+    """The time series of each region (of the session's, if none are given).
 
     Raises `SessionError` where a region has no pixel in the picture.
     """
     info = camera_of(session, stream)
     chosen = tuple(session.regions if regions is None else regions)
-    reader, convert = session.stream(info.name), calibration or own_scale(info)
-    curves = [_curve(session.raw(info.name), len(reader), info, region, convert) for region in chosen]
+    reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
+    curves = [_curve(reader, region, convert) for region in chosen]
+    # a tile's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
+    flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()
+    for curve in curves:
+        flags = flags | curve.flags
     shape = (len(reader), len(chosen))
     return RegionSeries(
         tuple(region.name for region in chosen),
         session.times_ns(info.name),
-        np.array([mean for mean, _, _ in curves]).T.reshape(shape),
-        np.array([spread for _, spread, _ in curves]).T.reshape(shape),
-        np.array([pixels for _, _, pixels in curves], np.int64),
-        reader.column("flags"),
+        np.array([curve.mean for curve in curves]).T.reshape(shape),
+        np.array([curve.spread for curve in curves]).T.reshape(shape),
+        np.array([curve.pixels for curve in curves], np.int64),
+        flags,
     )
 
 
-def _curve(
-    counts: Any, length: int, info: StreamInfo, region: Region, convert: Calibration
-) -> tuple[FloatArray, FloatArray, int]:
-    """Mean and spread of one region over all pictures, a few bricks at a time."""
+class _Curve(NamedTuple):
+    mean: FloatArray
+    spread: FloatArray
+    flags: NDArray[np.uint16]
+    pixels: int
+
+
+def _curve(reader: StreamReader, region: Region, convert: Callable[[Pictures], FloatArray]) -> _Curve:
+    """Mean and spread of one region over all frames, a few chunks at a time."""
+    info = reader.info
     mask = region.mask((info.shape[0], info.shape[1]))
     if not mask.any():
         raise SessionError(f"region {region.name!r} has no pixel in the picture of {info.name}")
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
     inside = mask[box]
-    depth = brick_shape(info)[0]
-    step = max(1, _BLOCK_BYTES // (inside.size * depth * 2)) * depth
-    means, spreads = np.empty(length), np.empty(length)
-    for start in range(0, length, step):
-        stop = min(start + step, length)
-        pixels = convert(counts[(slice(start, stop), *box)][:, inside])
-        means[start:stop], spreads[start:stop] = pixels.mean(axis=1), pixels.std(axis=1)
-    return means, spreads, int(inside.sum())
+    step = max(1, _BLOCK_BYTES // (inside.size * brick_shape(info)[0] * 2))
+    mean, spread = np.empty((2, len(reader)))
+    flags = np.empty(len(reader), np.uint16)
+    for part in reader.crops(box, step, with_rows=needs_metadata_rows(info)):
+        pixels = convert(replace(part, counts=part.counts[:, inside]))
+        pixels[is_damaged(part.flags)] = np.nan
+        span = slice(part.start, part.start + len(pixels))
+        mean[span], spread[span], flags[span] = pixels.mean(axis=1), pixels.std(axis=1), part.flags
+    return _Curve(mean, spread, flags, int(inside.sum()))
+
+
+def minute_means(
+    session: Session, meter: str, *, recorded: bool = False
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Middle (UTC ns) and mean of every minute of a meter's first channel, of its usable readings.
+
+    `recorded` takes the times as recorded, without a time map in force.
+    """
+    readings = session.readings(meter, recorded=recorded)
+    values = readings.values[:, 0]
+    good = is_usable(readings.flags) & np.isfinite(values)
+    minutes, place = np.unique(readings.time_ns[good] // _MINUTE_NS, return_inverse=True)
+    means = np.bincount(place, values[good]) / np.bincount(place) if minutes.size else np.empty(0)
+    return minutes * _MINUTE_NS + _MINUTE_NS // 2, means
 
 
 def channel_names(info: StreamInfo) -> tuple[str, ...]:
@@ -140,12 +185,13 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
     table = pd.DataFrame(index=index)
     if info.is_camera:
         table["sensor [K]"] = reader.column("fpa_temperature")
+        flags = reader.flags()
     else:
-        values = reader.column("value").reshape(len(reader), *info.shape)  # also without a single reading
-        for name, column in zip(channel_names(info), values.T, strict=True):
+        readings = session.readings(stream)
+        flags = readings.flags
+        for name, column in zip(channel_names(info), readings.values.T, strict=True):
             table[f"{name} [{info.unit}]"] = column
-    for name in ("seq", "flags", "mono_ns"):
-        table[name] = reader.column(name)
+    table["seq"], table["flags"], table["mono_ns"] = reader.column("seq"), flags, reader.column("mono_ns")
     table.attrs = {"stream": stream, "quantity": info.quantity, "unit": info.unit, "device": info.model}
     return table
 
@@ -153,10 +199,13 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
 def to_xarray(session: Session, stream: str) -> xr.Dataset:
     """A stream as an xarray dataset, lazily: counts of a camera read as kelvin.
 
-    Raises `SessionError` for an interrupted session, which other programs cannot open, and for a stream
+    `flags` are compared with the checksums when they are read, which reads all that the samples hold. Raises
+    `SessionError` for an interrupted session, which other programs cannot open, and for a stream
     that does not lie in the session's file, which they would follow out of it.
     """
     import xarray as xr
+
+    from fieldkit.sessions.lazy_flags import verified_flags
 
     if session.state == "interrupted":
         raise SessionError(f"{session.path} is interrupted", fix=f"fieldkit recover {session.path}")
@@ -164,4 +213,7 @@ def to_xarray(session: Session, stream: str) -> xr.Dataset:
     session.datasets(stream)
     is_live = session.group(stream).file.swmr_mode  # HDF5 opens a file in one way only
     options: dict[str, Any] = {"driver_kwds": {"swmr": True}} if is_live else {}
-    return xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)
+    dataset = xr.open_dataset(session.path, group=stream, engine="h5netcdf", **options)
+    stored = dataset["flags"].variable
+    verified = verified_flags(session.path, stream, stored.shape)
+    return dataset.assign(flags=xr.Variable(stored.dims, verified, stored.attrs, stored.encoding))

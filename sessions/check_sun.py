@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.reader import Session
 from fieldkit.site import Site
@@ -33,7 +34,7 @@ def sun_findings(session: Session) -> Iterator[Finding]:
     stream = next((name for name, info in session.streams.items() if info.quantity == "illuminance"), None)
     if stream is None or not session.count(stream):
         return
-    time_ns, lux = minute_means(session, stream)
+    time_ns, lux = minute_means(session, stream, recorded=True)
     if not (lux > _LIT_LX).any():
         return
     shift = best_shift_min(time_ns, lux, session.site)
@@ -46,18 +47,6 @@ def sun_findings(session: Session) -> Iterator[Finding]:
         yield Finding(
             "warn", "sun", f"the light fits the sun best at {shift:+d} min: wrong zone or clock?", fix
         )
-
-
-def minute_means(session: Session, stream: str) -> tuple[NDArray[np.int64], FloatArray]:
-    """Middle and mean of every minute that has readings."""
-    reader = session.stream(stream)
-    minutes = reader.time_ns() // _MINUTE_NS
-    values = np.asarray(reader.column("value"), np.float64)
-    values = values[:, 0] if values.ndim > 1 else values
-    minutes, values = minutes[np.isfinite(values)], values[np.isfinite(values)]
-    found, place = np.unique(minutes, return_inverse=True)
-    means = np.bincount(place, values) / np.bincount(place) if found.size else np.empty(0)
-    return found * _MINUTE_NS + _MINUTE_NS // 2, means
 
 
 def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> int | None:

@@ -99,11 +99,19 @@ class EntryReader:
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
 
     def integrity(self) -> dict[str, NDArray[Any]]:
-        """What was written down when the session was sealed, per stream and per table."""
+        """What was written down when the session was sealed, per stream and per table.
+
+        Columns missing from older files are 0.
+        """
         columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
         with self._explaining():
             group = self.group("integrity")
-            return {column.name: column_dataset(group, column)[:] for column in columns}
+            return {
+                column.name: column_dataset(group, column)[:]
+                if column.name in group or column.name != "columns_crc32"
+                else column.unknown(len(self.header.streams))
+                for column in columns
+            }
 
     def minutes(self) -> list[MinuteRecord]:
         """What the estimator said while recording, minute by minute."""

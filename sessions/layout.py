@@ -194,6 +194,11 @@ INTEGRITY_COLUMNS = (
     Column("first_time", "<i8", attributes={"units": TIME_UNITS}),
     Column("last_time", "<i8", attributes={"units": TIME_UNITS}),
     Column("crc_of_crcs", "<u4", attributes={"units": "1"}),
+    Column(
+        "columns_crc32",
+        "<u4",
+        attributes={"long_name": "CRC-32 over the columns of the stream; 0: not known", "units": "1"},
+    ),
 )
 """What is written down of each stream when a session is sealed."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import TracebackType
@@ -28,7 +29,7 @@ from fieldkit.sessions.entry_reader import EntryReader
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import RECOVERED, SEALED, decode_text, journal_path
 from fieldkit.sessions.lock import is_locked
-from fieldkit.sessions.stream_reader import StreamReader
+from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import MendedFile, is_clean
 from fieldkit.sessions.time_map import mapped, mapped_ns
 from fieldkit.site import Region, Site
@@ -159,9 +160,37 @@ class Session(EntryReader):
         """UTC of a stream's samples, corrected by the time map in force."""
         return self._span_ns(self._reader(stream))
 
+    def flags(self, stream: str) -> NDArray[np.uint16]:
+        """`Quality` of a stream's samples, each compared with its checksum, which reads all that it holds."""
+        return self._reader(stream).flags()
+
+    def readings(self, meter: str, *, recorded: bool = False) -> Readings:
+        """The readings of a meter as arrays, at corrected times or, if so wanted, as `recorded`."""
+        reader = self._reader(meter)
+        found = reader.readings()
+        return found if recorded else replace(found, time_ns=self._span_ns(reader))
+
     def raw(self, camera: str) -> h5py.Dataset:
-        """The counts of a camera, (n, rows, cols) uint16, read where they are sliced."""
+        """The counts of a camera as stored, (n, rows, cols) uint16, read where they are sliced.
+
+        They are compared with no checksum: `flags` has the frames that do not match theirs.
+        """
         return self._reader(camera).counts
+
+    @property
+    def damaged(self) -> dict[str, int]:
+        """How many samples of which stream did not match their checksum, among those read so far."""
+        return {name: len(reader.damaged) for name, reader in self._readers.items() if reader.damaged}
+
+    def columns_are_sealed(self, stream: str) -> bool:
+        """Whether a stream's columns, all but its pictures, are those that were sealed.
+
+        False also of a session sealed by a version that kept no checksum of them.
+        """
+        if self.state not in ("sealed", "recovered"):
+            return False
+        sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
+        return bool(sealed) and int(sealed) == self._reader(stream).columns_crc32()
 
     def kelvin(self, start: int = 0, stop: int | None = None, **options: Any) -> NDArray[np.float64]:
         """Pictures as brightness temperatures; see `fieldkit.sessions.analysis.kelvin`."""

@@ -46,12 +46,14 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
         crcs = {name: _verified(session, name, crc32s) for name, crc32s in expected.items()}
         counts = {name: len(session.stream(name)) for name in expected}
         spans = {name: _span(session, name) for name in expected}
+        column_crcs = [session.stream(name).columns_crc32() for name in expected]
         table_crcs = [table_crc32(session, name) for name in entry_columns(session.header)]
     columns = {
         "count": list(counts.values()),
         "first_time": [span[0] for span in spans.values()],
         "last_time": [span[1] for span in spans.values()],
         "crc_of_crcs": list(crcs.values()),
+        "columns_crc32": column_crcs,
     }
     written = {f"integrity/{name}": values for name, values in columns.items() if expected}
     write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})

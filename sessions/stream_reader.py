@@ -9,6 +9,7 @@ header decides how much memory a read may take, never the file's own sizes.
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -147,6 +148,14 @@ class StreamReader:
             return _rows(self._columns[name], start, end)
         return self._declared[name].unknown(max(0, end - start))
 
+    def columns_crc32(self) -> int:
+        """One checksum over all columns as stored, in their order: everything but pictures."""
+        crc = 0
+        for dataset in self._columns.values():
+            for start, stop in _spans(0, len(self), self._block_rows):
+                crc = zlib.crc32(_rows(dataset, start, stop).data, crc)
+        return crc
+
     def time_ns(self, start: int = 0, stop: int | None = None) -> NDArray[np.int64]:
         """UTC nanoseconds of the samples."""
         return exact_time_ns(
@@ -204,20 +213,21 @@ class StreamReader:
             rows = more[0] if more else np.empty((len(part), *self.info.metadata_shape), np.uint16)
             yield Pictures(part.start, counts, rows, part.columns["flags"])
 
-    def crops(self, box: tuple[slice, slice], step: int) -> Iterator[Pictures]:
+    def crops(self, box: tuple[slice, slice], step: int, *, with_rows: bool) -> Iterator[Pictures]:
         """A `box` of rows and columns of all frames, `step` chunks at a time, the rest of them unread.
 
-        The flags are those stored, and `BAD_CRC` where the box cannot be read: the compressed bytes have a
-        checksum of their own, so damage inside is found; damage elsewhere in a frame is not looked for.
+        Metadata rows are read only `with_rows`. The flags are those stored, and `BAD_CRC` where the box
+        cannot be read: the compressed bytes have a checksum of their own, so damage inside is found; damage
+        elsewhere in a frame is not looked for.
         """
-        counts, *more = self.bricks
         for start, stop in _spans(0, len(self), step * self._depth):
-            pixels, bad = self._read(counts, start, stop, box)
-            rows, also_bad = np.empty((stop - start, *self.info.metadata_shape), np.uint16), bad
-            if more:
-                rows, also_bad = self._read(more[0], start, stop)
-            flags = self._flagged(self.column("flags", start, stop), start, bad | also_bad)
-            yield Pictures(start, pixels, rows, flags)
+            counts, bad = self._read(self.counts, start, stop, box)
+            rows = np.empty((stop - start, 0, 0), np.uint16)
+            if with_rows:
+                rows, also_bad = self._read(self.bricks[1], start, stop)
+                bad |= also_bad
+            flags = self._flagged(self.column("flags", start, stop), start, bad)
+            yield Pictures(start, counts, rows, flags)
 
     def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
         """The rows from `start` to `stop`, each compared with its checksum."""

@@ -133,18 +133,13 @@ def _at(
 
 
 def minute_means(session: Session, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
-    """Middle and mean of every minute of a meter's first channel, readings in doubt left out.
+    """Middle and mean of every minute of a meter's first channel; raises `ConfigError` without any.
 
     `recorded` takes the times as they were recorded, without a time map that is in force.
     """
-    from fieldkit.samples import is_usable
+    from fieldkit.sessions import analysis
 
-    reader = session.stream(stream)
-    values = np.asarray(reader.column("value"), np.float64).reshape(len(reader), -1)[:, 0]
-    good = is_usable(reader.column("flags")) & np.isfinite(values)
-    times = reader.time_ns() if recorded else session.times_ns(stream)
-    minutes, place = np.unique(times[good] // 60_000_000_000, return_inverse=True)
+    minutes, means = analysis.minute_means(session, stream, recorded=recorded)
     if not minutes.size:
         raise ConfigError(f"{session.path}: {stream} has no good readings", fix="fieldkit check says why")
-    means = np.bincount(place, values[good]) / np.bincount(place)
-    return minutes * 60_000_000_000 + 30_000_000_000, means
+    return minutes, means

@@ -74,9 +74,14 @@ def frame_k(
         return np.full(counts.shape, np.nan, dtype)
 
 
+def needs_metadata_rows(info: StreamInfo) -> bool:
+    """Whether the parameters of the camera's law come with each frame, in its metadata rows."""
+    return info.law == "ht301"
+
+
 def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray[np.float64]:
     """Several frames by `frame_k`: counts (n, ...) and metadata rows (n, rows, cols) to kelvin (n, ...)."""
-    if info.law not in _LAWS_OF_EACH_FRAME:
+    if not needs_metadata_rows(info):
         return frame_k(info, counts, metadata_rows[:0])
     frames = [frame_k(info, *frame) for frame in zip(counts, metadata_rows, strict=True)]
     return np.array(frames, np.float64).reshape(counts.shape)
@@ -253,7 +258,5 @@ def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -
     ).take(counts)
 
 
-_LAWS_OF_EACH_FRAME = ("ht301",)
-"""Laws whose parameters come with each frame, in its metadata rows."""
 LAWS: Mapping[str, Law] = MappingProxyType({"ht301": ht301, "planck": planck})
 """Every law but the linear one, by the name a stream gives."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from fieldkit.errors import NoAnswerError
-from fieldkit.samples import Reading, Severity
+from fieldkit.samples import Reading, Severity, is_usable
 from fieldkit.sessions.exchange.curve_offset import Alignment, Curve, best_offset
 from fieldkit.sessions.exchange.imported import Foreign
 from fieldkit.sessions.reader import Session
@@ -23,8 +23,8 @@ def aligned(session: Session, foreign: Foreign) -> Foreign:
     readings = [sample for sample in foreign.samples if isinstance(sample, Reading)]
     quantity = foreign.streams[0].quantity
     start_ns = session.start_ns
-    log = _curve(((reading.time_ns, float(np.nanmean(reading.values))) for reading in readings
-                  if np.isfinite(reading.values).any()), start_ns)  # fmt: skip
+    log = _curve(((one.time_ns, float(np.nanmean(one.values))) for one in readings
+                  if is_usable(one.quality) and np.isfinite(one.values).any()), start_ns)  # fmt: skip
     name, found = _best_stream(session, quantity, log, start_ns)
     shift_ns = round(found.offset_s * 1e9)
     moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
@@ -61,18 +61,18 @@ def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[st
             yield name, _stream_curve(session, name, start_ns)
         if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
             series = session.region_series(stream=name)
-            for region, kelvin in zip(series.regions, series.mean_k.T, strict=True):
-                if np.isfinite(kelvin).all():
-                    points = zip(series.time_ns.tolist(), kelvin.tolist(), strict=True)
+            good = is_usable(series.flags)
+            for region, kelvin in zip(series.regions, series.mean_k[good].T, strict=True):
+                if kelvin.size and np.isfinite(kelvin).all():
+                    points = zip(series.time_ns[good].tolist(), kelvin.tolist(), strict=True)
                     yield f"region {region} of {name}", _curve(points, start_ns)
 
 
 def _stream_curve(session: Session, name: str, start_ns: int) -> Curve:
-    reader = session.stream(name)
-    values = np.asarray(reader.column("value"), np.float64).reshape(len(reader), -1)
-    known = np.isfinite(values).any(axis=1)
-    times = session.times_ns(name)[known].tolist()
-    return _curve(zip(times, np.nanmean(values[known], axis=1).tolist(), strict=True), start_ns)
+    readings = session.readings(name)
+    known = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
+    means = np.nanmean(readings.values[known], axis=1)
+    return _curve(zip(readings.time_ns[known].tolist(), means.tolist(), strict=True), start_ns)
 
 
 def _curve(points: Iterable[tuple[int, float]], start_ns: int) -> Curve:

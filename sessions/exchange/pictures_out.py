@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+import fieldkit
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError, StorageError
-from fieldkit.samples import Frame
-from fieldkit.sessions.analysis import own_scale
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.samples import Frame, is_damaged
 from fieldkit.sessions.datasets import iso_utc
+from fieldkit.sessions.exchange.tiff import PictureTags, write_tiff
 from fieldkit.sessions.reader import Session
 
 TIFF_KELVIN_PER_COUNT = 0.01
@@ -25,24 +28,28 @@ Image = NDArray[np.uint8]
 
 
 def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
-    """16-bit TIFFs of 0.01 K per count, with their times in ``times.csv``: `import` reads them back.
+    """16-bit TIFFs of 0.01 K per count with scale, time and flags in their tags: `import` reads them back.
 
-    Counts of a camera without a known scale are written as they are. Raises `StorageError`, and
-    `ConfigError` where the camera is not known.
+    The times stand in ``times.csv`` too. A pixel of 0 has no temperature; counts of a camera without a known
+    scale are written as they are. Raises `OSError`, and `ConfigError` where the camera is not known.
     """
-    import cv2
-
     info = _camera(session, stream)
-    convert, paths, rows = own_scale(info), [], []
-    known = np.isfinite(convert(np.array([30_000], np.uint16))).all()
+    paths, rows = [], []
     for frame in _frames(session, info.name, every):
-        counts = np.rint(convert(frame.counts) / TIFF_KELVIN_PER_COUNT) if known else frame.counts
-        path = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff"
-        if not cv2.imwrite(str(path), np.clip(counts, 0, 65535).astype(np.uint16)):
-            raise StorageError(f"cannot write {path}", fix=_ROOM)
+        path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
+        flags = tuple(str(flag.name).lower() for flag in frame.quality)
+        tags = PictureTags(time, TIFF_KELVIN_PER_COUNT if has_temperatures(info) else math.nan, flags=flags)
+        write_tiff(path, _tiff_counts(frame, info), tags, f"fieldkit {fieldkit.__version__}")
         paths.append(path)
-        rows.append((path.name, iso_utc(frame.time_ns)))
+        rows.append((path.name, time))
     return [*paths, _write_times(folder / "times.csv", rows)]
+
+
+def _tiff_counts(frame: Frame, info: StreamInfo) -> NDArray[np.uint16]:
+    if not has_temperatures(info):
+        return frame.counts
+    hundredths = np.rint(frame_k(info, frame.counts, frame.metadata_rows) / TIFF_KELVIN_PER_COUNT)
+    return np.asarray(np.clip(np.nan_to_num(hundredths), 0, 65535), np.uint16)
 
 
 def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
@@ -118,39 +125,50 @@ def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
 
 
 def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
+    """The frames to be written; damaged ones are not among them, as a picture shows no flags."""
     for sample in session.samples(camera):
-        if isinstance(sample, Frame) and sample.seq % every == 0:
+        if isinstance(sample, Frame) and sample.seq % every == 0 and not is_damaged(sample.quality):
             yield sample
 
 
 def _drawn(session: Session, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
-    low, high = _range(session, info.name)
-    convert = own_scale(info)
-    scaled = np.isfinite(convert(np.array([low, high], np.uint16))).all()
-    ends = convert(np.array([low, high], np.uint16)) - 273.15
-    words = [f"{end:.1f} C" for end in ends] if scaled else [f"{low}", f"{high}"]
+    low, high = _range(session, info)
+    unit = " C" if has_temperatures(info) else ""
+    words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
     for frame in _frames(session, info.name, every):
-        yield frame, _draw(session, frame, low, high, words)
+        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words)
 
 
-def _range(session: Session, camera: str) -> tuple[int, int]:
+def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
+    """What a picture shows, (rows, cols): °C, or counts where the camera's scale is not known."""
+    if not has_temperatures(info):
+        return frame.counts.astype(np.float32)
+    return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(273.15)
+
+
+def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
     """One colour scale for the whole session: it holds the middle 98 % of each of about fifty pictures.
 
     Of each, not of all together: a bed that is warm for an hour only must not lie beyond the end.
     """
-    counts, length = session.raw(camera), session.count(camera)
-    if not length:
+    reader, length = session.stream(info.name), session.count(info.name)
+    frames = (reader.frame(row) for row in range(0, length, max(1, length // 50)))
+    shown = [_shown(frame, info) for frame in frames if not is_damaged(frame.quality)]
+    ends = np.array([np.nanpercentile(one, (1, 99)) for one in shown if np.isfinite(one).any()])
+    if not len(ends):
         raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
-    ends = np.array([np.percentile(counts[n], (1, 99)) for n in range(0, length, max(1, length // 50))])
-    low, high = int(ends[:, 0].min()), int(ends[:, 1].max())
-    return low, max(high, low + 1)
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    return low, max(high, low + (0.01 if has_temperatures(info) else 1))
 
 
-def _draw(session: Session, frame: Frame, low: int, high: int, words: list[str]) -> Image:
+def _draw(
+    session: Session, frame: Frame, shown: NDArray[np.float32], ends: tuple[float, float], words: list[str]
+) -> Image:
     import cv2
 
     factor = max(1, round(_WIDTH / frame.counts.shape[1]))
-    grey = np.clip((frame.counts.astype(np.float64) - low) / (high - low) * 255, 0, 255).astype(np.uint8)
+    low, high = ends
+    grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
     large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     image: Image = cv2.applyColorMap(large, cv2.COLORMAP_INFERNO).astype(np.uint8)
     for region in session.regions:

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import csv
 import math
-import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
+from functools import reduce
+from operator import or_
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,14 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
-from fieldkit.samples import Frame, Severity
+from fieldkit.samples import Frame, Quality, Severity
 from fieldkit.sessions.exchange.imported import Foreign, flag_bunched, usual_rate_hz
 from fieldkit.sessions.exchange.irg import read_irg
+from fieldkit.sessions.exchange.tiff import claimed_pixels, read_tags
 from fieldkit.sessions.exchange.times import parse_time_ns
 
 SUFFIXES = (".tif", ".tiff", ".irg")
-_SIDES, _LONG, _MOST_PIXELS = (256, 257), 4, 1 << 24  # TIFF 6.0: ImageWidth, ImageLength, type LONG
+_MOST_PIXELS = 1 << 24
 _OR_NONE = "or --kelvin-per-count none for pictures only"
 _SAY_SCALE = {
     "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
@@ -54,8 +56,9 @@ def read_stills(
     """The pictures of a folder, or one, as a camera stream, in order of time.
 
     `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
-    time; with a header line or without) or from the file names by `time_format` (as for strptime, of
-    the name without its ending). Times without an offset are taken in `zone`. Raises `ConfigError`.
+    time; with a header line or without), from the file names by `time_format` (as for strptime, of
+    the name without its ending), or from the tags of pictures that fieldkit exported. Times without an
+    offset are taken in `zone`. Raises `ConfigError`.
     """
     paths = pictures_in(source)
     if not paths:
@@ -69,12 +72,7 @@ def read_stills(
             f"what one count of these {_kind(paths[0])} pictures means is not known",
             fix=_SAY_SCALE[_kind(paths[0])],
         )
-    if (times is None) == (time_format is None):
-        raise ConfigError(
-            "when the pictures were taken must be said in one way",
-            fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
-        )
-    stamps = _from_table(paths, times, zone) if times else _from_names(paths, time_format or "", zone)
+    stamps = _stamps(paths, times, time_format, zone)
     ordered = sorted(paths, key=stamps.__getitem__)
     time_ns = [stamps[path] for path in ordered]
     known = scale or own or Scale(float("nan"))
@@ -86,6 +84,24 @@ def read_stills(
     return Foreign((info,), flagged, (*remarks, *bunches))
 
 
+def _stamps(
+    paths: Sequence[Path], times: Path | None, time_format: str | None, zone: tzinfo | None
+) -> dict[Path, int]:
+    """When each picture was taken, by the one way that was given, else by its own tags."""
+    if times is not None and time_format is None:
+        return _from_table(paths, times, zone)
+    if time_format is not None and times is None:
+        return _from_names(paths, time_format, zone)
+    tags = {path: read_tags(path) for path in paths} if times is None else {}
+    found = {path: parse_time_ns(one.time, zone) for path, one in tags.items() if one is not None}
+    if len(found) < len(paths):
+        raise ConfigError(
+            "when the pictures were taken must be said in one way",
+            fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
+        )
+    return found
+
+
 def _first(
     paths: Sequence[Path],
 ) -> tuple[NDArray[np.uint16], Scale | None, tuple[tuple[Severity, str], ...]]:
@@ -95,11 +111,19 @@ def _first(
             f"{paths[0].parent} has TIFF and IRG pictures", fix="import them from folders of their own"
         )
     if _kind(paths[0]) == "TIFF":
-        return _tiff(paths[0]), None, ()
+        return _tiff(paths[0]), _own_scale(paths), ()
     picture = read_irg(paths[0])
     own = None if math.isnan(picture.kelvin_per_count) else Scale(picture.kelvin_per_count)
     said = f"the camera's emissivity was {picture.emissivity:g}; whether the counts allow for it is not known"
     return picture.counts, own, ((Severity.WARNING, said),)
+
+
+def _own_scale(paths: Sequence[Path]) -> Scale | None:
+    """What the tags of all pictures say of their counts, where they agree; None of other programs'."""
+    tags = [read_tags(path) for path in paths]
+    scales = {None if one is None else repr((one.scale, one.offset)) for one in tags}
+    first = tags[0]
+    return Scale(first.scale, first.offset) if first is not None and len(scales) == 1 else None
 
 
 def _kind(path: Path) -> str:
@@ -116,7 +140,16 @@ def _frames(paths: Sequence[Path], time_ns: Sequence[int], info: StreamInfo) -> 
                 f"{path} has {counts.shape} pixels, the first picture {info.shape}",
                 fix="import pictures of different sizes from folders of their own",
             )
-        yield Frame(info.name, stamp, stamp, counts, empty, device_seq=number)
+        yield Frame(info.name, stamp, stamp, counts, empty, _quality(path), device_seq=number)
+
+
+def _quality(path: Path) -> Quality:
+    """The flags that an exported picture carries."""
+    tags = read_tags(path) if _kind(path) == "TIFF" else None
+    known = (
+        [Quality[name.upper()] for name in tags.flags if name.upper() in Quality.__members__] if tags else []
+    )
+    return reduce(or_, known, Quality.GOOD)
 
 
 def _picture(path: Path) -> NDArray[np.uint16]:
@@ -126,7 +159,7 @@ def _picture(path: Path) -> NDArray[np.uint16]:
 def _tiff(path: Path) -> NDArray[np.uint16]:
     import cv2
 
-    if _claimed_pixels(path) > _MOST_PIXELS:
+    if claimed_pixels(path) > _MOST_PIXELS:
         raise ConfigError(
             f"{path} says that it has more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
         )
@@ -144,25 +177,6 @@ def _tiff(path: Path) -> NDArray[np.uint16]:
             fix="export the radiometric pictures, not the coloured ones",
         )
     return found.astype(np.uint16)
-
-
-def _claimed_pixels(path: Path) -> int:
-    """Width times height as the first directory says, before room is made for them; 0 if it does not."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(8)
-            order = ">" if head.startswith(b"MM") else "<"
-            file.seek(struct.unpack_from(f"{order}I", head, 4)[0])
-            (count,) = struct.unpack(f"{order}H", file.read(2))
-            entries = [struct.unpack(f"{order}HHI4s", file.read(12)) for _ in range(count)]
-    except (OSError, struct.error):
-        return 0
-    sides = [
-        struct.unpack_from(f"{order}{'I' if kind == _LONG else 'H'}", value)[0]
-        for tag, kind, _, value in entries
-        if tag in _SIDES
-    ]
-    return math.prod(sides) if sides else 0
 
 
 def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:

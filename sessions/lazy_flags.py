@@ -1,0 +1,34 @@
+"""Verified flags as an array that xarray reads when it is asked to; imported only where xarray is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from xarray.backends import BackendArray
+from xarray.core.indexing import IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+from fieldkit.sessions.reader import open_session
+
+
+def verified_flags(path: Path, stream: str, shape: tuple[int, ...]) -> LazilyIndexedArray:
+    """`Quality` of a stream's samples; the session is opened for each reading, whoever has closed it."""
+    return LazilyIndexedArray(_VerifiedFlags(path, stream, shape))
+
+
+class _VerifiedFlags(BackendArray):
+    def __init__(self, path: Path, stream: str, shape: tuple[int, ...]) -> None:
+        self.path, self.stream, self.shape, self.dtype = path, stream, shape, np.dtype("<u2")
+
+    def __getitem__(self, key: Any) -> Any:
+        return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
+
+    def _read(self, key: tuple[int | slice]) -> NDArray[np.uint16]:
+        wanted = np.arange(self.shape[0])[key]
+        if not wanted.size:
+            return np.empty(0, self.dtype)
+        first = int(wanted.min())
+        with open_session(self.path) as session:
+            return session.stream(self.stream).flags(first, int(wanted.max()) + 1)[wanted - first]
