@@ -12,6 +12,7 @@
      |    +-- DecodeError                bytes make no sense; keeps the bytes
      +-- SessionError                3   not a session, a newer version, damaged
      |    +-- IntegrityError         7   stored data do not match their checksums
+     |         +-- IncompleteError        a part could not be read, the rest was written
      +-- StorageError                6   disk full, read-only, too slow
      +-- NoAnswerError               8   the data do not determine the answer
      |    +-- CalibrationError
@@ -21,6 +22,9 @@ Nature is not an error: night, shade or a closed shutter give NaN and a `Quality
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 
 class FieldkitError(Exception):
@@ -82,6 +86,14 @@ class IntegrityError(SessionError):
     """Stored data do not match their checksums, or samples had to be dropped."""
 
     exit_code = 7
+
+
+class IncompleteError(IntegrityError):
+    """A part of a session could not be read; `files` hold the rest."""
+
+    def __init__(self, message: str, files: Sequence[Path], *, fix: str | None = None) -> None:
+        super().__init__(message, fix=fix)
+        self.files = tuple(files)
 
 
 class StorageError(FieldkitError):

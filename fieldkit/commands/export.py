@@ -9,14 +9,15 @@ import click
 
 from fieldkit.commands.common import Verb, options, print_json
 from fieldkit.commands.session_paths import newest
-from fieldkit.errors import ConfigError, StorageError
+from fieldkit.errors import ConfigError, IncompleteError, IntegrityError, StorageError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
 WHOLE_KINDS = ("csv", "parquet", "netcdf")
 """What is always written of every stream."""
-KINDS = (*WHOLE_KINDS, "mcap", "png", "mp4", "tiff")
+PICTURE_KINDS = ("png", "mp4", "tiff")
+KINDS = (*WHOLE_KINDS, "mcap", *PICTURE_KINDS)
 
 
 @click.command(cls=Verb)
@@ -48,11 +49,28 @@ def command(
     with open_session(path) as opened:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            written = _write(opened, folder, kind, stream, every)
+            written, problems = _write(opened, folder, kind, stream, every)
         except OSError as error:
             raise StorageError(f"cannot write into {folder}: {error.strerror or error}") from error
+        problems += _damage(opened, kind)
+    _print(ctx, path, folder, written, problems)
+    if problems:
+        raise IntegrityError(f"{path}: {'; '.join(problems)}", fix=f"fieldkit check {path}")
+
+
+def _damage(session: Session, kind: str) -> list[str]:
+    """What the export found of samples that are not as they were recorded."""
+    fate = "they are left out" if kind in PICTURE_KINDS else "they are flagged bad_crc"
+    return [
+        f"{count} of {session.count(name)} samples of {name} do not match their checksum, {fate}"
+        for name, count in session.damaged.items()
+    ]
+
+
+def _print(ctx: click.Context, path: Path, folder: Path, written: list[Path], problems: list[str]) -> None:
     if options(ctx).json:
-        print_json({"session": str(path), "files": [str(file) for file in written]})
+        files = [str(file) for file in written]
+        print_json({"session": str(path), "files": files, "problems": problems})
         return
     for file in written[:10]:
         click.echo(file)
@@ -70,15 +88,21 @@ def _default_folder(path: Path) -> Path:
     )
 
 
-def _write(session: Session, folder: Path, kind: str, stream: str | None, every: int) -> list[Path]:
+def _write(
+    session: Session, folder: Path, kind: str, stream: str | None, every: int
+) -> tuple[list[Path], list[str]]:
+    """The files, and what could not be read for them."""
     from fieldkit.sessions.exchange import mcap_out, netcdf_out, pictures_out, tables_out
 
-    if kind in ("csv", "parquet"):
-        return tables_out.export_tables(session, folder, kind)
-    if kind == "netcdf":
-        return netcdf_out.export_netcdf(session, folder)
     samples = {
         "mcap": mcap_out.export_mcap,
         "png": pictures_out.export_pngs, "mp4": pictures_out.export_mp4, "tiff": pictures_out.export_tiffs,
     }  # fmt: skip
-    return samples[kind](session, folder, stream=stream, every=every)
+    try:
+        if kind in ("csv", "parquet"):
+            return tables_out.export_tables(session, folder, kind), []
+        if kind == "netcdf":
+            return netcdf_out.export_netcdf(session, folder), []
+        return samples[kind](session, folder, stream=stream, every=every), []
+    except IncompleteError as error:
+        return list(error.files), [error.message]

@@ -2,36 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fieldkit.errors import ConfigError
+from fieldkit.sessions.exchange.unreadable import all_but_unreadable
 from fieldkit.sessions.reader import Session
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def export_tables(session: Session, folder: Path, kind: str) -> list[Path]:
-    """Write every table of a session as `kind` ("csv" or "parquet"); says which files.
+_NUMBER = "%.12g"
+"""Twelve digits are more than any sensor has, and leave out what binary fractions add: 280.55."""
+_FORMULA = re.compile(r"[=+\-@\t\r]")
+"""How a cell begins that a spreadsheet may compute, text or not (OWASP, CSV injection)."""
 
-    Raises `ConfigError` where pandas (or pyarrow) is not installed.
+
+def export_tables(session: Session, folder: Path, kind: str) -> list[Path]:
+    """Write every table of a session as `kind` ("csv" or "parquet"); returns the files.
+
+    Raises `ConfigError` where pandas (or pyarrow) is not installed, and `IncompleteError`, when all the
+    others are written, for a table that cannot be read.
     """
-    try:
-        import pandas as pd
-    except ImportError as error:
-        raise ConfigError("tables need pandas", fix="pip install 'fieldkit[lab]'") from error
-    del pd
-    written = []
-    for name, table in _tables(session):
-        path = folder / f"{session.path.stem}-{name}.{kind}"
-        if kind == "csv":
-            table.to_csv(path, date_format="%Y-%m-%dT%H:%M:%S.%fZ")
-        else:
-            _parquet(table, path)
-        written.append(path)
-    return written
+    if find_spec("pandas") is None:
+        raise ConfigError("tables need pandas", fix="pip install 'fieldkit[lab]'")
+    write = _csv if kind == "csv" else _parquet
+    return all_but_unreadable(
+        (name, partial(_export, make, folder / f"{session.path.stem}-{name}.{kind}", write))
+        for name, make in _tables(session)
+    )
+
+
+def _export(
+    make: Callable[[], pd.DataFrame], path: Path, write: Callable[[pd.DataFrame, Path], None]
+) -> Path:
+    write(make(), path)
+    return path
+
+
+def _csv(table: pd.DataFrame, path: Path) -> None:
+    safe = table.rename(columns=_as_text)
+    for name in safe:
+        if safe[name].dtype.kind == "O":
+            safe[name] = safe[name].map(_as_text)
+    safe.to_csv(path, date_format="%Y-%m-%dT%H:%M:%S.%fZ", float_format=_NUMBER)
+
+
+def _as_text(cell: str) -> str:
+    """The text of a cell, with an apostrophe before what a spreadsheet would compute."""
+    return f"'{cell}" if _FORMULA.match(cell) else cell
 
 
 def _parquet(table: pd.DataFrame, path: Path) -> None:
@@ -41,14 +65,14 @@ def _parquet(table: pd.DataFrame, path: Path) -> None:
         raise ConfigError("Parquet needs pyarrow", fix="pip install 'fieldkit[lab]'") from error
 
 
-def _tables(session: Session) -> Iterator[tuple[str, pd.DataFrame]]:
+def _tables(session: Session) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:
     for name, info in session.streams.items():
         if not info.is_camera:
-            yield name, session.to_pandas(name)
+            yield name, partial(session.to_pandas, name)
         elif session.regions:
-            yield f"{name}-regions", _regions(session, name)
-    yield "slopes", _slopes(session)
-    yield "events", _events(session)
+            yield f"{name}-regions", partial(_regions, session, name)
+    yield "slopes", partial(_slopes, session)
+    yield "events", partial(_events, session)
 
 
 def _index(time_ns: object) -> pd.DatetimeIndex:

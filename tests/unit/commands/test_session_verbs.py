@@ -183,6 +183,21 @@ def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, mod
     assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
 
 
+@pytest.mark.parametrize("kind", ["csv", "netcdf", "mcap", "tiff"])
+def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign: Path, kind: str) -> None:
+    path = campaign / "recordings/20261211T025512Z-a.h5"
+    with h5py.File(path, "r+") as file:
+        file["camera/fpa_temperature"][4] += 1.0
+    done = run(export, path, "--to", kind, "-o", campaign / "out")
+    assert isinstance(done.exception, IntegrityError)
+    assert "1 of 20 samples of camera do not match their checksum" in done.exception.message
+    assert done.exception.fix == f"fieldkit check {path}"
+    files = [Path(line) for line in done.stdout.splitlines() if not line.startswith("and")]
+    assert files
+    assert all(file.exists() for file in files)
+    assert not isinstance(run(export, path, "--to", "mcap", "--stream", "lux").exception, IntegrityError)
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
 def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Path, kind: str) -> None:
     path = campaign / "recordings" / "20261211T025512Z-a.h5"

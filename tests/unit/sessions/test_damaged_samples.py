@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from fieldkit.errors import IncompleteError, IntegrityError
 from fieldkit.samples import Frame, Quality, Reading
+from fieldkit.sessions.analysis import minute_means
+from fieldkit.sessions.check import check
+from fieldkit.sessions.exchange.netcdf_out import export_netcdf
+from fieldkit.sessions.exchange.pictures_out import export_pngs, export_tiffs
+from fieldkit.sessions.exchange.tables_out import export_tables
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -112,3 +119,133 @@ def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., Session]) 
     assert thermometer.values.shape == (3, 4)
     assert [tuple(row) for row in thermometer.values] == [one.values for one in samples]
     assert thermometer.time_ns.tolist() == [one.time_ns for one in samples]
+
+
+def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., Session]) -> None:
+    with damaged(spoil("camera/counts", 1)) as session:
+        with pytest.raises(IntegrityError, match="frame 9 of camera does not match its checksum") as caught:
+            session.kelvin()
+        assert 'damaged="nan"' in (caught.value.fix or "")
+        kelvin = session.kelvin(damaged="nan")
+        assert session.kelvin(0, DEPTH).shape == (DEPTH, 24, 32)
+    bad = np.isnan(kelvin).all(axis=(1, 2))
+    assert np.flatnonzero(bad).tolist() == list(range(DEPTH, 2 * DEPTH))
+    assert np.isfinite(kelvin[~bad]).all()
+
+
+@pytest.mark.parametrize("brick", [0, 3])
+def test_a_region_goes_on_behind_an_unreadable_chunk(damaged: Callable[..., Session], brick: int) -> None:
+    with damaged() as session:
+        whole = session.region_series()
+    with damaged(spoil("camera/counts", brick)) as session:
+        series = session.region_series()
+    lost = np.arange(FRAMES) // DEPTH == brick
+    assert ((series.flags & BAD) != 0).tolist() == lost.tolist()
+    assert np.isnan(series.mean_k[lost]).all()
+    assert np.array_equal(series.mean_k[~lost], whole.mean_k[~lost])
+    assert np.array_equal(series.spread_k[~lost], whole.spread_k[~lost])
+
+
+@pytest.mark.parametrize("column", ["flags", "mono_ns", "time", "fpa_temperature"])
+def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
+    damaged: Callable[..., Session], column: str
+) -> None:
+    with damaged() as session:
+        assert session.columns_are_sealed("camera")
+    with damaged(flip(f"camera/{column}", 5, 4)) as session:
+        assert not session.columns_are_sealed("camera")
+        series = session.region_series()
+    assert np.flatnonzero(series.flags & BAD).tolist() == [5]
+
+
+def unseal_columns(path: Path) -> None:
+    """As a version without this checksum has left it."""
+    with h5py.File(path, "r+") as file:
+        del file["integrity/columns_crc32"]
+
+
+def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
+    damaged: Callable[..., Session],
+) -> None:
+    with damaged(unseal_columns) as session:
+        assert not session.columns_are_sealed("camera")
+        assert not (session.region_series().flags & BAD).any()
+        path = session.path
+    assert [one for one in check(path) if one.level == "fail"] == []
+    with damaged(unseal_columns, flip("camera/flags", 5, 4)) as session:
+        assert np.flatnonzero(session.region_series().flags & BAD).tolist() == [5]
+
+
+def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., Session]) -> None:
+    pytest.importorskip("xarray")
+    with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
+        assert np.flatnonzero(session.to_pandas("lux")["flags"] & BAD).tolist() == [1]
+        assert (session.to_pandas("camera")["flags"] & BAD).astype(bool).sum() == DEPTH
+        lux, camera = session.to_xarray("lux"), session.to_xarray("camera")
+    with lux, camera:  # read when the session has long been closed
+        assert np.flatnonzero(lux["flags"].values & BAD).tolist() == [1]
+        assert (camera["flags"][DEPTH - 1 : DEPTH + 2].values & BAD).tolist() == [0, BAD, BAD]
+        assert int(camera["flags"][-1]) & BAD == 0
+        assert "bad_crc" in camera["flags"].attrs["flag_meanings"].split()
+
+
+def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., Session]) -> None:
+    with damaged() as session:
+        good = session.readings("lux").values[:, 0]
+    with damaged(flip("lux/value", 1, EXPONENT)) as session:
+        _, means = minute_means(session, "lux")
+        assert session.damaged == {"lux": 1}
+    assert means == pytest.approx([np.delete(good, [1, 7]).mean()])  # 7 is flagged by the recording
+
+
+def test_tables_are_written_with_the_flag(damaged: Callable[..., Session], tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
+        paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+        assert session.damaged == {"lux": 1, "camera": DEPTH}
+    lux, regions = pd.read_csv(paths["lux"]), pd.read_csv(paths["camera-regions"])
+    assert np.flatnonzero(lux["flags"] & BAD).tolist() == [1]
+    bad = (regions["flags"] & BAD) != 0
+    assert bad.sum() == 2 * DEPTH
+    assert regions["temperature [K]"].isna().tolist() == bad.tolist()
+
+
+def test_pictures_are_written_without_the_damaged_ones(
+    damaged: Callable[..., Session], tmp_path: Path
+) -> None:
+    with damaged(spoil("camera/counts", 1)) as session:
+        names = {int(path.stem[-7:]) for path in export_tiffs(session, tmp_path) if path.suffix == ".tiff"}
+        assert len(export_pngs(session, tmp_path)) == FRAMES - DEPTH
+        assert session.damaged == {"camera": DEPTH}
+    assert names == set(range(FRAMES)) - set(range(DEPTH, 2 * DEPTH))
+
+
+def test_netcdf_has_the_flag_and_the_fill_value(damaged: Callable[..., Session], tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
+        export_netcdf(session, tmp_path)
+        kelvin = session.kelvin(damaged="nan")
+    with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
+        lost = (camera["flags"].values & BAD) != 0
+        assert np.flatnonzero(lost).tolist() == list(range(DEPTH, 2 * DEPTH))
+        assert np.isnan(camera["counts"].values[lost]).any(axis=(1, 2)).all()
+        assert camera["counts"].values[~lost] == pytest.approx(kelvin[~lost], abs=1e-9)
+    with xr.open_dataset(tmp_path / "field-lux.nc", engine="h5netcdf") as lux:
+        assert np.flatnonzero(lux["flags"].values & BAD).tolist() == [1]
+
+
+def remove_table(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        del file["estimates"]
+
+
+def test_a_table_that_is_gone_does_not_stop_the_others(
+    damaged: Callable[..., Session], tmp_path: Path
+) -> None:
+    pytest.importorskip("pandas")
+    for export in (partial(export_tables, kind="csv"), export_netcdf):
+        with damaged(remove_table) as session, pytest.raises(IncompleteError, match="not exported") as caught:
+            export(session, tmp_path)
+        written = {path.stem.removeprefix("field-") for path in caught.value.files}
+        assert {"lux", "thermometer", "events"} <= written
+        assert all(path.exists() for path in caught.value.files)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import ConfigError, SessionError
+from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.samples import Event, EventKind, Frame, Reading
 from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.exchange.mcap_out import export_mcap
@@ -22,6 +23,7 @@ from fieldkit.sessions.exchange.netcdf_out import export_netcdf
 from fieldkit.sessions.exchange.pictures_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.tables_out import export_tables
+from fieldkit.sessions.exchange.tiff import read_tags
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -141,6 +143,101 @@ def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> Non
     originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
     assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
+    session: Session, tmp_path: Path
+) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    export_tiffs(session, folder)
+    (folder / "times.csv").unlink()
+    foreign = read_stills(folder, None)
+    originals = list(session.samples("camera"))
+    frames = list(foreign.samples)
+    assert (foreign.streams[0].scale, foreign.streams[0].offset) == (0.01, 0.0)
+    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
+    assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
+    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_tiffs_are_read_by_other_programs_with_their_tags(session: Session, tmp_path: Path) -> None:
+    """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
+    image = pytest.importorskip("PIL.Image")
+    path = export_tiffs(session, tmp_path)[7]
+    with image.open(path) as opened:
+        tags, counts = dict(opened.tag_v2), np.array(opened)
+    assert np.array_equal(counts, picture(7, (24, 32)))
+    assert json.loads(tags[270])["flags"] == ["shutter"]
+    assert json.loads(tags[270])["time"].startswith("2016-11-24T")
+    assert tags[306].startswith("2016:11:24 ")
+    assert '<Item name="SCALE" sample="0" role="scale">0.01</Item>' in tags[42112]
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"time": 3}', "[" * 10_000, '{"time": "t", "flags": 1}'])
+def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text: str) -> None:
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "other.tiff"
+    image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
+    assert read_tags(path) is None
+    with pytest.raises(ConfigError, match="what one count"):
+        read_stills(path, None)
+
+
+def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None:
+    """Its law takes four words and five coefficients from the metadata rows of each frame."""
+    info = replace(
+        HEADER.streams[0], shape=(24, 256), law="ht301", scale=float("nan"), metadata_shape=(4, 256)
+    )
+    words = np.zeros((4, 256), "<u2")
+    words[0, 1], words[1, 0], words[1, 1] = 8617, 5000, 2932
+    words.reshape(-1)[259:269] = np.array([0.01, 8.0, 0.0, 0.0, 0.6], "<f4").view("<u2")
+    corners = ((1.0, 1.0), (90.0, 1.0), (90.0, 20.0), (1.0, 20.0))
+    about = replace(HEADER, streams=(info,), regions=(Region("bed", RegionKind.TARGET, corners),))
+    writer = SessionWriter(tmp_path / "a.h5", about, CountedClock())
+    for seq in range(12):
+        rows = words.copy()
+        rows[1, 1] += 5 * seq  # the shutter warms by half a kelvin from frame to frame
+        counts = np.full((24, 256), 4900 + seq, "<u2")
+        writer.append(sample(info, seq)._replace(counts=counts, metadata_rows=rows))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        frames = list(session.samples())
+        expected = [temperature_k("ht301", one.counts, one.metadata_rows, {}).mean() for one in frames]
+        series, kelvin = session.region_series(), session.kelvin()
+        paths = export_tiffs(session, tmp_path)[:-1]
+    assert 280.0 < min(expected) < max(expected) < 310.0
+    assert np.ptp(expected) > 5.0
+    assert kelvin.mean(axis=(1, 2)) == pytest.approx(expected, abs=1e-4)
+    assert series.mean_k[:, 0] == pytest.approx(expected, abs=1e-4)
+    written = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).mean() * 0.01 for path in paths]
+    assert written == pytest.approx(expected, abs=0.01)
+
+
+def test_cells_of_a_table_are_as_short_as_the_number(session: Session, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+    cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
+    assert max(map(len, cells)) <= len("295.123456789")
+    assert paths["lux"].read_text().splitlines()[2].split(",")[1] == "0.333333333333"
+
+
+def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
+    writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
+    writer.append(sample(lux, 0)._replace(values=(-3.0, 1.0)))
+    for text in ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5"):
+        writer.event(Event(EventKind.MARK, 0, START_NS, text))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+    texts = pd.read_csv(paths["events"])["text"].tolist()
+    assert [text[0] for text in texts] == ["'", "'", "'", "'", "'", "5"]
+    assert texts[0] == '\'=HYPERLINK("http://a.example")'
+    table = pd.read_csv(paths["lux"])
+    assert list(table.columns[1:3]) == ["'=1+1 [lx]", "right [lx]"]
+    assert table["'=1+1 [lx]"].tolist() == [-3.0]
 
 
 def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: Path) -> None:
