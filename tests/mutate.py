@@ -63,9 +63,7 @@ class Mutation:
         return text.replace(self.old, self.new)
 
     def __str__(self) -> str:
-        text = (ROOT / self.file).read_text(encoding="utf-8")
-        line = text[: text.index(self.old)].count("\n") + 1
-        return f"{self.file}:{line}: {self.old.strip()!r} -> {self.new.strip()!r} ({self.why})"
+        return f"{self.file}: {self.old.strip()!r} -> {self.new.strip()!r} ({self.why})"
 
 
 def _python_files(path: Path) -> list[Path]:
@@ -109,12 +107,14 @@ class Copy:
 
     @contextmanager
     def _made(self, mutation: Mutation) -> Iterator[None]:
-        file, original = self._root / mutation.file, ROOT / mutation.file
-        file.write_text(mutation.mutated(file.read_text(encoding="utf-8")), encoding="utf-8")
+        file = self._root / mutation.file
+        original = file.with_name(f"{file.name}.original")
+        file.rename(original)
         try:
+            file.write_text(mutation.mutated(original.read_text(encoding="utf-8")), encoding="utf-8")
             yield
         finally:
-            shutil.copy2(original, file)
+            original.replace(file)
 
     def _pytest(self, tests: Iterable[str], **environment: str) -> int:
         command = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider", "-m", "not slow", *tests]
@@ -145,29 +145,34 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def trial(mutations: list[Mutation], kept: dict[str, bool]) -> None:
-    """Find out which are noticed; `kept` knows some already and learns the others, one by one."""
-    unknown = [mutation for mutation in mutations if mutation.digest() not in kept]
-    if not unknown:
-        return
+def trial(mutations: list[Mutation], kept: dict[str, bool]) -> dict[Mutation, bool]:
+    """Which are noticed; `kept` knows some already and learns the others, one by one."""
+    digests = {mutation: mutation.digest() for mutation in mutations}  # before the tree may change
+    unknown = [mutation for mutation in mutations if digests[mutation] not in kept]
+    if unknown:
+        _try(unknown, digests, kept)
+    return {mutation: kept[digests[mutation]] for mutation in mutations}
+
+
+def _try(unknown: list[Mutation], digests: dict[Mutation, str], kept: dict[str, bool]) -> None:
     with tempfile.TemporaryDirectory(prefix="mutate-") as folder:
         copy = Copy(Path(folder))
         for mutation in unknown:
             copy.must_pass(mutation.tests)
-            killed = kept[mutation.digest()] = copy.is_killed(mutation)
+            killed = kept[digests[mutation]] = copy.is_killed(mutation)
             print("killed  " if killed else "SURVIVED", mutation, flush=True)
             KEPT.parent.mkdir(exist_ok=True)
             KEPT.write_text(json.dumps(kept, indent=0), encoding="utf-8")
 
 
-def table(rooms: list[str], mutations: list[Mutation], kept: dict[str, bool]) -> list[dict[str, object]]:
+def table(rooms: list[str], killed: dict[Mutation, bool]) -> list[dict[str, object]]:
     """One row for each room: how many mutations, how many were noticed, and those that were not."""
     rows: list[dict[str, object]] = []
     for room in rooms:
-        tried = [mutation for mutation in mutations if mutation.room == room]
-        survived = [str(mutation) for mutation in tried if not kept[mutation.digest()]]
-        killed = len(tried) - len(survived)
-        rows.append({"room": room, "mutations": len(tried), "killed": killed, "survived": survived})
+        tried = [mutation for mutation in killed if mutation.room == room]
+        survived = [str(mutation) for mutation in tried if not killed[mutation]]
+        count = len(tried) - len(survived)
+        rows.append({"room": room, "mutations": len(tried), "killed": count, "survived": survived})
     return rows
 
 
@@ -196,8 +201,7 @@ def main() -> int:
         print(f"{len(mutations)} mutations in {len(wanted)} rooms")
         return 0
     kept: dict[str, bool] = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
-    trial(mutations, kept)
-    rows = table(wanted, mutations, kept)
+    rows = table(wanted, trial(mutations, kept))
     print("\n".join(_text(rows)))
     if chosen.out:
         chosen.out.write_text(json.dumps(rows, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -164,6 +164,31 @@ def reordered(changes: Sequence[Change], count: int, chance: random.Random) -> D
     return disk
 
 
+def confirmed(changes: Sequence[Change], count: int) -> Disk:
+    """Nothing but what completed syncs had covered: what was written to a file since its last one is gone.
+
+    So is a file, or a folder with all in it, whose name came since the last sync of the folder around it.
+    """
+    disk, since = Disk(), _since_sync(changes[:count])
+    named: dict[str, int] = {}
+    for number, change in enumerate(changes[:count]):
+        if change.kind in "WT":
+            named.setdefault(change.path, number)
+            named.setdefault(os.path.dirname(change.path), number)
+        elif change.kind == "U":
+            named.pop(change.path, None)
+        if change.kind == "U" or number < since.get(change.path, 0):
+            disk.apply(change)
+
+    def is_there(path: str) -> bool:
+        return not path or (
+            named[path] < since.get(os.path.dirname(path) or ".", 0) and is_there(os.path.dirname(path))
+        )
+
+    disk.files = {path: content for path, content in disk.files.items() if is_there(path)}
+    return disk
+
+
 def _since_sync(changes: Sequence[Change]) -> dict[str, int]:
     """For each file, the number of the change at which its last completed sync began."""
     begun: dict[str, int] = {}

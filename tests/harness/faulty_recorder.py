@@ -36,7 +36,7 @@ def hurry() -> None:
     writer.RESERVE_BYTES = 100_000
     brick_thread.FLUSH_EVERY_S = 0.01
     brick_thread.SYNC_EVERY_S = 0.05
-    brick_thread.JOURNAL_BYTES = 90_000
+    brick_thread.JOURNAL_BYTES = 40_000  # parts are deleted as soon as may be
     Journal.__init__.__defaults__ = (30_000,)  # type: ignore[attr-defined]
 
 
