@@ -25,6 +25,8 @@ class StreamInfo:
     not linear (then `law` names it). `rate_hz` 0 means irregular. `latency_s` is from the
     measured instant to the stamp, `wire_time_s` the part of it spent on the wire,
     `response_s` the sensor's own time constant, `accuracy` the standard uncertainty in `unit`.
+    `measures` names the component of radiation that each channel measures (`fieldkit.radiation`), ""
+    where that is unknown; empty for anything else.
     """
 
     name: str
@@ -36,6 +38,7 @@ class StreamInfo:
     law: str = "linear"
     metadata_shape: tuple[int, int] = (0, 0)
     channels: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()
     rate_hz: float = 0.0
     driver: str = ""
     vendor: str = ""

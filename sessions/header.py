@@ -76,6 +76,7 @@ class SessionHeader:
 
 def _stream(plain: dict[str, Any]) -> StreamInfo:
     tuples = {key: tuple(plain[key]) for key in ("shape", "metadata_shape", "channels")}
+    tuples["measures"] = tuple(plain.get("measures", ()))  # older sessions do not have it
     return StreamInfo(**{**plain, **tuples})
 
 

@@ -136,6 +136,8 @@ def stream_columns(info: StreamInfo) -> list[Column]:
     value = {"units": info.unit, "long_name": info.quantity, "ancillary_variables": "flags"}
     if info.unit == "K":
         value["units_metadata"] = "temperature: on_scale"
+    if info.measures:
+        value["measures"] = " ".join(word or "unknown" for word in info.measures)
     shape, dims = (info.shape, ("channel",)) if info.shape[0] > 1 else ((), ())
     return [
         *_stamps(info),

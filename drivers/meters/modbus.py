@@ -16,6 +16,7 @@ from typing import Any
 from fieldkit.clock import Clock
 from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
+from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.modbus_map import RegisterMap, load_map, packaged
 from fieldkit.drivers.meters.units import STREAM_UNITS
@@ -170,8 +171,23 @@ class Modbus:
         names = options.labels(settings, keys)
         unit = STREAM_UNITS.get(register_map.unit, register_map.unit)
         info = meter.describe(settings, port, answers, register_map.quantity, unit, names, register_map.title)
+        if component := _component(settings, port, register_map):
+            info = replace(info, measures=(component,) * len(names))
         asking = meter.Asking(question, settings.every_s)
         return meter.Meter(info, port, answers, clock, keys[: len(names)], asking=asking)
+
+
+def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
+    """What the instrument measures, by its map or its type; empty where neither says."""
+    if register_map.type_register is None:
+        return register_map.measures.get("", "")
+    question = request(
+        int(options.number(settings, "unit", 1)), register_map.function, register_map.type_register, 1
+    )
+    found = port.read(layout(None), meter.ANSWER_S, question)
+    while found is not None and not found.record.numbers:  # some adapters echo the question
+        found = port.read(layout(None), meter.ANSWER_S)
+    return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
 
 
 def _line(settings: DeviceSettings, register_map: RegisterMap) -> Line:

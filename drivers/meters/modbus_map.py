@@ -9,13 +9,14 @@ import math
 import struct
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.records import Value
 from fieldkit.errors import ConfigError
+from fieldkit.radiation import COMPONENTS
 from fieldkit.samples import Quality
 
 FOLDER = Path(__file__).with_name("modbus_maps")
@@ -30,6 +31,7 @@ _KEYS = (
     "first",
     "count",
     "no_value",
+    "measures",
     "range",
     "channel",
     "status",
@@ -71,7 +73,11 @@ class StatusBit:
 
 @dataclass(frozen=True, slots=True)
 class RegisterMap:
-    """One block of registers and its meaning; `no_value` are raw counts, `limits` the values that can be."""
+    """One block of registers and its meaning; `no_value` are raw counts, `limits` the values that can be.
+
+    `measures` is the component of radiation (`fieldkit.radiation`), by type where one map serves instruments
+    of several: `type_register` then holds the instrument's type. "" stands for any type, or none.
+    """
 
     title: str
     quantity: str
@@ -82,6 +88,8 @@ class RegisterMap:
     count: int
     channels: tuple[Channel, ...]
     no_value: tuple[int, ...] = ()
+    measures: Mapping[int | str, str] = field(default_factory=dict)
+    type_register: int | None = None
     limits: tuple[float, float] = (-math.inf, math.inf)
     status_register: int | None = None
     status_bits: tuple[StatusBit, ...] = ()
@@ -169,12 +177,29 @@ def _parse(table: Mapping[str, Any]) -> RegisterMap:
         count=int(table["count"]),
         channels=tuple(one for entry in table["channel"] for one in _repeated(Channel(**entry))),
         no_value=tuple(int(count) for count in table.get("no_value", ())),
+        **_measures(table.get("measures", {})),
         limits=(float(low), float(high)),
         status_register=status.get("register"),
         status_bits=tuple(StatusBit(**entry) for entry in status.get("bits", ())),
     )
     _check(found)
     return found
+
+
+def _measures(said: str | Mapping[str, Any]) -> dict[str, Any]:
+    """What the instrument measures: one component, or the types of instruments that measure each."""
+    if isinstance(said, str):
+        by_type: dict[int | str, str] = {"": said}
+        register = None
+    else:
+        register = said.get("type_register")
+        types = {component: given for component, given in said.items() if component != "type_register"}
+        by_type = {int(one): component for component, given in types.items() for one in given}
+    if wrong := set(by_type.values()) - set(COMPONENTS):
+        raise ValueError(f"measures {wrong.pop()!r} is none of {', '.join(COMPONENTS)}")
+    if (register is None) != ("" in by_type or not by_type):
+        raise ValueError("measures by type: type_register, and the types of each component")
+    return {"measures": by_type, "type_register": register}
 
 
 def _repeated(channel: Channel) -> list[Channel]:

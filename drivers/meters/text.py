@@ -8,7 +8,9 @@ There is no standard, so this is ours. A line ends with LF or CR LF and is one o
 * a comment, beginning with ``#``
 
 ``nan``, an empty field and the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85 just
-powered on) are no value. A column called ``ms`` is the board's own clock; it wraps after 49.7 days.
+powered on) are no value. Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column
+in W/m2 the configuration must state what it measures (`fieldkit.radiation`). A column called ``ms`` is the
+board's own clock; it wraps after 49.7 days.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.errors import ConfigError, DecodeError
+from fieldkit.radiation import UNIT, named
 from fieldkit.samples import NO_COUNTER, Quality
 
 LONGEST = 512
@@ -181,7 +184,11 @@ class Text:
         info = meter.describe(
             settings, port, grammar.layout, QUANTITIES.get(unit, "number"), unit, names, model="text"
         )
-        info = replace(info, device_time_unit="ms" if first.device_time != NO_COUNTER else "")
+        info = replace(
+            info,
+            measures=(named(names) or named(keys[: len(names)])) if unit == UNIT else (),
+            device_time_unit="ms" if first.device_time != NO_COUNTER else "",
+        )
         return meter.Meter(info, port, grammar.layout, clock, keys[: len(names)])
 
 

@@ -70,11 +70,13 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that enter the minutes themselves, everything else at its default.
 
     From counts to surface temperature (emissivity, reflected temperature), from light reading
-    to direct sun (irradiance model, refraction), and what flags a minute (low sun, settling).
+    to direct sun (streams, irradiance model, refraction), and what flags a minute (low sun, settling).
     """
     return EstimatorSettings(
         surface=SurfaceParameters(emissivity=settings.surface.emissivity),
         irradiance=settings.irradiance,
+        light_stream=settings.light_stream,
+        measures=settings.measures,
         refraction=settings.refraction,
         reflected_temperature_k=settings.reflected_temperature_k,
         low_sun_deg=settings.low_sun_deg,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
 from fieldkit.commands.types import RECORD_NAME
 from fieldkit.errors import ConfigError
+from fieldkit.radiation import UNKNOWN, measured
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
@@ -93,17 +95,16 @@ def _reference(
 ) -> tuple[FloatArray, str, float]:  # fmt: skip
     """Irradiance on the meter's plane at the minutes, the method, the doubt about the sky's share."""
     from fieldkit.calibration.irradiance import on_plane
-    from fieldkit.commands.calibrating import one_stream
     from fieldkit.commands.simulation import measured_weather
     from fieldkit.physics.sun import sun_vectors
 
     model = config.irradiance_model()
     sun = sun_vectors(minute_ns, config.site, refraction=True)
     if pyranometer is not None:
-        times, value = minute_means(session, one_stream(session, "irradiance", pyranometer).name)
+        times, value = minute_means(session, _radiation(session, config, pyranometer, ("ghi", "gti")))
         return _at(minute_ns, times, value), f"against the pyranometer {pyranometer} on the same plane", 0.0
     if pyrheliometer is not None:
-        times, value = minute_means(session, one_stream(session, "irradiance", pyrheliometer).name)
+        times, value = minute_means(session, _radiation(session, config, pyrheliometer, ("dni",)))
         plane = on_plane(model, _at(minute_ns, times, value), None, sun, minute_ns)
         return (
             plane,
@@ -115,6 +116,20 @@ def _reference(
         raise ConfigError(f"{station} is of another day than {session.path.name}", fix="give that day's file")
     direct, diffuse = (_at(minute_ns, weather.time_ns, column) for column in (weather.dni, weather.dhi))
     return on_plane(model, direct, diffuse, sun, minute_ns), f"against the station file {weather.source}", 0.0
+
+
+def _radiation(session: Session, config: Config, stream: str, components: Sequence[str]) -> str:
+    """The stream of that name; raises `ConfigError` if it is known to measure something else."""
+    from fieldkit.commands.calibrating import one_stream
+
+    info = one_stream(session, "irradiance", stream)
+    known = set(measured(info, config.tables.irradiance.measures)) - {UNKNOWN}
+    if known and not known & set(components):
+        raise ConfigError(
+            f"{stream} measures {', '.join(sorted(known))}, not {' or '.join(components)}",
+            fix=f"name another stream, or correct irradiance.measures.{stream}",
+        )
+    return info.name
 
 
 def _at(

@@ -82,13 +82,13 @@ def command(
         f"beds of known slope, {settings_used.model} model", found.freedom, found.budget,
         values={bed: scale.kappa for bed, scale in scales.items()},
         uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()}, sources=(source_of(session),),
-        details=_details(told, settings_used.irradiance.label),
+        details=_details(told, estimator.irradiance_model),
         settings={"name": name, "beds": list(chosen), "tilt_sd": tilt_sd}, remarks=(told.says,),
     )  # fmt: skip
     each = "   ".join(f"{bed} {scale.kappa:.3f}" for bed, scale in scales.items())
     headline = (
         f"kappa {found.kappa:.3f} ± {found.expanded:.3f} (k=2)   {settings_used.model} model, "
-        f"{settings_used.irradiance.label}\n  {each}"
+        f"{estimator.irradiance_model}\n  {each}"
     )
     finish(record, config, headline, f'estimator.scale = "@{name}"')
 

@@ -16,12 +16,14 @@ import click
 from fieldkit.commands.common import Verb, options, print_json, say
 from fieldkit.commands.types import SITE, ZONE
 from fieldkit.errors import ConfigError, FieldkitError
+from fieldkit.radiation import COMPONENTS
 from fieldkit.samples import Severity
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.sessions.exchange.imported import Foreign
     from fieldkit.sessions.header import SessionHeader
+    from fieldkit.sessions.reader import Session
     from fieldkit.sessions.seal import SealReport
     from fieldkit.site import Site
 
@@ -72,6 +74,10 @@ def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -
 )  # fmt: skip
 @click.option("--unit", default="", help="Unit of a table's numbers, if not in its header: C, K, lx, W/m2.")
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
+@click.option(
+    "--measures", type=click.Choice(COMPONENTS),
+    help="What a table in W/m2 measures, if its columns are not called so: ghi, dni ...",
+)  # fmt: skip
 @click.option("--encoding", default="utf-8-sig", help="Of a table, such as cp932.")
 @click.option(
     "--into", type=click.Path(path_type=Path), metavar="SESSION",
@@ -146,7 +152,24 @@ def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealR
         if given["offset"] == AUTO:
             foreign = aligned(session, foreign)
         foreign = cut_to(session, _far(foreign, session.site))
+        foreign = _another_light(session, foreign)
         return merge(session, foreign, path, str(source)), foreign
+
+
+def _another_light(session: Session, foreign: Foreign) -> Foreign:
+    """The recording, with a warning where slopes will take their light from it instead of the session."""
+    from fieldkit.estimation.instruments import light_of
+    from fieldkit.estimation.settings import EstimatorSettings
+
+    own = tuple(session.streams.values())
+    before, after = (light_of(streams, EstimatorSettings()) for streams in (own, own + foreign.streams))
+    if before is None or after is None or before.info.name == after.info.name:
+        return foreign
+    said = (
+        f"slopes now take their light from {after.info.name} ({after.measures}), not {before.info.name}; "
+        f'irradiance.stream = "{before.info.name}" keeps it'
+    )
+    return replace(foreign, remarks=(*foreign.remarks, (Severity.WARNING, said)))
 
 
 def _far(foreign: Foreign, site: Site) -> Foreign:

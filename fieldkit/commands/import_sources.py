@@ -108,6 +108,7 @@ def _table(source: Path, given: dict[str, Any]) -> Foreign:
         source, given["name"] or "logger", zone=_zone(given), time_format=given["time_format"],
         unit=given["unit"], offset_ns=0 if given["offset"] == AUTO else offset_ns(given["offset"]),
         columns=LogColumns(values=given["columns"]), encoding=given["encoding"],
+        measures=given["measures"] or "",
     )  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def map_of(
     three minutes of both pictures and light.
     """
     estimator = estimator_for(session, config, present=present)
-    instruments = Instruments(tuple(session.streams.values()), estimator.settings.irradiance)
+    instruments = Instruments(tuple(session.streams.values()), estimator.settings)
     camera = instruments.camera
     field = Field(estimator.regions)
     if camera is None or not field.references.size:
@@ -82,7 +82,7 @@ def map_of(
         estimator.site,
         estimator.regions,
         estimator.settings,
-        instruments.model.label,
+        instruments.label,
         chosen[0].start_ns,
         chosen[-1].start_ns + MINUTE_NS,
         len(chosen),

@@ -11,7 +11,9 @@ from fieldkit.commands.recording import SECOND_NS, Instruments, disk_reserve_byt
 from fieldkit.config import Config
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError, StorageError
+from fieldkit.estimation.instruments import Instruments as Light
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.radiation import how_to_state
 from fieldkit.recorder import Sampling
 from fieldkit.views import words
 
@@ -19,9 +21,11 @@ from fieldkit.views import words
 def preflight(config: Config, tools: Instruments, duration_s: float | None) -> None:
     """Raise `ConfigError` or `StorageError` for what would spoil the session, before it is begun.
 
-    Calibrations that are old or of another instrument are warned of.
+    Calibrations that are old or of another instrument are warned of, and radiation that cannot be used.
     """
     _check_regions(config, tools.streams)
+    for name in Light(tools.streams, config.estimator_settings()).unknown:
+        common.say(f"warning: {name}: what it measures is not known, so it is not used; {how_to_state(name)}")
     needed = _bytes_per_second(tools.streams, sampling_of(config))
     _check_space(needed, duration_s, tools.free_bytes(), disk_reserve_bytes(config))
     now_ns = tools.clock.to_utc_ns(tools.clock.mono_ns())

@@ -25,6 +25,7 @@ from fieldkit.drivers import registry
 from fieldkit.errors import ConfigError, DeviceError, DeviceNotFoundError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import DroppedMarks, marks_folder
+from fieldkit.radiation import with_components
 from fieldkit.recorder import Recorder, Sampling, Summary, View
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import journal_path
@@ -210,7 +211,7 @@ def header_of(config: Config, title: str, streams: Sequence[StreamInfo]) -> Sess
     return SessionHeader(
         title=title or campaign.title,
         site=config.site,
-        streams=tuple(streams),
+        streams=tuple(with_components(info, config.tables.irradiance.measures) for info in streams),
         regions=config.regions,
         config_toml=config.to_toml(),
         command_line=shlex.join(["fieldkit", *sys.argv[1:]]),

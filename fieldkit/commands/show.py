@@ -13,6 +13,7 @@ import click
 from fieldkit.commands.common import Verb, options, print_json, print_json_line, say
 from fieldkit.commands.ls import duration, local_time
 from fieldkit.commands.session_paths import newest
+from fieldkit.radiation import measured
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
@@ -96,7 +97,7 @@ def _stream(session: Session, name: str) -> dict[str, Any]:
         "name": name, "quantity": info.quantity, "unit": info.unit, "shape": list(info.shape),
         "samples": session.count(name), "driver": info.driver,
         "device": " ".join(word for word in (info.vendor, info.model, info.serial_number) if word),
-        "rate_hz": info.rate_hz,
+        "rate_hz": info.rate_hz, "measures": list(measured(info, {})),
     }  # fmt: skip
 
 
@@ -108,7 +109,8 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate]) -> None:
     click.echo(f"  {place}   {document['began']} for {duration(document['length_s'])}")
     for one in document["streams"]:
         shape = "x".join(str(side) for side in reversed(one["shape"]))
-        what = f"{one['quantity'].replace('_', ' ')} [{one['unit']}] {shape}"
+        components = ", ".join(dict.fromkeys(word or "component unknown" for word in one["measures"]))
+        what = f"{one['quantity'].replace('_', ' ')} {components}".rstrip() + f" [{one['unit']}] {shape}"
         click.echo(f"  {one['name']:<12} {one['samples']:>8} samples  {what}  {one['device']}")
     for one in document["regions"]:
         true = f"{one['tilt_deg']:g}°/{one['azimuth_deg']:g}°" if one["tilt_deg"] == one["tilt_deg"] else ""

@@ -105,6 +105,12 @@ def _irradiance(document: Mapping[str, Any]) -> Iterator[Mistake]:
     table = _table(document, "irradiance")
     if table.get("model") == "calibrated" and "factor" not in table:
         yield Mistake(("irradiance", "model"), 'model = "calibrated" needs irradiance.factor')
+    mounting, plane = table.get("mounting", "horizontal"), ("plane_tilt_deg", "plane_azimuth_deg")
+    if mounting == "in-plane" and not set(plane) <= table.keys():
+        yield Mistake(("irradiance", "mounting"), f'mounting = "in-plane" needs {" and ".join(plane)}')
+    if mounting == "horizontal" and "gti" in _table(table, "measures").values():
+        said = f'gti needs mounting = "in-plane" with {" and ".join(plane)}, or "sun-pointing"'
+        yield Mistake(("irradiance", "measures"), said)
 
 
 def _half_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -110,7 +110,7 @@ class Config:
         """How direct sunlight is worked out from the light meter."""
         from fieldkit.physics.irradiance import IrradianceModel
 
-        values = self.tables.irradiance.model_dump()
+        values = self.tables.irradiance.model_dump(exclude={"measures", "stream"})
         return IrradianceModel(kind=values.pop("model"), factor=values.pop("factor") or NAN, **values)
 
     def surface_parameters(self) -> SurfaceParameters:
@@ -138,6 +138,8 @@ class Config:
         return EstimatorSettings(
             surface=self.surface_parameters(),
             irradiance=self.irradiance_model(),
+            light_stream=self.tables.irradiance.stream,
+            measures=self.tables.irradiance.measures,
             reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_0_K,
             offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
             conductivity_sd=slab.pop("conductivity_sd"),

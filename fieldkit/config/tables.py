@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
+from fieldkit.radiation import Component
+
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
@@ -87,10 +89,17 @@ class LuxTable(MeterTable):
 
 
 class IrradianceTable(Table):
-    """How direct sunlight is worked out from the light meter."""
+    """How direct sunlight is measured: by a stream of dni, else ghi, else gti, else by the light meter."""
 
+    measures: dict[str, Component] = Field(
+        default={},
+        description='by stream in W/m2: what it measures, such as {sun = "ghi"}; gti: on the plane below',
+    )
+    stream: str = Field(
+        default="", description="the stream to take the light from; without it: dni, ghi, gti, lux"
+    )
     model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
-        default="eq10", description="eq10 is the paper's eq. (10), divided by par_fraction"
+        default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
     )
     par_fraction: float = Field(
         default=0.44,
@@ -107,7 +116,7 @@ class IrradianceTable(Table):
         description='W/m2 per unit of the reading, for calibrated; or "@name"',
     )
     mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
-        default="horizontal", description="how the light meter is mounted"
+        default="horizontal", description="how the light meter, or that of gti, is mounted"
     )
     plane_tilt_deg: float = Field(default=0.0, ge=0, le=90, description="tilt of the meter, for in-plane")
     plane_azimuth_deg: Degrees = Field(

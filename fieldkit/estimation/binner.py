@@ -7,7 +7,7 @@ within two seconds gives the same bins. Light, shade and picture are watched on 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.watch import Watch, end_of
 from fieldkit.estimation.window import Field
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.radiation import how_to_state
 from fieldkit.samples import Event, EventKind, Quality, Reading, Sample, Severity
 from fieldkit.site import Region, Site
 
@@ -31,10 +32,11 @@ Closed = tuple[Bin, tuple[Event, ...]]
 class Binner:
     """Turns samples into minutes.
 
-    The first camera stream of a known temperature scale is used; light comes from the
-    stream of direct irradiance if the irradiance model says it is measured, else from the
-    illuminometer. Samples of other streams are passed over. `irradiance_model` says in words
-    how direct light is worked out.
+    The first camera stream of a known temperature scale is used; light comes from measured direct
+    irradiance, else from global irradiance, else from the illuminometer (`Instruments`). Samples of other
+    streams are passed over. `irradiance_model` says in words how direct light is worked out.
+
+    Raises `ConfigError` where the only light is of a stream whose component is unknown.
     """
 
     def __init__(
@@ -45,8 +47,9 @@ class Binner:
         settings: EstimatorSettings,
     ) -> None:
         self._site, self._regions, self._settings = site, tuple(regions), settings
-        self._instruments = Instruments(streams, settings.irradiance)
-        self.irradiance_model = self._instruments.model.label
+        self._instruments = Instruments(streams, settings)
+        self._unasked = self._instruments.unknown
+        self.irradiance_model = self._instruments.label
         self._camera: Camera | None = None
         if (info := self._instruments.camera) is not None:
             self._camera = Camera(
@@ -86,11 +89,19 @@ class Binner:
     def _close(self, minute: OpenMinute) -> Closed:
         light = self._instruments.light(minute, self._site, self._settings)
         entry, notices = self._watch.look(self._bin(minute, light), minute, light, self._settings)
+        notices.extend(self._ask(minute))
         if self._late:
             text = f"{self._late} samples came more than 2 s late and were left out of the estimates"
             notices.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
             self._late = 0
         return entry, tuple(notices)
+
+    def _ask(self, minute: OpenMinute) -> Iterator[Event]:
+        """Once, for each stream that cannot serve because what it measures is unknown."""
+        for name in self._unasked:
+            text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
+        self._unasked = ()
 
     def _bin(self, minute: OpenMinute, light: Light) -> Bin:
         count = len(self._regions)
@@ -113,8 +124,8 @@ class Binner:
             minute.pictures.frames,
             mean_of(light.direct_w_m2),
             light.illuminance_lx,
-            self._instruments.mean(minute, "diffuse_irradiance"),
-            self._instruments.mean(minute, "longwave_irradiance"),
+            light.diffuse_w_m2,
+            self._instruments.mean(minute, "longwave_down"),
             self._instruments.contact_k(minute),
             flags,
             (Quality.GOOD,) * count,

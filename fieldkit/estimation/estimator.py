@@ -62,6 +62,11 @@ class Estimator:
         self._bins: list[Bin] = []
 
     @property
+    def irradiance_model(self) -> str:
+        """How direct light is worked out from the stream that gives it, in words."""
+        return self._binner.irradiance_model
+
+    @property
     def bins(self) -> tuple[Bin, ...]:
         """All minutes closed so far."""
         return tuple(self._bins)
@@ -88,7 +93,7 @@ class Estimator:
             dict(zip(names, entry.pixels.tolist(), strict=True)),
             entry.illuminance_lx,
             entry.direct_w_m2,
-            self._binner.irradiance_model,
+            self.irradiance_model,
             zenith,
             azimuth,
             entry.contact_k,

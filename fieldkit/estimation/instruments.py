@@ -2,75 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
 from fieldkit.estimation.bins import OpenMinute
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.radiation import UNIT, UNKNOWN, how_to_state, measured
 from fieldkit.samples import Quality, Reading, is_usable
 from fieldkit.site import Site
+
+LIGHT = ("dni", "ghi", "gti", "illuminance")
+"""What sunlight can be worked out from, best first: the less must be assumed, the better."""
+SLOW_HZ = 1.0 / 120.0
+OVERDUE = 1.5
+"""Intervals after which a mean of more than a minute says nothing any more."""
 
 
 @dataclass(frozen=True, slots=True)
 class Light:
     """Light readings of one minute in order of time: beam, and reading over its clear expectation.
 
-    `clearness` is NaN while the sun is low.
+    `clearness` is NaN while the sun is low; `diffuse_w_m2` is the measured diffuse light, NaN without.
     """
 
     readings: list[Reading]
     direct_w_m2: FloatArray
     clearness: FloatArray
     illuminance_lx: float
+    diffuse_w_m2: float
     flags: Quality
 
 
-class Instruments:
-    """Which stream serves for what."""
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One channel of a stream, and what it measures: a component of radiation, or ``illuminance``."""
 
-    def __init__(self, streams: Sequence[StreamInfo], model: IrradianceModel) -> None:
+    info: StreamInfo
+    channel: int
+    measures: str
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether most minutes have no reading of it, as of hourly means."""
+        return 0.0 < self.info.rate_hz < SLOW_HZ
+
+    def values(self, minute: OpenMinute) -> list[float]:
+        """The usable readings of a minute in order of time."""
+        readings = minute.sorted_readings(self.info.name)
+        return [r.values[self.channel] for r in readings if is_usable(r.quality)]
+
+
+class Instruments:
+    """Which stream serves for what.
+
+    `model` is the irradiance model of the stream that gives the light (`light_source`), which need not
+    be the light meter's; `label` is the model in words. `unknown` are streams that may measure the light, but
+    do not declare what they measure.
+
+    Raises `ConfigError` where the light cannot be had for that reason, or the configuration contradicts
+    the streams.
+    """
+
+    def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
         self._streams = {info.name: info for info in streams}
         pictures = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
         self.camera = pictures[0] if pictures else None
-        lux, beam = self._first("illuminance"), self._first("irradiance")
-        self.lux = lux
-        self.model = (
-            model if lux is not None and not model.is_direct else IrradianceModel(kind="pyrheliometer")
-        )
-        if model.is_direct:
-            self.model = model
-        self.light_stream = beam if self.model.is_direct else lux
+        self._sources = list(_sources(streams, settings))
+        self.unknown = _unknown(self._sources)
+        self._lux = self._best("illuminance")
+        self.light_source = _required_light(self._sources, settings)
+        self.model = _model_of(self.light_source, settings.irradiance)
+        self._held: dict[str, tuple[int, float]] = {}
 
-    def _first(self, quantity: str) -> StreamInfo | None:
-        return next((info for info in self._streams.values() if info.quantity == quantity), None)
+    @property
+    def label(self) -> str:
+        """The irradiance model in words, with the measured diffuse light that it uses."""
+        uses_diffuse = self.model.kind == "pyranometer" and self._best("dhi") is not None
+        return f"{self.model.label}, dhi as measured" if uses_diffuse else self.model.label
+
+    def _best(self, *components: str) -> Source | None:
+        """The channel that measures the first of these components that is measured, in most minutes first."""
+        found = [one for one in self._sources if one.measures in components]
+        return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
     def light(self, minute: OpenMinute, site: Site, settings: EstimatorSettings) -> Light:
         """Direct irradiance of every light reading at its own time."""
-        lux = (
-            [r.values[0] for r in minute.sorted_readings(self.lux.name) if is_usable(r.quality)]
-            if self.lux
-            else []
-        )
-        name = self.light_stream.name if self.light_stream is not None else ""
-        readings = minute.sorted_readings(name)
+        lux = self._lux.values(minute) if self._lux is not None else []
+        source = self.light_source
+        readings = minute.sorted_readings(source.info.name) if source is not None else []
         flags = Quality.GOOD
         for reading in readings:
             flags |= reading.quality
         times = np.array([reading.time_ns for reading in readings], np.int64)
         sun = sun_vectors(times, site, refraction=settings.refraction)
-        values = np.array([r.values[0] if is_usable(r.quality) else np.nan for r in readings], np.float64)
-        direct = direct_normal(self.model, values, sun, times) if len(readings) else values
+        channel = source.channel if source is not None else 0
+        values = np.array(
+            [r.values[channel] if is_usable(r.quality) else np.nan for r in readings], np.float64
+        )
+        diffuse = self.mean(minute, "dhi")
+        direct = direct_normal(self.model, values, sun, times, diffuse) if len(readings) else values
         # near the horizon clear light itself changes as fast as a cloud does
         high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
         clearness = np.where(high, self._clearness(values, sun), np.nan)
-        return Light(readings, direct, clearness, mean_of(np.array(lux)), flags)
+        return Light(readings, direct, clearness, mean_of(np.array(lux)), diffuse, flags)
 
     def _clearness(self, values: FloatArray, sun: FloatArray) -> FloatArray:
         """Readings over the cosine of the sun on the meter's plane, NaN for a grazing sun."""
@@ -82,14 +124,22 @@ class Instruments:
         cosine = sun.reshape(-1, 3) @ facet
         return np.asarray(values / np.where(cosine > 0.1, cosine, np.nan))
 
-    def mean(self, minute: OpenMinute, quantity: str) -> float:
-        """Mean of the first stream of a quantity, NaN without one."""
-        info = self._first(quantity)
-        if info is None:
+    def mean(self, minute: OpenMinute, component: str) -> float:
+        """Mean of a component of radiation, W/m2; NaN where it is not measured.
+
+        Means of more than a minute stand until the next is due: diffuse light and longwave change slowly,
+        and an assumed share of the beam is farther from them. Minutes must come in order.
+        """
+        source = self._best(component)
+        if source is None:
             return float("nan")
-        return mean_of(
-            np.array([r.values[0] for r in minute.sorted_readings(info.name) if is_usable(r.quality)])
-        )
+        mean = mean_of(np.array(source.values(minute)))
+        if np.isfinite(mean):
+            self._held[component] = minute.minute, mean
+            return mean
+        since, held = self._held.get(component, (0, float("nan")))
+        due_minutes = OVERDUE / source.info.rate_hz / 60.0 if source.info.rate_hz > 0.0 else 0.0
+        return held if minute.minute - since <= due_minutes else float("nan")
 
     def contact_k(self, minute: OpenMinute) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
@@ -113,3 +163,95 @@ def mean_of(values: NDArray[np.float64]) -> float:
     """Mean of what is finite, NaN of nothing."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")
+
+
+def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iterator[Source]:
+    """Every channel that measures light, those of unknown components as well."""
+    for info in streams:
+        if info.quantity == "illuminance":
+            yield Source(info, 0, "illuminance")
+        if info.name in settings.measures and info.unit != UNIT:
+            raise ConfigError(
+                f"irradiance.measures.{info.name}: the stream is in {info.unit}, not in W/m2",
+                fix="name streams in W/m2 only; lux are converted by irradiance.model",
+            )
+        for channel, component in enumerate(measured(info, settings.measures)):
+            if (component, info.quantity) == (UNKNOWN, "irradiance") and settings.irradiance.is_direct:
+                component = "dni"  # irradiance.model states it: pyrheliometer, or a file of direct light
+            yield Source(info, channel, component)
+
+
+def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
+    """Streams of which no channel's component is known."""
+    known = {one.info.name for one in sources if one.measures != UNKNOWN}
+    return tuple(dict.fromkeys(one.info.name for one in sources if one.info.name not in known))
+
+
+def light_of(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
+    """The channel that the light is taken from; None where none is known to measure any."""
+    return _light(list(_sources(streams, settings)), settings)
+
+
+def _light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
+    """The best channel that may be taken; streams that most minutes have no reading of come last."""
+    allowed = LIGHT[:1] if settings.irradiance.is_direct else LIGHT
+    usable = [one for one in _candidates(sources, settings) if one.measures in allowed]
+    return min(usable, key=lambda one: (one.is_slow, LIGHT.index(one.measures)), default=None)
+
+
+def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[Source]:
+    return [one for one in sources if settings.light_stream in ("", one.info.name)]
+
+
+def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
+    """As `_light`; raises `ConfigError` where there would be light if the configuration said more."""
+    found = _light(sources, settings)
+    if found is not None:
+        return found
+    for one in _candidates(sources, settings):
+        _refuse(one, settings.irradiance)
+    if settings.light_stream:
+        have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in LIGHT))
+        raise ConfigError(
+            f"irradiance.stream: {settings.light_stream!r} is not a stream of sunlight",
+            fix=f"streams of sunlight: {have or 'none'}",
+        )
+    return None
+
+
+def _refuse(source: Source, model: IrradianceModel) -> None:
+    """Raise `ConfigError` for a channel that could give the light, were it known or allowed to."""
+    name = source.info.name
+    if source.measures == UNKNOWN and source.info.quantity == "irradiance":
+        raise ConfigError(
+            f"{name} is in W/m2, but what it measures is not known, so it cannot serve as sunlight",
+            fix=how_to_state(name),
+        )
+    if source.measures in ("ghi", "gti"):
+        raise ConfigError(
+            f'irradiance.model = "{model.kind}" takes direct light, but {name} measures {source.measures}',
+            fix=f'omit irradiance.model, or set irradiance.measures.{name} = "dni"',
+        )
+
+
+def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
+    """The model of the stream that gives the light: the light meter's for lux, its own for W/m2."""
+    if source is None or source.measures == "illuminance":
+        return model
+    if source.measures == "dni":
+        return IrradianceModel(kind="file" if model.kind == "file" else "pyrheliometer")
+    name = f"{source.info.name} measures {source.measures}"
+    if model.diffuse == "none":
+        raise ConfigError(
+            f'{name}, which contains the light of the sky, but irradiance.diffuse = "none"',
+            fix='irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
+        )
+    if source.measures == "ghi":
+        return replace(model, kind="pyranometer", mounting="horizontal")
+    if model.mounting == "horizontal":
+        raise ConfigError(
+            f"{name}, but the plane it lies in is not known",
+            fix='irradiance.mounting = "in-plane" with plane_tilt_deg and plane_azimuth_deg, '
+            'or "sun-pointing"',
+        )
+    return replace(model, kind="pyranometer")

@@ -22,7 +22,9 @@ class EstimatorSettings:
     """How slopes are worked out of minutes.
 
     `window_s` None means since the last change of weather: as far back as one slope explains
-    the minutes. `noise_k` is the standard
+    the minutes. `measures` are components of radiation by stream, where the streams do not declare them
+    (`fieldkit.radiation`); `light_stream` names the stream to take the light from, "" for the best.
+    `noise_k` is the standard
     deviation of one region's minute mean that does not repeat. `scale` is the calibrated
     kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty
     (irradiance, albedo), `exchange_sd` the relative one of the exchange with the air;
@@ -37,6 +39,8 @@ class EstimatorSettings:
 
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
     irradiance: IrradianceModel = field(default_factory=IrradianceModel)
+    light_stream: str = ""
+    measures: Mapping[str, str] = field(default_factory=dict)
     method: Method = "unit-norm"
     model: Model = "paper"
     window_s: float | None = None

@@ -3,8 +3,9 @@
 The paper's eq. (10) turns lux into the irradiance of 400-700 nm light on the meter's
 plane. Three things stand between that and S of eq. (2), each explicit in
 `IrradianceModel`: the share of the band in sunlight (`par_fraction`), the share of sky
-light in the reading, and the angle of the sun on the meter's plane. Lux in, W/m2 out;
-NaN where the reading does not determine the beam.
+light in the reading, and the angle of the sun on the meter's plane. Global irradiance
+lacks the first of them only. Lux or W/m2 in, W/m2 out; NaN where the reading does not
+determine the beam.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.illumination import diffuse_fraction_erbs, perez_efficacy
 from fieldkit.physics.sky import extraterrestrial, sky_view
 
-Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"]
+Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyranometer", "pyrheliometer", "file"]
 Mounting = Literal["horizontal", "sun-pointing", "in-plane"]
 Diffuse = Literal["none", "fraction", "erbs"]
 
@@ -36,7 +37,8 @@ class IrradianceModel:
     `kind`: ``eq10`` lux by the paper's eq. (10) over `par_fraction` (1.0 is the paper to
     the letter); ``efficacy`` lux over `efficacy_lm_w`; ``perez`` lux over the Perez
     efficacy of the sky at hand; ``calibrated`` reading times `factor`;
-    ``pyrheliometer`` and ``file`` the direct normal irradiance itself, taken as it is.
+    ``pyranometer`` global irradiance on the plane in W/m2; ``pyrheliometer`` and ``file`` the direct
+    normal irradiance itself, taken as it is.
     `mounting` is the plane the meter lies in; `plane_tilt_deg` and `plane_azimuth_deg`
     count for ``in-plane``. `diffuse`: ``none`` for a baffled tube, ``fraction`` of the
     global horizontal light (`diffuse_fraction`), or the ``erbs`` decomposition.
@@ -67,6 +69,7 @@ class IrradianceModel:
             "efficacy": f"efficacy {self.efficacy_lm_w:g} lm/W",
             "perez": "Perez efficacy",
             "calibrated": f"calibrated x{self.factor:.6g}",
+            "pyranometer": "pyranometer",
         }[self.kind]
         share = f"diffuse {self.diffuse_fraction:.0%}"
         sky = {"none": "no diffuse", "fraction": share, "erbs": "Erbs diffuse"}[self.diffuse]
@@ -85,10 +88,18 @@ def eq10(illuminance_lx: ArrayLike, par_fraction: float = 0.44) -> FloatArray:
     return np.asarray(band / par_fraction)
 
 
-def direct_normal(model: IrradianceModel, value: ArrayLike, sun: ArrayLike, time_ns: ArrayLike) -> FloatArray:
+def direct_normal(
+    model: IrradianceModel,
+    value: ArrayLike,
+    sun: ArrayLike,
+    time_ns: ArrayLike,
+    diffuse_w_m2: float = float("nan"),
+) -> FloatArray:
     """Direct normal irradiance S (n,), W/m2, from readings (n,) in lux or W/m2.
 
-    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. NaN where the cosine on the
+    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. `diffuse_w_m2` is the measured diffuse
+    horizontal irradiance: taken out of global irradiance in place of the model's share, not of lux, whose
+    efficacy is another for the sky; NaN where not measured. NaN where the cosine on the
     meter's plane is below 0.2, where the sun is down, and where the reading is NaN.
     """
     reading = np.asarray(value, np.float64)
@@ -98,6 +109,9 @@ def direct_normal(model: IrradianceModel, value: ArrayLike, sun: ArrayLike, time
     cos_plane, view = _plane(model, rays)
     usable = (rays[:, 2] > 0.0) & (cos_plane >= LOWEST_COSINE)
     cos_zenith = np.where(usable, rays[:, 2], np.nan)
+    if model.kind == "pyranometer" and np.isfinite(diffuse_w_m2):
+        beam = np.maximum(reading - diffuse_w_m2 * view, 0.0) / cos_plane
+        return np.where(usable, beam, np.nan)
     top = extraterrestrial(time_ns)
     return _beam(model, reading, cos_plane, view, cos_zenith, top)
 
@@ -148,4 +162,6 @@ def _on_plane(model: IrradianceModel, reading: FloatArray, efficacy: FloatArray)
         return eq10(reading, model.par_fraction)
     if model.kind == "calibrated":
         return reading * model.factor
+    if model.kind == "pyranometer":
+        return reading
     return np.asarray(reading / efficacy)

@@ -34,7 +34,10 @@ _DAY = timedelta(days=1)
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """What an item's unit stands for: stream, quantity, stored unit, factor and addend, and whether a sum."""
+    """What an item's unit stands for: stream, quantity, stored unit, factor and addend, and whether a sum.
+
+    `measures` is the component of radiation.
+    """
 
     word: str
     quantity: str
@@ -42,12 +45,15 @@ class _Kind:
     factor: float = 1.0
     add: float = 0.0
     is_sum: bool = False
+    measures: str = ""
 
 
 _KINDS = {
-    ("日射量", "MJ/㎡"): _Kind("global", "irradiance", "W m-2", 1e6, is_sum=True),
+    ("日射量", "MJ/㎡"): _Kind("global", "irradiance", "W m-2", 1e6, is_sum=True, measures="ghi"),
     ("気温", "℃"): _Kind("air", "air_temperature", "K", add=273.15),
     ("風速", "m/s"): _Kind("wind", "wind_speed", "m s-1"),
+    # reduced to the sea: 現地気圧, at the station, is what weighs on the field
+    ("海面気圧", "hPa"): _Kind("sea-level-pressure", "air_pressure_at_mean_sea_level", "Pa", 100.0),
     ("気圧", "hPa"): _Kind("pressure", "air_pressure", "Pa", 100.0),
 }
 
@@ -73,7 +79,8 @@ def is_obsdl(path: Path) -> bool:
 
 
 def read_obsdl(path: Path, name: str) -> Foreign:
-    """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure``.
+    """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure`` (of the station),
+    ``NAME-sea-level-pressure``.
 
     Raises `ConfigError` where the file is not laid out as the agency says.
     """
@@ -131,7 +138,8 @@ def _foreign(
 
 def _stream(name: str, kind: _Kind, labels: tuple[str, ...], step: timedelta) -> StreamInfo:
     return StreamInfo(
-        name, kind.quantity, kind.unit, (len(labels),), channels=labels, rate_hz=1.0 / step.total_seconds(),
+        name, kind.quantity, kind.unit, (len(labels),), channels=labels,
+        measures=(kind.measures,) * len(labels) if kind.measures else (), rate_hz=1.0 / step.total_seconds(),
         driver="import", vendor=VENDOR,
     )  # fmt: skip
 

@@ -21,8 +21,8 @@ from fieldkit.sessions.exchange.times import utc_ns
 
 _NAME = re.compile(r"(DR|DF|DL)(\d{4})(0[1-9]|1[0-2])_(\w+)\.txt", re.IGNORECASE)
 _QUANTITIES = {
-    "DR": ("direct", "irradiance"), "DF": ("diffuse", "irradiance"),
-    "DL": ("longwave-down", "longwave_irradiance"),
+    "DR": ("direct", "irradiance", "dni"), "DF": ("diffuse", "irradiance", "dhi"),
+    "DL": ("longwave-down", "longwave_irradiance", "longwave_down"),
 }  # fmt: skip
 _HOURS = [f"{hour:02}" for hour in range(1, 25)]  # a heading, not the first of the month
 _W_PER_M2 = 1e4 / 3600.0  # of 0.01 MJ/m² in an hour
@@ -41,7 +41,7 @@ def read_radiation_table(path: Path, name: str) -> Foreign:
     named = _NAME.fullmatch(path.name)
     if named is None:
         raise not_understood(path, "its name does not say which quantity and month, like DR202406_tat.txt")
-    word, quantity = _QUANTITIES[named[1].upper()]
+    word, quantity, component = _QUANTITIES[named[1].upper()]
     try:
         first = datetime(int(named[2]), int(named[3]), 1, tzinfo=JST)
         days = [day for line in japanese_text(path).splitlines() if (day := _day(path, line)) is not None]
@@ -49,8 +49,8 @@ def read_radiation_table(path: Path, name: str) -> Foreign:
     except OverflowError as error:
         raise not_understood(path, str(error)) from error
     info = StreamInfo(
-        f"{name}-{word}", quantity, "W m-2", (1,), rate_hz=1 / 3600, driver="import", vendor=VENDOR,
-        model=f"station {named[4]}",
+        f"{name}-{word}", quantity, "W m-2", (1,), measures=(component,), rate_hz=1 / 3600, driver="import",
+        vendor=VENDOR, model=f"station {named[4]}",
     )  # fmt: skip
     said = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
     return Foreign((info,), readings, ((Severity.INFO, said),))

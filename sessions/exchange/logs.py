@@ -17,6 +17,7 @@ from pathlib import Path
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
+from fieldkit.radiation import UNIT, how_to_state, named
 from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
 from fieldkit.sessions.exchange.log_tables import read_table
@@ -50,10 +51,12 @@ class LogColumns:
 def read_log(
     path: Path, name: str, *, zone: tzinfo | None = None, time_format: str | None = None,
     offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
+    measures: str = "",
 ) -> Foreign:  # fmt: skip
     """A table as one stream; `offset_ns` is added to its times. Cells without a number become NaN.
 
-    `zone` is of times that have none, where the table does not say it either.
+    `measures` is the component of radiation of its columns, where their names do not say it. `zone` is of
+    times that have none, where the table does not say it either.
 
     A date and a time of day in the column after it are taken together, so `time_format` is of both.
 
@@ -75,8 +78,10 @@ def read_log(
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
+    labels = tuple(_label(head[place]) for place in places)
+    components = ((measures,) * len(labels) if measures else named(labels)) if stored == UNIT else ()
     info = StreamInfo(
-        name, quantity, stored, (len(places),), channels=tuple(_label(head[place]) for place in places),
+        name, quantity, stored, (len(places),), channels=labels, measures=components,
         rate_hz=usual_rate_hz([reading.time_ns for reading in ordered]), driver="import", raw_bytes=255,
     )  # fmt: skip
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
@@ -84,7 +89,7 @@ def read_log(
     numbers = (_as_number(_cell(row, place)) for row in rows for place in places)
     missing = sum(_stands_for_none(number, quantity) for number in numbers)
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
-    warnings = _warnings(missing, unknown, info.rate_hz if table.averages else 0.0)
+    warnings = [*_warnings(missing, unknown, info.rate_hz if table.averages else 0.0), *_unmeasured(info)]
     return Foreign((info,), ordered, ((Severity.INFO, said), *warnings))
 
 
@@ -159,6 +164,12 @@ def _warnings(missing: int, unknown: Sequence[str], means_hz: float) -> Iterator
         half_s = 0.5 / means_hz
         said = "means are stamped at their end; if no clock is wrong, import them with"
         yield Severity.WARNING, f"{said} --offset -{half_s:g}s"
+
+
+def _unmeasured(info: StreamInfo) -> Iterator[tuple[Severity, str]]:
+    if info.unit == UNIT and not info.measures:
+        said = f"what {', '.join(info.channels)} measures is not known, so slopes cannot use it"
+        yield Severity.WARNING, f"{said}: import it with --measures ghi, or {how_to_state(info.name)}"
 
 
 def _unit(cell: str) -> str:

@@ -13,16 +13,16 @@ from fieldkit.station_files import read_station_file
 from fieldkit.weather import Weather, half_step_ns
 
 _COLUMNS = {
-    # our column: what the stream is called after the station's name, its quantity and unit
-    "dni": ("direct", "irradiance", "W m-2"),
-    "dhi": ("diffuse", "irradiance", "W m-2"),
-    "ghi": ("global", "irradiance", "W m-2"),
-    "longwave_down_w_m2": ("longwave-down", "longwave_irradiance", "W m-2"),
-    "longwave_up_w_m2": ("longwave-up", "longwave_irradiance", "W m-2"),
-    "air_temperature_k": ("air", "air_temperature", "K"),
-    "wind_m_s": ("wind", "wind_speed", "m s-1"),
-    "pressure_pa": ("pressure", "air_pressure", "Pa"),
-}  # direct first: an estimator without a light meter takes the first irradiance
+    # our column: what the stream is called after the station's name, its quantity, unit and component
+    "dni": ("direct", "irradiance", "W m-2", "dni"),
+    "dhi": ("diffuse", "irradiance", "W m-2", "dhi"),
+    "ghi": ("global", "irradiance", "W m-2", "ghi"),
+    "longwave_down_w_m2": ("longwave-down", "longwave_irradiance", "W m-2", "longwave_down"),
+    "longwave_up_w_m2": ("longwave-up", "longwave_irradiance", "W m-2", "longwave_up"),
+    "air_temperature_k": ("air", "air_temperature", "K", ""),
+    "wind_m_s": ("wind", "wind_speed", "m s-1", ""),
+    "pressure_pa": ("pressure", "air_pressure", "Pa", ""),
+}
 
 
 def read_station(path: Path, name: str) -> Foreign:
@@ -44,8 +44,8 @@ def read_station(path: Path, name: str) -> Foreign:
 
 
 def _stream(name: str, key: str, weather: Weather) -> StreamInfo:
-    word, quantity, unit = _COLUMNS[key]
+    word, quantity, unit, component = _COLUMNS[key]
     return StreamInfo(
-        f"{name}-{word}", quantity, unit, (1,), rate_hz=usual_rate_hz(weather.time_ns), driver="import",
-        model=weather.source,
+        f"{name}-{word}", quantity, unit, (1,), measures=(component,) if component else (),
+        rate_hz=usual_rate_hz(weather.time_ns), driver="import", model=weather.source,
     )  # fmt: skip

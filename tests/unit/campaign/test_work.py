@@ -18,6 +18,8 @@ from fieldkit.sessions.reader import open_session
 
 OTHER = {
     "surface": SurfaceParameters(0.25, 0.85, 0.93, 900.0, 1.1, 0.012),
+    "light_stream": "lux",
+    "measures": {"sun": "ghi"},
     "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
     "method": "posterior",
     "model": "full",

@@ -52,7 +52,8 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "[surface]\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n"
         "reflected_temperature_c = -20\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
-        '[irradiance]\nmodel = "calibrated"\nfactor = 0.0091\nmounting = "in-plane"\nplane_tilt_deg = 5\n'
+        '[irradiance]\nmeasures = {sun = "ghi"}\nstream = "sun"\n'
+        'model = "calibrated"\nfactor = 0.0091\nmounting = "in-plane"\nplane_tilt_deg = 5\n'
         'plane_azimuth_deg = 180\ndiffuse = "erbs"\npar_fraction = 1.0\nefficacy_lm_w = 110\n'
         "diffuse_fraction = 0.1\n"
         "[slab]\ndepth_m = 0.05\nconductivity_w_m_k = 0.3\nheat_capacity_j_m3_k = 1.5e6\n"
@@ -63,6 +64,8 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
     assert given == EstimatorSettings(
         surface=SurfaceParameters(0.3, 0.91, 0.92, 1005.0, 1.0, 0.02),
         irradiance=IrradianceModel("calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1),
+        light_stream="sun",
+        measures={"sun": "ghi"},
         method="contours",
         model="full",
         window_s=900.0,

@@ -203,7 +203,7 @@ def test_night_is_low_sun_not_an_error(yard):
 def test_pyrheliometer_stream_replaces_lux(yard):
     from fieldkit.device import StreamInfo
 
-    beam = (yard.streams[0], StreamInfo("beam", "irradiance", "W m-2", (1,)))
+    beam = (yard.streams[0], StreamInfo("beam", "irradiance", "W m-2", (1,), measures=("dni",)))
     samples = [
         Reading("beam", s.mono_ns, s.time_ns, (800.0,)) if s.stream == "lux" else s for s in yard.samples(21)
     ]

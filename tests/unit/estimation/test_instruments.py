@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fieldkit.device import StreamInfo
+from fieldkit.errors import ConfigError
 from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import OpenMinute
 from fieldkit.estimation.instruments import Instruments
@@ -13,6 +16,7 @@ from fieldkit.physics.sky import sky_view
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.samples import Quality, Reading
 from fieldkit.site import Site
+from fieldkit.weather import packaged
 
 SITE = Site(35.558675, 139.395232, 9.0)
 METERS = {
@@ -42,7 +46,7 @@ def cloudless(meter: str, time_ns: np.ndarray) -> np.ndarray:
 def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
     time_ns = int(np.datetime64(start, "ns").astype(np.int64)) + np.arange(0, 14 * 3600, 30) * 10**9
     quantity, unit = ("irradiance", "W m-2") if meter == "pyrheliometer" else ("illuminance", "lx")
-    streams = (StreamInfo("light", quantity, unit, (1,)),)
+    streams = (StreamInfo("light", quantity, unit, (1,), measures=("dni",) if unit == "W m-2" else ()),)
     binner = Binner(SITE, (), streams, EstimatorSettings(irradiance=METERS[meter]))
     closed = []
     for at, value in zip(time_ns.tolist(), cloudless(meter, time_ns).tolist(), strict=True):
@@ -55,7 +59,7 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
 
 @pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE])
 def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
-    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), IrradianceModel())
+    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
     minute = OpenMinute(0, 0)
     for second, value in enumerate([25.0, 9000.0, 27.0]):
         quality = doubt if value > 100.0 else Quality.GOOD
@@ -64,7 +68,179 @@ def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
 
 
 def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
-    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), IrradianceModel())
+    instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
     minute = OpenMinute(0, 0)
     minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
     assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
+
+
+# --- which stream gives the light, and what it is
+
+AT_22_DEGREES = int(np.datetime64("2017-12-11T00:09", "ns").astype(np.int64))
+"""At SITE the sun stands 22 degrees high (SPA)."""
+
+
+def radiation(name: str, component: str = "", rate_hz: float = 1.0, **more: object) -> StreamInfo:
+    measures = (component,) if component else ()
+    return StreamInfo(name, "irradiance", "W m-2", (1,), measures=measures, rate_hz=rate_hz, **more)
+
+
+DEFAULTS = EstimatorSettings()
+LUX = StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=1.0)
+
+
+def chosen(*streams: StreamInfo, **settings: object) -> str:
+    source = Instruments(streams, EstimatorSettings(**settings)).light_source
+    return source.info.name if source else ""
+
+
+def beam(readings: dict[str, float], *streams: StreamInfo, settings: EstimatorSettings = DEFAULTS) -> float:
+    """Direct normal irradiance of a minute with one reading of each stream at 22 degrees of sun."""
+    instruments = Instruments(streams, settings)
+    minute = OpenMinute(AT_22_DEGREES // 60_000_000_000, 0)
+    for name, value in readings.items():
+        minute.add_reading(Reading(name, AT_22_DEGREES, AT_22_DEGREES, (value,)))
+    (found,) = instruments.light(minute, SITE, settings).direct_w_m2
+    return float(found)
+
+
+def test_global_light_on_the_horizontal_is_divided_by_the_suns_height_and_freed_of_the_sky():
+    """400 W/m2 at 22 degrees of sun belong to a beam of about 900, not of 400."""
+    assert beam({"sun": 400.0}, radiation("sun", "ghi")) == pytest.approx(900.0, abs=10.0)
+
+
+@pytest.mark.parametrize("global_w_m2", [120.0, 250.0, 400.0])
+def test_global_light_by_erbs_gives_the_beam_of_pvlib(global_w_m2):
+    pvlib, pandas = pytest.importorskip("pvlib"), pytest.importorskip("pandas")
+    at = pandas.DatetimeIndex([pandas.Timestamp(AT_22_DEGREES, tz="UTC")])
+    zenith = pvlib.solarposition.get_solarposition(at, SITE.latitude_deg, SITE.longitude_deg, 9.0)["zenith"]
+    expected = float(pvlib.irradiance.erbs(global_w_m2, zenith, at.day_of_year)["dni"][0])
+    settings = EstimatorSettings(irradiance=IrradianceModel(diffuse="erbs"))
+    # the solar constant of 1982 is 0.4 % larger
+    assert beam({"sun": global_w_m2}, radiation("sun", "ghi"), settings=settings) == pytest.approx(
+        expected, rel=0.02
+    )
+
+
+def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
+    """Three instruments of SURFRAD, Alamosa: a closed day of sun, minute by minute."""
+    day = packaged()
+    streams = (radiation("slv-diffuse", "dhi", 1 / 60), radiation("slv-global", "ghi", 1 / 60))
+    binner = Binner(day.site, (), streams, EstimatorSettings())
+    closed = []
+    for at, diffuse, whole in zip(day.time_ns.tolist(), day.dhi.tolist(), day.ghi.tolist(), strict=True):
+        closed += binner.add(Reading("slv-diffuse", at, at, (diffuse,)))
+        closed += binner.add(Reading("slv-global", at, at, (whole,)))
+    bins = [entry for entry, _ in closed + binner.finish()]
+    high = np.array([entry.sun[2] > 0.35 for entry in bins])
+    ratio = np.array([entry.direct_w_m2 for entry in bins])[high] / day.dni[high]
+    assert high.sum() > 200
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
+    assert np.array([entry.diffuse_w_m2 for entry in bins])[high] == pytest.approx(day.dhi[high])
+    assert binner.irradiance_model == "pyranometer, diffuse 15%, horizontal, dhi as measured"
+
+
+def test_tilted_pyranometer_goes_through_its_own_plane():
+    plane = IrradianceModel(mounting="in-plane", plane_tilt_deg=68.0, plane_azimuth_deg=180.0)
+    facing = float(normal(68.0, 180.0) @ sun_vectors(AT_22_DEGREES, SITE))
+    # E = S cos i + D (1 + cos 68) / 2 with D the 15 % of the global horizontal light
+    sky = 0.15 / 0.85 * np.sin(np.radians(22.0)) * (1.0 + np.cos(np.radians(68.0))) / 2.0
+    reading = 800.0 * (facing + sky)
+    settings = EstimatorSettings(irradiance=plane)
+    assert beam({"sun": reading}, radiation("sun", "gti"), settings=settings) == pytest.approx(
+        800.0, rel=2e-3
+    )
+
+
+@pytest.mark.parametrize("first", ["sun", "shaded", "pyrgeometer"])
+def test_radiation_of_unknown_kind_asks_for_the_key_that_names_it(first):
+    info = replace(radiation(first), driver="text")
+    with pytest.raises(
+        ConfigError, match=f"^{first} is in W/m2, but what it measures is not known"
+    ) as caught:
+        Instruments((info,), EstimatorSettings())
+    assert f"irradiance.measures.{first}" in caught.value.fix
+    stated = EstimatorSettings(measures={first: "dni"})
+    assert chosen(info, measures={first: "dni"}) == first
+    assert beam({first: 700.0}, info, settings=stated) == pytest.approx(700.0)
+
+
+def test_beside_a_light_meter_unknown_radiation_is_left_alone_with_a_warning_once():
+    binner = Binner(SITE, (), (radiation("sun"), LUX), EstimatorSettings())
+    assert binner.irradiance_model.startswith("eq10")
+    notices = []
+    for minute in range(3):
+        at = AT_22_DEGREES + minute * 60_000_000_000
+        for _, events in [*binner.add(Reading("lux", at, at, (40_000.0,)))]:
+            notices += events
+    notices += [event for _, events in binner.finish() for event in events]
+    assert [event.stream for event in notices] == ["sun"]
+    assert "irradiance.measures.sun" in notices[0].text
+    assert len(notices[0].text) <= 256  # what an event has room for
+
+
+def test_direct_wins_over_global_over_tilted_over_lux_whatever_came_first():
+    tilted = IrradianceModel(mounting="in-plane", plane_tilt_deg=30.0, plane_azimuth_deg=180.0)
+    rising = [LUX, radiation("t", "gti"), radiation("g", "ghi"), radiation("d", "dni")]
+    for best in range(1, 5):
+        assert chosen(*rising[:best], irradiance=tilted) == rising[best - 1].name
+    assert chosen(*rising, irradiance=tilted, light_stream="lux") == "lux"
+    assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_down"), LUX) == "lux"
+    assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_up")) == ""
+
+
+def test_hourly_means_of_a_station_do_not_take_the_place_of_a_light_meter():
+    hourly = radiation("jma-direct", "dni", 1 / 3600)
+    assert chosen(hourly, LUX) == "lux"
+    assert chosen(hourly) == "jma-direct"
+
+
+def test_hourly_diffuse_light_and_longwave_stand_until_the_next_are_due():
+    streams = (radiation("df", "dhi", 1 / 3600), radiation("dl", "longwave_down", 1 / 3600), LUX)
+    binner = Binner(SITE, (), streams, EstimatorSettings())
+    closed = []
+    for minute in range(120):
+        at = AT_22_DEGREES + minute * 60_000_000_000
+        if minute == 10:
+            closed += binner.add(Reading("df", at, at, (83.0,)))
+            closed += binner.add(Reading("dl", at, at, (290.0,)))
+        closed += binner.add(Reading("lux", at + 1, at + 1, (40_000.0,)))
+    bins = [entry for entry, _ in closed + binner.finish()]
+    for values, held in (
+        ([entry.diffuse_w_m2 for entry in bins], 83.0),
+        ([entry.longwave_w_m2 for entry in bins], 290.0),
+    ):
+        assert np.isnan(values[:10]).all()
+        assert values[10:101] == [held] * 91  # an hour and a half
+        assert np.isnan(values[101:]).all()
+
+
+@pytest.mark.parametrize(
+    ("streams", "settings", "said", "key"),
+    [
+        ((LUX,), {"light_stream": "kipp"}, "'kipp' is not a stream of sunlight", "lux"),
+        ((LUX,), {"measures": {"lux": "ghi"}}, "the stream is in lx", "irradiance.model"),
+        ((radiation("k", "gti"),), {}, "the plane it lies in is not known", "plane_tilt_deg"),
+        (
+            (radiation("k", "ghi"),),
+            {"irradiance": IrradianceModel(kind="pyrheliometer")},
+            "takes direct light, but k measures ghi",
+            "irradiance.measures.k",
+        ),
+        (
+            (radiation("k", "ghi"),),
+            {"irradiance": IrradianceModel(diffuse="none")},
+            "light of the sky",
+            "erbs",
+        ),
+    ],
+)
+def test_what_contradicts_the_streams_is_refused_with_the_key_to_set(streams, settings, said, key):
+    with pytest.raises(ConfigError, match=said) as caught:
+        Instruments(streams, EstimatorSettings(**settings))
+    assert key in caught.value.fix
+
+
+def test_model_of_a_pyrheliometer_states_what_a_stream_does_not_say():
+    direct = EstimatorSettings(irradiance=IrradianceModel(kind="pyrheliometer"))
+    assert beam({"sun": 650.0}, radiation("sun"), settings=direct) == pytest.approx(650.0)

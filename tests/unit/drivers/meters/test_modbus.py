@@ -48,6 +48,50 @@ def test_pyranometer_is_polled_by_its_map(wire):
     device.close()
 
 
+@pytest.mark.parametrize(
+    ("type_number", "component"), [(601, "ghi"), (604, "ghi"), (613, "dni"), (614, "dni"), (999, "")]
+)
+@pytest.mark.parametrize("echo", [b"", request(1, 4, 0, 1)])
+def test_type_register_tells_a_pyrheliometer_from_a_pyranometer(wire, type_number, component, echo):
+    """Types by the manuals of the SMP and the SHP1; what no manual names is not guessed."""
+    body = bytes.fromhex("01 04 02") + type_number.to_bytes(2, "big")
+    typed = echo + body + crc16(body).to_bytes(2, "little")
+    wire.answer({request(1, 4, 2, 8): SMP, request(1, 4, 0, 1): typed})
+    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    assert device.info.measures == ((component, component) if component else ())
+    device.close()
+
+
+def test_instrument_that_does_not_answer_for_its_type_is_not_guessed(wire):
+    wire.answer({request(1, 4, 2, 8): SMP})
+    device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
+    assert device.info.measures == ()
+    assert device.read(1.0).values == (997.0, 997.0)
+    device.close()
+
+
+@pytest.mark.parametrize(("name", "component"), [("apogee", "ghi"), ("renke", "ghi")])
+def test_maps_of_pyranometers_say_so(name, component):
+    assert load_map(name).measures == {"": component}
+
+
+@pytest.mark.parametrize(
+    ("said", "complaint"),
+    [
+        ('measures = "sun"', "measures 'sun' is none of dni"),
+        ("measures = { ghi = [601] }", "by type: type_register"),
+        ("measures = { type_register = 0 }", "by type: type_register"),
+    ],
+)
+def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, said, complaint):
+    from fieldkit.drivers.meters.modbus_map import FOLDER
+
+    mine = tmp_path / "mine.toml"
+    mine.write_text(f"{said}\n{(FOLDER / 'renke.toml').read_text().replace('measures =', '# measures =')}")
+    with pytest.raises(ConfigError, match=complaint):
+        load_map(str(mine))
+
+
 def test_void_data_are_stale(wire):
     wire.answer({request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())

@@ -127,3 +127,20 @@ def test_decimal_commas_do_not_become_separators():
 def test_units_are_known_as_people_type_them():
     record = Grammar().take("a=70 degF, b=294 °K, c=21 ºC, d=800 W/m^2\n".encode())
     assert [value.unit for value in record.values] == ["°F", "K", "°C", "W/m²"]
+
+
+@pytest.mark.parametrize(
+    ("line", "options", "measures"),
+    [
+        (b"GHI=712.5 W/m2\n", {}, ("ghi",)),
+        (b"dhi_w_m2,ghi_w_m2\n80,712\n", {}, ("dhi", "ghi")),
+        (b"sun=712.5 W/m2\n", {}, ()),
+        (b"sun=712.5 W/m2\n", {"labels": ["dni"]}, ("dni",)),
+        (b"GHI=98760 lx\n", {}, ()),
+    ],
+)
+def test_only_the_name_of_a_column_says_which_light_a_board_measures(wire, line, options, measures):
+    wire.talk(line)
+    device = Text().open(settings(wire, **options), HostClock())
+    assert device.info.measures == measures
+    device.close()

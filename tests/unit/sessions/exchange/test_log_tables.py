@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fieldkit.errors import ConfigError
-from fieldkit.samples import Reading
+from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign
 from fieldkit.sessions.exchange.log_tables import read_table
 from fieldkit.sessions.exchange.logs import LogColumns, read_log
@@ -71,6 +71,21 @@ def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) ->
     assert [one.values for one in readings(foreign)] == [(812.5,), (813.0,)]
     assert (foreign.streams[0].unit, foreign.streams[0].quantity) == ("W m-2", "irradiance")
     assert read_table(path, "utf-8").head[:3] == ["TIMESTAMP", "RECORD", "Batt_Min [Volts]"]
+
+
+def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path: Path) -> None:
+    path = written(tmp_path, TOA5)
+    sun = LogColumns(values=("SWin_Avg",))
+    unknown = read_log(path, "sun", zone=DENVER, columns=sun)
+    assert unknown.streams[0].measures == ()
+    warned = [text for severity, text in unknown.remarks if severity is Severity.WARNING]
+    assert any("--measures ghi" in text and "irradiance.measures.sun" in text for text in warned)
+    said = read_log(path, "sun", zone=DENVER, columns=sun, measures="ghi")
+    assert said.streams[0].measures == ("ghi",)
+    named = written(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"))
+    foreign = read_log(named, "sun", zone=DENVER, columns=LogColumns(values=("DNI_Avg",)))
+    assert foreign.streams[0].measures == ("dni",)
+    assert not any("--measures" in text for _, text in [*said.remarks, *foreign.remarks])
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:

@@ -34,6 +34,10 @@ def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
     units = {info.name: (info.quantity, info.unit) for info in foreign.streams}
     assert units["slv-direct"] == ("irradiance", "W m-2")
     assert units["slv-air"] == ("air_temperature", "K")
+    assert {info.name: info.measures for info in foreign.streams if info.measures} == {
+        "slv-direct": ("dni",), "slv-diffuse": ("dhi",), "slv-global": ("ghi",),
+        "slv-longwave-down": ("longwave_down",), "slv-longwave-up": ("longwave_up",),
+    }  # fmt: skip
     assert len(units) == 8
     direct = readings(foreign, "slv-direct")
     assert len(direct) == 1440
@@ -85,7 +89,7 @@ def test_real_daily_download_is_read() -> None:
     assert len(air) == 30
     assert air[0].values == pytest.approx((27.4 + 273.15, 36.0 + 273.15, 19.1 + 273.15))
     assert utc(air[0]) == "2014-06-01T03:00:00+00:00"  # noon in Japan
-    assert readings(foreign, "kyoto-pressure")[1].values == pytest.approx((101240.0,))
+    assert readings(foreign, "kyoto-sea-level-pressure")[1].values == pytest.approx((101240.0,))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
@@ -102,6 +106,16 @@ def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
     foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
     assert [info.channels for info in foreign.streams] == [("現地気圧",)]
     assert readings(foreign, "jma-pressure")[0].values == pytest.approx((100_400.0,))
+
+
+def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path: Path) -> None:
+    """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
+    head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
+    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
+    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((64_000.0,))
+    assert readings(foreign, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
+    quantities = {info.name: info.quantity for info in foreign.streams}
+    assert quantities["jma-sea-level-pressure"] == "air_pressure_at_mean_sea_level"  # CF standard name
 
 
 @pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
@@ -149,6 +163,7 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
     assert is_radiation_table(path)
     foreign = read_radiation_table(path, "tat")
     direct = readings(foreign, "tat-direct")
+    assert foreign.streams[0].measures == ("dni",)
     assert len(direct) == 48
     assert direct[10].values == pytest.approx((900.0,))  # 3.24 MJ/m² from 10 to 11 h
     assert utc(direct[10]) == "2024-06-01T01:30:00+00:00"
