@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.sessions.disk import BEGIN_BYTES, begin_sync
+from fieldkit.disk import BEGIN_BYTES, begin_sync
 from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.layout import Column
 

@@ -35,7 +35,7 @@ def check(path: str | Path) -> list[Finding]:
         return [Finding("fail", "file", error.message, error.fix or "")]
     with session:
         findings: list[Finding] = []
-        for look in (_state, _integrity, _streams, _events, clock_findings, sun_findings, _regions):
+        for look in (_state, integrity_findings, _streams, _events, clock_findings, sun_findings, _regions):
             try:
                 findings.extend(look(session))
             except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
@@ -58,7 +58,7 @@ def _state(session: Session) -> Iterator[Finding]:
             yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
 
 
-def _integrity(session: Session) -> Iterator[Finding]:
+def integrity_findings(session: Session) -> Iterator[Finding]:
     """Sealed numbers against what is there; the samples themselves are looked at with their stream."""
     if session.state not in ("sealed", "recovered"):
         return

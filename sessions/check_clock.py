@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -12,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.clock import ClockCheck
-from fieldkit.errors import SessionError
-from fieldkit.sessions.disk import sync
+from fieldkit.disk import one_at_a_time, put_in_place
+from fieldkit.errors import StorageError
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import encode_text
@@ -123,11 +124,36 @@ def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
 def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
     """Write a time map into a finished session, as a new version beside those before.
 
-    Raises `SessionError` where the session is not finished.
+    That is done in a copy, which then takes the session's place: a process killed meanwhile leaves the
+    session as it was. Raises `SessionError` where the session is not finished, `StorageError` where it
+    cannot be written or there is no room for the copy.
     """
-    with open_session(path) as session:
-        if session.state not in ("sealed", "recovered"):
-            raise SessionError(f"{path} is {session.state}", fix=f"fieldkit recover {path}")
+    path = path.resolve()  # a link stays a link
+    draft = changing_path(path)
+    try:
+        with one_at_a_time(path.parent):
+            with open_session(path) as session:
+                session.require_finished()
+            try:
+                shutil.copyfile(path, draft)
+                shutil.copystat(path, draft)
+                _add_steps(draft, steps)
+                put_in_place(draft, path)
+            finally:
+                draft.unlink(missing_ok=True)
+    except OSError as error:
+        raise StorageError(
+            f"the times of {path} could not be corrected: {error.strerror or error}",
+            fix="see that its folder can be written and has room for a copy of it; nothing was changed",
+        ) from error
+
+
+def changing_path(path: Path) -> Path:
+    """Where a session is changed before it takes its own place; a killed process leaves it."""
+    return path.with_name(path.name + ".changing")
+
+
+def _add_steps(path: Path, steps: Sequence[TimeStep]) -> None:
     with GuardedFile(path) as file:
         group = file["time_map"]
         old = group["time"].shape[0]
@@ -142,4 +168,3 @@ def apply_time_map(path: Path, steps: Sequence[TimeStep]) -> None:
         for name, values in rows.items():
             group[name].resize((old + len(steps),))
             group[name][old:] = values
-    sync(path)

@@ -76,6 +76,12 @@ class Session(EntryReader):
             reader.refresh()
         super().refresh()
 
+    def require_finished(self) -> None:
+        """Raise `SessionError` where its journal may still have samples that the file has not."""
+        if self.state not in ("sealed", "recovered"):
+            fix = "fieldkit stop" if self.state == "recording" else f"fieldkit recover {self.path}"
+            raise SessionError(f"{self.path} is {self.state}: its journal may hold more", fix=fix)
+
     # --- what was declared
 
     @property

@@ -2,7 +2,7 @@
 
 The new file is made and verified beside the old one and takes its place at the very end,
 in one step; so recovery may be killed at any time and run again, and running it on a
-finished session changes nothing.
+finished session changes nothing. Only when the disk has confirmed that step does the journal go.
 """
 
 from __future__ import annotations
@@ -15,15 +15,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from fieldkit.disk import put_in_place
 from fieldkit.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Severity
 from fieldkit.sessions.brick_thread import COMPRESSORS
 from fieldkit.sessions.bricks import PackedBrick
+from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.datasets import put_rows
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.salvage import Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import SessionFile
@@ -131,32 +133,76 @@ def _complete(path: Path) -> RecoveryReport | None:
 
 def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     kept = crashed_path(path) if path.exists() else None
-    report, salvage = _rebuild(path, RECOVERED, kept, notes)
+    fresh = _fresh_path(path)
+    if (report := _made_before(fresh)) is not None:
+        _take_place(fresh, path, kept)
+        return replace(report, path=path, crashed=kept)
+    sealed, salvage = _rebuild(path, RECOVERED, kept, notes)
     return RecoveryReport(
-        path, report.counts, {name: tally.from_journal for name, tally in salvage.tallies.items()},
+        path, sealed.counts, {name: tally.from_journal for name, tally in salvage.tallies.items()},
         tuple(run for tally in salvage.tallies.values() for run in tally.lost),
-        tuple(dict.fromkeys(salvage.damage)), kept, bytes=report.bytes,
+        tuple(dict.fromkeys(salvage.damage)), kept, bytes=sealed.bytes,
     )  # fmt: skip
+
+
+def _fresh_path(path: Path) -> Path:
+    """Where the new file is made."""
+    return path.with_name(path.name + ".recovering")
+
+
+def _made_before(fresh: Path) -> RecoveryReport | None:
+    """The report on the new file where an earlier recovery completed it and only its place was not taken.
+
+    After a power cut that may be all that is left. It is verified once more; one that is not sound is
+    made again.
+    """
+    try:
+        with open_session(fresh) as session:
+            if session.state != "recovered" or any(
+                one.level == "fail" for one in integrity_findings(session)
+            ):
+                return None
+            crc32s = {name: session.stream(name).column("crc32") for name in session.streams}
+            report = _told_by(session)
+        return replace(report, bytes=seal(fresh, crc32s, RECOVERED).bytes)
+    except (SessionError, RuntimeError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _told_by(session: Session) -> RecoveryReport:
+    """What a recovered session says of its recovery, in the events that `_told` wrote."""
+    events = [one for one in session.events(recorded=True) if one.kind is EventKind.RECOVERED]
+    counts = {name: session.count(name) for name in session.streams}
+    summary = events[-1].data if events else {}
+    lost = tuple(
+        Lost(one.stream, *(int(one.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
+        for one in events
+        if one.stream
+    )
+    from_journal = {name: int(summary.get(name, {}).get("from_journal", 0)) for name in counts}
+    return RecoveryReport(session.path, counts, from_journal, lost)
 
 
 def _rebuild(
     path: Path, state: int, keep_as: Path | None, notes: Sequence[Event]
 ) -> tuple[SealReport, Salvage]:
-    fresh = path.with_name(path.name + ".recovering")
+    fresh = _fresh_path(path)
     try:
         report, salvage = _made(path, fresh, state, notes)
-        if state == SEALED and salvage.losses:
-            fresh.unlink()
-            raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
-        if keep_as is not None:
-            _keep(path, keep_as)
-        os.replace(fresh, path)
+        _take_place(fresh, path, keep_as)
     except OSError as error:
         raise StorageError(
             f"the session {path} could not be finished: {error.strerror or error}",
             fix="make room beside it, then run recovery again; nothing is lost",
         ) from error
     return SealReport(path, report.counts, report.bytes, report.verified), salvage
+
+
+def _take_place(fresh: Path, path: Path, keep_as: Path | None) -> None:
+    """Put the new file in the old one's place; when this returns, the disk has it there."""
+    if keep_as is not None:
+        _keep(path, keep_as)
+    put_in_place(fresh, path)
 
 
 def _keep(path: Path, keep_as: Path) -> None:
@@ -186,6 +232,9 @@ def _verified(
     fresh.unlink(missing_ok=True)
     with Salvage(path, packed=packed) as salvage:
         _write(fresh, salvage, notes, tell=state == RECOVERED)
+    if state == SEALED and salvage.losses:
+        fresh.unlink()
+        raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
     return seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state), salvage
 
 
@@ -225,7 +274,10 @@ def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) 
         for run in tally.lost:
             time_ns = run.after_ns or start_ns
             text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
-            data = {"first": run.first, "last": run.last, "lost": run.count}
+            data = {
+                "first": run.first, "last": run.last, "lost": run.count, "after_ns": run.after_ns,
+                "before_ns": run.before_ns,
+            }  # fmt: skip
             error = Severity.ERROR
             yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
     yield _summary(salvage.tallies, end_ns - anchor_ns, end_ns)

@@ -15,10 +15,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.disk import sync
 from fieldkit.samples import Frame, Reading, Sample
 from fieldkit.sessions.bricks import BrickWriter, PackedBrick, TableWriter
 from fieldkit.sessions.datasets import iso_utc
-from fieldkit.sessions.disk import sync
 from fieldkit.sessions.guarded import GuardedFile, write_new
 from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.journal import Chunk, Identity

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from fieldkit.sessions.disk import BEGIN_BYTES, begin_sync, sync_data
+from fieldkit.disk import BEGIN_BYTES, begin_sync, sync_data
 from fieldkit.sessions.journal import Journal, wal_of
 from fieldkit.sessions.written import note_written
 

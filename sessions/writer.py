@@ -24,10 +24,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fieldkit.clock import Clock, ClockCheck
+from fieldkit.disk import sync
 from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Health, Quality, Sample, Severity
 from fieldkit.sessions.brick_thread import BrickThread
-from fieldkit.sessions.disk import sync
 from fieldkit.sessions.header import SessionHeader, check_new, check_region
 from fieldkit.sessions.journal import Identity, Journal
 from fieldkit.sessions.journal_reader import JournalReader

@@ -59,9 +59,11 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:
     """Delete what crashes left beside sessions that are complete now."""
+    from fieldkit.sessions.check_clock import changing_path
     from fieldkit.sessions.recovery import crashed_path
 
-    left = [path for path in map(crashed_path, sessions) if path.exists()]
+    beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]
+    left = [path for path in beside if path.exists()]
     for path in left:
         path.unlink()
         say(f"deleted {path}")

@@ -49,8 +49,10 @@ def cut_to(session: Session, foreign: Foreign) -> Foreign:
 def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealReport:
     """Write `session` with the streams of `foreign` as a new session at `path`, and seal it.
 
-    Raises `ConfigError` where a stream of that name is there, or the times do not meet.
+    Raises `ConfigError` where a stream of that name is there, or the times do not meet, `SessionError`
+    where the session is not finished: a part of it would be missing from the new one for good.
     """
+    session.require_finished()
     taken = {info.name for info in foreign.streams} & set(session.streams)
     if taken:
         raise ConfigError(

@@ -12,11 +12,16 @@ import h5py
 import pytest
 
 from fieldkit.samples import Quality
+from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import (
     STREAMS,
+    CountedClock,
     Counters,
+    apply_until_killed,
+    fill,
     header,
     kill,
     record_until_killed,
@@ -101,6 +106,25 @@ def test_closing_killed_at_any_moment_can_be_finished(tmp_path: Path, trial: int
     report = recover(path)
     assert report.lost_samples == 0
     check_complete(path, {"camera": 40, "lux": 4, "thermometer": 4})
+
+
+@pytest.mark.parametrize("trial", trials(range(10), range(10, 60)))
+def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(
+    tmp_path: Path, trial: int
+) -> None:
+    path, counters = tmp_path / "field.h5", tmp_path / "counters"
+    clock = CountedClock()
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 40, clock)
+    writer.close()
+    process = started(apply_until_killed, path, counters, counters=counters, stage=1)
+    time.sleep(random.Random(trial).uniform(0.0, 0.1))
+    kill(process)
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert [step.add_ns for step in session.time_map()] in ([], [10**9, 2 * 10**9])
+        assert session.count("camera") == 40
+    assert not any(finding.level == "fail" and finding.what == "file" for finding in check(path))
 
 
 UNCLOSED = """

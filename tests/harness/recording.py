@@ -15,8 +15,10 @@ import numpy as np
 from fieldkit.clock import HostClock
 from fieldkit.device import StreamInfo
 from fieldkit.samples import Event, EventKind, Frame, Quality, Reading, Sample
+from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind, Site
 
@@ -176,6 +178,14 @@ def recover_until_killed(path: Path, counters: Path) -> None:
     counted.stage = 1
     recover(path)
     counted.stage = 3
+
+
+def apply_until_killed(path: Path, counters: Path) -> None:
+    """What the doomed process does: correct the times of a session, over and over."""
+    counted = Counters(counters)
+    counted.stage = 1
+    while True:
+        apply_time_map(path, [TimeStep(0, 10**9, "gps"), TimeStep(5, 2 * 10**9, "slept")])
 
 
 def started(target: object, *arguments: object, counters: Path, stage: int) -> BaseProcess:

@@ -15,12 +15,14 @@ from fieldkit.errors import StorageError
 from fieldkit.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage_file
 from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions.journal import wal_of
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness import disk
 from tests.harness.recording import START_NS, CountedClock, fill, header, same, sample
 
 HEADER = header((60, 80))
@@ -87,7 +89,9 @@ def test_sealed_file_that_lost_its_end_gives_back_all_whose_bytes_are_there(
             if run is not None:
                 assert (run.first, run.last, run.count) == (len(there), FRAMES - 1, FRAMES - len(there))
                 assert (run.after_ns, run.before_ns) == (found[-1].time_ns, 0)
-                assert told[info.name].data == {"first": run.first, "last": run.last, "lost": run.count}
+                times = {"after_ns": run.after_ns, "before_ns": run.before_ns}
+                numbers = {"first": run.first, "last": run.last, "lost": run.count}
+                assert told[info.name].data == {**numbers, **times}
                 assert told[info.name].severity is Severity.ERROR
         marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
         assert marks == [f"mark {100 * n}" for n in range(len(marks))]
@@ -189,6 +193,63 @@ def test_session_on_a_card_that_knows_no_links_is_recovered(
     assert (tmp_path / "a.h5.crashed").read_bytes() == crashed
     with open_session(path) as session:
         assert session.state == "recovered"
+
+
+def killed_before_its_place_is_taken(path: Path) -> None:
+    with pytest.MonkeyPatch.context() as killed:
+        killed.setattr(os, "replace", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            recover(path)
+
+
+def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path) -> None:
+    """After a power cut the journal may be gone and the new file not yet in its place."""
+    path = tmp_path / "a.h5"
+    recorded(path, 300, sealed=False)
+    log = wal_of(journal_path(path) / "000001.sqlite")
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    path.unlink()
+    shutil.copytree(tmp_path, tmp_path / "other")
+    whole = recover(tmp_path / "other" / "a.h5")
+    assert whole.lost_samples
+    path.write_bytes(b"an old file of which nothing can be read")
+    killed_before_its_place_is_taken(path)
+    shutil.rmtree(journal_path(path))
+    report = recover(path)
+    assert (report.counts, report.lost, report.from_journal) == (whole.counts, whole.lost, whole.from_journal)
+    assert report.crashed == tmp_path / "a.h5.crashed"
+    assert not (tmp_path / "a.h5.recovering").exists()
+    with open_session(path) as session:
+        assert session.state == "recovered"
+
+
+def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    killed_before_its_place_is_taken(path)
+    fresh = tmp_path / "a.h5.recovering"
+    with h5py.File(fresh) as file:
+        place = file["lux/value"].id.get_chunk_info(0).byte_offset
+    data = bytearray(fresh.read_bytes())
+    data[place + 5] ^= 1
+    fresh.write_bytes(data)
+    assert recover(path).counts["lux"] == 20
+    with open_session(path) as session:
+        assert [item.quality & Quality.BAD_CRC for item in session.samples("lux")] == [0] * 20
+
+
+def test_journal_goes_only_when_the_disk_has_the_new_file_in_its_place(tmp_path: Path) -> None:
+    path = tmp_path / "disk" / "a.h5"
+    path.parent.mkdir()
+    recorded(path, 20, sealed=False)
+    code = f"from fieldkit.sessions.recovery import recover; recover({str(path)!r})"
+    done = disk.run_watched(tmp_path, "-c", code, log=tmp_path / "log")
+    assert done.returncode == 0, done.stderr
+    changes = disk.read_log(tmp_path / "log", path.parent)
+    renamed = next(n for n, one in enumerate(changes) if one.kind == "R" and one.path == "a.h5.recovering")
+    synced = next(n for n, one in enumerate(changes) if n > renamed and (one.kind, one.path) == ("E", "."))
+    gone = next(n for n, one in enumerate(changes) if one.kind == "U" and one.path.endswith(".sqlite-wal"))
+    assert renamed < synced < gone
 
 
 def test_full_disk_leaves_the_crashed_file_where_it_is(

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from fieldkit.errors import SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Frame, Health
 from fieldkit.sessions.check import check
-from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions.check_clock import apply_time_map, changing_path
 from fieldkit.sessions.exchange.imported import Foreign
 from fieldkit.sessions.exchange.merged import merge
 from fieldkit.sessions.layout import RECOVERED
@@ -51,6 +52,21 @@ def test_same_instant_has_the_same_time_wherever_it_is_read(path: Path) -> None:
         assert session.end_ns - session.start_ns == 664 * S  # four seconds awake, eleven minutes asleep
 
 
+def test_times_are_corrected_at_once_or_not_at_all(path: Path) -> None:
+    """Also where the copy cannot be made, as on a disk that is full or read-only."""
+    before = path.read_bytes()
+    changing_path(path).mkdir()
+    with pytest.raises(StorageError, match="could not be corrected") as refused:
+        apply_time_map(path, [TimeStep(0, S, "gps")])
+    assert "nothing was changed" in (refused.value.fix or "")
+    assert path.read_bytes() == before
+    changing_path(path).rmdir()
+    apply_time_map(path, [TimeStep(0, S, "gps")])
+    with open_session(path) as session:
+        assert session.time_map() == [TimeStep(0, S, "gps")]
+    assert [item.name for item in path.parent.iterdir()] == ["a.h5"]
+
+
 def test_recovery_and_checks_see_what_was_recorded(path: Path) -> None:
     utc_ns = CountedClock().to_utc_ns
     with open_session(path) as session:
@@ -84,3 +100,17 @@ def test_log_beside_a_corrected_session_keeps_its_own_times(path: Path, tmp_path
         assert session.time_map() == STEPS
         beside = [one.stream for one in session.samples() if isinstance(one, Frame) or one.seq < 3]
         assert beside == ["camera", "logger"] * 3 + ["camera"] * 2
+
+
+def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path: Path) -> None:
+    """The new session would be sealed without what the journal alone has."""
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, CountedClock())
+    for n in range(5):
+        writer.append(sample(CAMERA, n))
+    writer.abandon()
+    log = replace(LUX, name="logger")
+    with open_session(tmp_path / "a.h5") as session:
+        with pytest.raises(SessionError, match="is interrupted") as refused:
+            merge(session, Foreign((log,), [sample(log, 0)]), tmp_path / "b.h5", "log.csv")
+        assert "fieldkit recover" in (refused.value.fix or "")
+    assert not (tmp_path / "b.h5").exists()

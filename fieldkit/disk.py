@@ -1,4 +1,4 @@
-"""Asking the disk to keep what was written.
+"""Asking the disk to keep what was written, and changing a file so that it is the old or the new one.
 
 Linux leaves written bytes in memory for half a minute. A sync then has all of them to wait for, while the
 disk has had nothing to do; so whoever writes much has the disk begin early.
@@ -7,7 +7,9 @@ disk has had nothing to do; so whoever writes much has the disk begin early.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 BEGIN_BYTES = 8_000_000
@@ -19,6 +21,32 @@ def sync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def put_in_place(draft: Path, path: Path) -> None:
+    """Let a finished draft take the place of a file in the same folder, on the disk too; raises `OSError`.
+
+    Whatever happens meanwhile, a kill or a power cut, the path leads to the old file or to the new one.
+    """
+    sync(draft)
+    os.replace(draft, path)
+    sync(path.parent)
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """Wait until no other process changes files of a folder in this way; raises `OSError` without the folder.
+
+    The kernel lets go of the lock when its process dies. A network drive may not know locks of folders: there
+    everything is as if nobody else were there.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
     finally:
         os.close(descriptor)
 
