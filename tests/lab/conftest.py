@@ -36,6 +36,9 @@ def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
     early: list[UsbPort] = []
 
     def plug_early(guest: Guest) -> None:
+        """For each attempt to boot: without usable hardware virtualisation there are two."""
+        if early:
+            early.pop().unplug()
         early.append(UsbPort(PureThermal(field.lepton), guest.camera_socket(0)))
         early[-1].plug()
 

@@ -121,6 +121,11 @@ def test_no_picture_and_no_reading_is_lost(recorded: Recorded):
     nothing_lost(skipped(places) + skipped(numbers), recorded.idle_share, told)
 
 
+def test_streams_state_the_latency_timer_of_their_adapter(recorded: Recorded):
+    for name in ("lux", "thermometer"):
+        assert recorded.session["streams"][name]["info"]["settings"]["usb_latency_ms"] == 1
+
+
 def test_pictures_carry_the_kernels_stamp_and_a_number(recorded: Recorded):
     """Its stamps are as regular as the camera; those of a reader who polls are not."""
     for name, rate_hz, step in (("camera", 9.0, 3), ("second", 25.0, 1)):  # a Lepton counts at 27 Hz

@@ -46,6 +46,13 @@ def test_serial_adapters_are_told_apart_by_serial_number(lab: Lab, field: Field)
         assert all(lab.nodes()[tty] == {"mode": "0660", "group": "dialout"} for tty in names.values())
 
 
+def test_the_latency_timer_of_an_adapter_is_set_to_a_millisecond_and_read_back(lab: Lab, field: Field):
+    with lab.meter(LightMeter(field), 0):
+        lab.wait_for(LUX_BY_ID)
+        told = lab.guest.call("usblab.inside.adapters:latency", path=LUX_BY_ID)
+    assert told == {"before_ms": 16, "stated_ms": 1, "chip_ms": 1}
+
+
 @pytest.mark.parametrize(("user", "may"), [(OBSERVER, True), (STRANGER, False)])
 def test_the_group_decides_who_may_open_the_camera(lab: Lab, field: Field, user: str, may: bool):
     with lab.camera(PureThermal(field.lepton)):

@@ -1,6 +1,6 @@
 """The streaming endpoint: takes pictures from a camera model at its pace and hands them to QEMU.
 
-A bulk endpoint answers requests, an isochronous one sends a packet in every service interval.
+A bulk endpoint answers requests, an isochronous one sends at the pace of the cable.
 """
 
 from __future__ import annotations
@@ -131,8 +131,10 @@ class Pipe:
                 self._waiting.popleft()
 
     def _send_packets(self, pace: IsoPace) -> None:
-        """One packet for every service interval that has passed, empty ones included."""
+        """What the service intervals that have passed carry: data, nothing at all, or empty packets."""
         for _ in range(pace.owed(time.monotonic())):
+            if not pace.carries_a_packet(bool(self._waiting)):
+                continue
             data = self._waiting[0].popleft() if self._waiting else b""
             if self._waiting and not self._waiting[0]:
                 self._waiting.popleft()

@@ -125,7 +125,9 @@ def endpoint_info(shape: CameraShape, streaming_alternate: int) -> bytes:
         add(shape.status_endpoint, 3, 8, CONTROL_INTERFACE, 8)
     pipe = shape.endpoint
     if not pipe.isochronous or streaming_alternate:
-        add(pipe.address, 1 if pipe.isochronous else 2, pipe.interval, STREAMING_INTERFACE, pipe.max_packet)
+        # QEMU sizes its queue by this interval; by the shortest it is longest, and overflows last
+        kind, interval = (1, 1) if pipe.isochronous else (2, pipe.interval)
+        add(pipe.address, kind, interval, STREAMING_INTERFACE, pipe.max_packet)
     return bytes(types) + bytes(intervals) + bytes(interfaces) + struct.pack("<32H", *packets)
 
 

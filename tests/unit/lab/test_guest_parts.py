@@ -4,7 +4,7 @@ import lzma
 import stat
 
 import pytest
-from usblab.guest import cpio, image, initramfs, kernel
+from usblab.guest import cpio, image, initramfs, kernel, machine
 
 
 def entries(archive: bytes):
@@ -80,3 +80,14 @@ def test_a_missing_program_is_named_with_what_to_type():
 
     with pytest.raises(MissingPartError, match=r"no-such-program; run: bash tests/lab/install.sh"):
         packages.need_programs("sh", "no-such-program")
+
+
+@pytest.mark.parametrize(
+    ("usable", "asked", "tried"), [(True, "", ["kvm", "tcg"]), (True, "tcg", ["tcg"]), (False, "", ["tcg"])]
+)
+def test_hardware_virtualisation_is_tried_where_it_may_be_used_and_emulation_after_it(
+    monkeypatch, usable, asked, tried
+):
+    monkeypatch.setattr(machine.os, "access", lambda path, mode: usable and path == "/dev/kvm")
+    monkeypatch.setenv("FIELDKIT_LAB_ACCEL", asked)
+    assert [acceleration.split(",")[0] for acceleration, *_ in machine.accelerations()] == tried

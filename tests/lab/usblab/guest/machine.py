@@ -24,6 +24,12 @@ ONE_CLOCK = "tsc=reliable"
 """Of two emulated processors the kernel distrusts the time stamp counters, though they are one."""
 
 
+def accelerations() -> list[tuple[str, str, float]]:
+    """What to boot with, in order: acceleration, processor, how long to wait for the guest's hello."""
+    usable = os.access("/dev/kvm", os.R_OK | os.W_OK) and os.environ.get("FIELDKIT_LAB_ACCEL") != "tcg"
+    return [HARDWARE, SOFTWARE] if usable else [SOFTWARE]
+
+
 class GuestError(RuntimeError):
     """The guest did not start, does not answer, or an operation in it failed."""
 
@@ -33,7 +39,7 @@ class Guest:
 
     `clock_base` is the guest's UTC at power-on ("2016-01-01T19:00:00"). `prepare` is called
     with the guest before its processor starts, to plug in what shall be found at power-on.
-    Set FIELDKIT_LAB_ACCEL=kvm to try hardware virtualisation first.
+    Hardware virtualisation is tried first where /dev/kvm may be used; FIELDKIT_LAB_ACCEL=tcg leaves that out.
     """
 
     def __init__(
@@ -95,8 +101,7 @@ class Guest:
     def _start(self) -> None:
         archive = initramfs.build(self._kernel)
         (self.home / "initramfs").write_bytes(archive)
-        wanted = [HARDWARE, SOFTWARE] if os.environ.get("FIELDKIT_LAB_ACCEL") == "kvm" else [SOFTWARE]
-        for acceleration, processor, patience_s in wanted:
+        for acceleration, processor, patience_s in accelerations():
             begun = time.monotonic()
             if self._boot(acceleration, processor, patience_s):
                 self.boot_s = time.monotonic() - begun

@@ -12,6 +12,7 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.opencv import OpenCvSource
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.errors import DeviceError
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.samples import Quality
 
 PATIENCE_S = 20.0
@@ -73,7 +74,9 @@ def drive(
         "settings": dict(device.info.settings),
         "model": device.info.model,
         "ran": ran,
-        "means_k": [float(frame.counts.mean()) * device.info.scale for frame in frames],
+        "means_k": [
+            float(frame_k(device.info, frame.counts, frame.metadata_rows).mean()) for frame in frames
+        ],
         "flags": [[flag.name for flag in Quality if flag and flag in frame.quality] for frame in frames],
         "rejected": device.rejected,
     }
