@@ -29,7 +29,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LISTS = ROOT / "tests/mutations"
-KEPT = ROOT / ".cache/mutations.json"
+KEPT = ROOT / ".cache/mutations"
 LEAST_KILLED = 0.9
 LONGEST_S = 150
 """A mutation after which the tests go on for so long has been noticed: something waits for ever."""
@@ -55,15 +55,34 @@ class Mutation:
                 made_of.update(file.read_bytes())
         return made_of.hexdigest()
 
-    def mutated(self, text: str) -> str:
-        """The text with the mistake; raises `SystemExit` where `old` does not stand there exactly once."""
-        found = text.count(self.old)
-        if found != 1 or self.old == self.new:
-            raise SystemExit(f"{self.room}: {self.old!r} stands {found} times in {self.file}, wanted: once")
-        return text.replace(self.old, self.new)
+    def faults(self) -> Iterator[str]:
+        """Why the mistake cannot be made, if it cannot."""
+        found = (ROOT / self.file).read_text(encoding="utf-8").count(self.old)
+        if found != 1:
+            yield f"{self.old!r} stands {found} times in {self.file}, wanted: once"
+        if self.old == self.new:
+            yield f"{self.old!r} is not changed"
+        for test in self.tests:
+            if not (ROOT / test.partition("::")[0]).exists():
+                yield f"there is no {test}"
 
     def __str__(self) -> str:
         return f"{self.file}: {self.old.strip()!r} -> {self.new.strip()!r} ({self.why})"
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came of a room: how many mutations, how many the tests noticed, and those that they did not."""
+
+    room: str
+    mutations: int
+    killed: int
+    survived: list[str]
+
+    @property
+    def share(self) -> float:
+        """Killed of all, 0 to 1."""
+        return self.killed / self.mutations
 
 
 def _python_files(path: Path) -> list[Path]:
@@ -77,10 +96,8 @@ def read_list(room: str) -> list[Mutation]:
     for entry in table["mutation"]:
         tests = tuple(entry.pop("tests", table["tests"]))
         listed.append(Mutation(room=room, tests=tests, **entry))
-    for mutation in listed:
-        mutation.mutated((ROOT / mutation.file).read_text(encoding="utf-8"))
-        if missing := [test for test in mutation.tests if not (ROOT / test.partition("::")[0]).exists()]:
-            raise SystemExit(f"{room}: there is no {missing[0]}")
+    if wrong := [fault for mutation in listed for fault in mutation.faults()]:
+        raise SystemExit("\n".join(f"{room}: {fault}" for fault in wrong))
     return listed
 
 
@@ -111,7 +128,9 @@ class Copy:
         original = file.with_name(f"{file.name}.original")
         file.rename(original)
         try:
-            file.write_text(mutation.mutated(original.read_text(encoding="utf-8")), encoding="utf-8")
+            file.write_text(
+                original.read_text(encoding="utf-8").replace(mutation.old, mutation.new), encoding="utf-8"
+            )
             yield
         finally:
             original.replace(file)
@@ -145,44 +164,35 @@ def _end_group(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def trial(mutations: list[Mutation], kept: dict[str, bool]) -> dict[Mutation, bool]:
-    """Which are noticed; `kept` knows some already and learns the others, one by one."""
-    digests = {mutation: mutation.digest() for mutation in mutations}  # before the tree may change
-    unknown = [mutation for mutation in mutations if digests[mutation] not in kept]
-    if unknown:
-        _try(unknown, digests, kept)
-    return {mutation: kept[digests[mutation]] for mutation in mutations}
+def trial(room: str) -> dict[Mutation, bool]:
+    """Which mutations of a room are noticed, as far as known from earlier trials, else by trying."""
+    digests = {mutation: mutation.digest() for mutation in read_list(room)}  # before the tree may change
+    path = KEPT / f"{room}.json"
+    kept: dict[str, bool] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if unknown := [mutation for mutation, digest in digests.items() if digest not in kept]:
+        KEPT.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="mutate-") as folder:
+            copy = Copy(Path(folder))
+            for mutation in unknown:
+                copy.must_pass(mutation.tests)
+                killed = kept[digests[mutation]] = copy.is_killed(mutation)
+                print("killed  " if killed else "SURVIVED", mutation, flush=True)
+                path.write_text(json.dumps(kept, indent=0), encoding="utf-8")
+    return {mutation: kept[digest] for mutation, digest in digests.items()}
 
 
-def _try(unknown: list[Mutation], digests: dict[Mutation, str], kept: dict[str, bool]) -> None:
-    with tempfile.TemporaryDirectory(prefix="mutate-") as folder:
-        copy = Copy(Path(folder))
-        for mutation in unknown:
-            copy.must_pass(mutation.tests)
-            killed = kept[digests[mutation]] = copy.is_killed(mutation)
-            print("killed  " if killed else "SURVIVED", mutation, flush=True)
-            KEPT.parent.mkdir(exist_ok=True)
-            KEPT.write_text(json.dumps(kept, indent=0), encoding="utf-8")
+def row_of(room: str, killed: dict[Mutation, bool]) -> Row:
+    """How many mutations of a room there are, how many were noticed, and those that were not."""
+    survived = [str(mutation) for mutation in killed if not killed[mutation]]
+    return Row(room, len(killed), len(killed) - len(survived), survived)
 
 
-def table(rooms: list[str], killed: dict[Mutation, bool]) -> list[dict[str, object]]:
-    """One row for each room: how many mutations, how many were noticed, and those that were not."""
-    rows: list[dict[str, object]] = []
-    for room in rooms:
-        tried = [mutation for mutation in killed if mutation.room == room]
-        survived = [str(mutation) for mutation in tried if not killed[mutation]]
-        count = len(tried) - len(survived)
-        rows.append({"room": room, "mutations": len(tried), "killed": count, "survived": survived})
-    return rows
-
-
-def _text(rows: list[dict[str, object]]) -> Iterator[str]:
-    yield f"{'room':<14}{'mutations':>10}{'killed':>8}{'':>7}"
+def _text(rows: list[Row]) -> Iterator[str]:
+    yield f"{'room':<14}{'mutations':>10}{'killed':>8}"
     for row in rows:
-        share = int(row["killed"]) / int(row["mutations"])  # type: ignore[call-overload]
-        yield f"{row['room']:<14}{row['mutations']:>10}{row['killed']:>8}{share:>7.0%}"
+        yield f"{row.room:<14}{row.mutations:>10}{row.killed:>8}{row.share:>7.0%}"
     for row in rows:
-        yield from (f"survived: {line}" for line in row["survived"])  # type: ignore[attr-defined]
+        yield from (f"survived: {line}" for line in row.survived)
 
 
 def main() -> int:
@@ -196,16 +206,16 @@ def main() -> int:
     if unknown := set(chosen.rooms) - set(rooms):
         parser.error(f"no list of mutations: {', '.join(sorted(unknown))}")
     wanted = chosen.rooms or rooms
-    mutations = [mutation for room in wanted for mutation in read_list(room)]
+    lists = [read_list(room) for room in wanted]
     if chosen.check:
-        print(f"{len(mutations)} mutations in {len(wanted)} rooms")
+        print(f"{sum(map(len, lists))} mutations in {len(wanted)} rooms")
         return 0
-    kept: dict[str, bool] = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {}
-    rows = table(wanted, trial(mutations, kept))
+    rows = [row_of(room, trial(room)) for room in wanted]
     print("\n".join(_text(rows)))
     if chosen.out:
-        chosen.out.write_text(json.dumps(rows, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return int(any(int(row["killed"]) < LEAST_KILLED * int(row["mutations"]) for row in rows))  # type: ignore[call-overload]
+        text = json.dumps([asdict(row) for row in rows], indent=2, ensure_ascii=False)
+        chosen.out.write_text(text + "\n", encoding="utf-8")
+    return int(any(row.share < LEAST_KILLED for row in rows))
 
 
 if __name__ == "__main__":

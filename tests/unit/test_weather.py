@@ -95,3 +95,37 @@ def test_file_that_is_no_surfrad_file_is_refused(tmp_path):
     path.write_text("hello\nworld\n")
     with pytest.raises(ConfigError, match="not a SURFRAD"):
         weather.read_surfrad(path, "alamosa")
+
+
+def surfrad_file(path, values=(), bad=()):
+    """A SURFRAD file of three minutes: pair n reads 100 + n unless given; `bad` pairs have quality 1."""
+    numbers = {**{n: f"{100 + n}.0" for n in range(20)}, **dict(values)}
+    pairs = " ".join(f"{numbers[n]} {int(n in bad)}" for n in range(20))
+    rows = [f"2016 1 1 1 17 {minute} 17.{minute} 60.0 {pairs}" for minute in (1, 2, 3)]
+    head = [" Alamosa", "   37.70  105.92 2317 m version 1"]
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    return path
+
+
+def test_columns_are_where_the_networks_readme_has_them(tmp_path):
+    """README of data/radiation/surfrad at NOAA: pairs of value and quality after eight columns."""
+    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat"), "alamosa")
+    found = (day.ghi, day.dni, day.dhi, day.longwave_down_w_m2, day.longwave_up_w_m2, day.wind_m_s)
+    assert [column[0] for column in found] == [100.0, 102.0, 103.0, 104.0, 107.0, 117.0]
+    assert day.air_temperature_k[0] == pytest.approx(115.0 + 273.15)
+    assert day.pressure_pa[0] == pytest.approx(119.0 * 100.0)  # hPa
+
+
+@pytest.mark.parametrize("values", [{2: "850.0"}, {2: "-9999.9"}])
+def test_values_that_the_station_calls_bad_or_lacks_are_not_measured(tmp_path, values):
+    bad = (2,) if values[2] == "850.0" else ()
+    day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat", values, bad), "alamosa")
+    assert np.isnan(day.dni).all()
+    assert np.isfinite(day.dhi).all()
+
+
+def test_a_file_of_another_place_is_refused(tmp_path):
+    north = surfrad_file(tmp_path / "day.dat")
+    north.write_text(north.read_text().replace("37.70  105.92", "48.31  105.92"))
+    with pytest.raises(ConfigError, match="not at alamosa"):
+        weather.read_surfrad(north, "alamosa")

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -47,3 +49,22 @@ def test_what_is_no_response_is_refused(tmp_path, text):
     table.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError):
         ResponseBand.read(table)
+
+
+def test_a_cameras_own_band_is_its_planck_law_with_the_offset_taken_away():
+    """S = R / (exp(B / T) - F) - O, as FLIR's constants are used everywhere."""
+    band = CameraBand(1500.0, 1.2, 15_000.0, -7000.0)
+    expected = 15_000.0 / (math.exp(1500.0 / 300.0) - 1.2) + 7000.0
+    assert float(band.signal(300.0)) == pytest.approx(expected, rel=1e-12)
+    assert float(band.temperature(expected)) == pytest.approx(300.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("distance_m", [2.0, 10.0, 50.0])
+def test_air_in_between_lets_through_what_flirs_law_says(distance_m):
+    """Eq. (3.6) of Minkina and Dudzik, "Infrared Thermography: Errors and Uncertainties", 2009."""
+    air_c, humidity = 25.0, 0.6
+    water = humidity * math.exp(1.5587 + 6.939e-2 * air_c - 2.7816e-4 * air_c**2 + 6.8455e-7 * air_c**3)
+    first = math.exp(-math.sqrt(distance_m) * (0.006569 - 0.002276 * math.sqrt(water)))
+    second = math.exp(-math.sqrt(distance_m) * (0.01262 - 0.00667 * math.sqrt(water)))
+    expected = 1.9 * first + (1.0 - 1.9) * second
+    assert transmission(distance_m, air_c + 273.15, humidity) == pytest.approx(expected, rel=1e-9)

@@ -76,3 +76,11 @@ def test_too_little_and_what_does_not_go_together_is_refused():
         light_factor(plane[:5] / 0.009, plane[:5])
     with pytest.raises(CalibrationError, match="do not go together"):
         light_factor(plane[::-1] / 0.009, plane)  # as with a wrong zone: rising beside falling
+
+
+def test_minutes_around_a_step_of_the_reference_alone_are_left_out():
+    """A thin cloud over the pyranometer only: 7 % less, within what one factor fits."""
+    plane = np.full(60, 500.0)
+    reading = plane / 0.0091
+    plane[20:25] *= 0.93
+    assert light_factor(reading, plane).minutes == 60 - 4

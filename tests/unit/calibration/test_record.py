@@ -1,7 +1,7 @@
 import math
 import tomllib
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -113,3 +113,13 @@ def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
 def test_what_is_no_record_is_refused(text, said):
     with pytest.raises(ConfigError, match=said):
         from_toml(text, "file.toml")
+
+
+@pytest.mark.parametrize(
+    ("kind", "days"),
+    [("emissivity", 365), ("uniformity", 1), ("irradiance", 90), ("surface", 30), ("clock", 1)],
+)
+def test_a_calibration_is_good_for_as_long_as_the_reference_says(kind, days):
+    """docs/reference/calibration.md."""
+    made = datetime(2026, 3, 1, tzinfo=UTC)
+    assert expiry(kind, made) - made == timedelta(days=days)

@@ -118,3 +118,11 @@ def test_foil_at_the_end_of_the_range_is_a_bound_and_refused():
     refuse_saturated(10, 4, 233.15)
     with pytest.raises(CalibrationError, match="-40 °C: saturated"):
         refuse_saturated(10, 5, 233.15)
+
+
+def test_a_short_plateau_is_steady_whatever_was_before():
+    def short(minute):
+        return np.interp(minute, [0, 20, 30, 36, 46, 66], [300.0, 300.0, 310.0, 310.0, 320.0, 320.0])
+
+    kelvin = {round(one.contact_k, -1) for one in steady_stretches(day(66, short))}
+    assert kelvin == {300.0, 310.0, 320.0}

@@ -37,3 +37,9 @@ def test_beds_that_disagree_beyond_noise_make_the_scale_less_certain():
 def test_what_no_surface_has_is_refused(beds, said):
     with pytest.raises(CalibrationError, match=said):
         pool(beds, 0.5)
+
+
+def test_a_bed_whose_tilt_tells_more_counts_more():
+    """Weights 1/u² (GUM 5, inverse variances): 1/0.0001 beside 1/0.001."""
+    found = pool({"b25": BedScale(1.00, 0.01, 0.0), "b05": BedScale(1.022, 0.01, 0.03)}, 0.5)
+    assert found.kappa == pytest.approx((10.0 * 1.00 + 1.022) / 11.0)

@@ -34,6 +34,7 @@ def test_two_looks_are_averaged_whatever_their_order_and_half_the_change_bounds_
     ("before", "after", "said"),
     [
         (look(8.0), None, "b15 differs from the reference by \\+8.0 K"),
+        (look(-8.0), None, "b15 differs from the reference by -8.0 K"),
         (look(math.nan), None, "b15"),
         (look(0.3, change_k=0.5), None, "drift apart by 0.5 K"),
         (look(0.3), Look(HOUR, {"b05": 0.0}, {"b05": 0.1}), "not the same"),

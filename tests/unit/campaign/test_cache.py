@@ -1,9 +1,12 @@
 import logging
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
+import pytest
 
+from fieldkit.campaign import cache as cache_module
 from fieldkit.campaign.cache import Cache, code_version, digest
 from fieldkit.physics.surface import SurfaceParameters
 
@@ -69,3 +72,51 @@ def test_the_code_version_names_release_and_content():
     release, _, content = code_version().partition("+")
     assert release
     assert len(content) == 12
+
+
+@pytest.fixture
+def fresh_version():
+    """The version as of now, not of the first time it was asked."""
+    code_version.cache_clear()
+    yield lambda: (code_version.cache_clear(), code_version())[1]
+    code_version.cache_clear()
+
+
+@pytest.mark.parametrize("package", ["numpy", "scipy", "astropy", "h5py"])
+def test_results_of_other_libraries_are_not_found(monkeypatch, fresh_version, package):
+    before, genuine = fresh_version(), cache_module.metadata.version
+    monkeypatch.setattr(
+        cache_module.metadata, "version", lambda name: "0.1" if name == package else genuine(name)
+    )
+    assert fresh_version() != before
+
+
+def test_results_of_another_kind_of_machine_are_not_found(monkeypatch, fresh_version):
+    before = fresh_version()
+    monkeypatch.setattr(cache_module.platform, "machine", lambda: "riscv64")
+    assert fresh_version() != before
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        "fieldkit/samples.py",
+        "fieldkit/site.py",
+        "fieldkit/estimation/balance.py",
+        "fieldkit/physics/sun.py",
+        "fieldkit/sessions/stream_reader.py",
+        "fieldkit/campaign/work.py",
+    ],
+)
+def test_results_of_other_code_are_not_found(monkeypatch, fresh_version, file):
+    """One line more in any module between session and slope."""
+    before, genuine = fresh_version(), Path.read_bytes
+    changed = (Path(cache_module.__file__).parents[2] / file).resolve()
+    monkeypatch.setattr(Path, "read_bytes", lambda path: genuine(path) + b"\n" * (path.resolve() == changed))
+    assert fresh_version() != before
+
+
+def test_every_key_depends_on_the_version(monkeypatch):
+    before = digest("session", 0.1)
+    monkeypatch.setattr(cache_module, "code_version", lambda: "another")
+    assert digest("session", 0.1) != before

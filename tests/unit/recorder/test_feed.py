@@ -249,3 +249,36 @@ def test_stamps_never_decrease_and_never_lie_in_the_future_whatever_a_driver_say
     assert [(sample.mono_ns - start_ns) / S for sample in samples] == [1, 2, 2, 4]
     flagged = [Quality.INTERPOLATED in sample.quality for sample in samples]
     assert flagged == [True, False, True, False]
+
+
+def test_a_device_that_stays_away_is_tried_every_half_minute_for_as_long_as_it_takes() -> None:
+    """1, 2, 4, 8 and 16 s after one another, then every 30 s."""
+    tried: list[int] = []
+
+    def never(device: Device) -> Device:
+        tried.append(device.clock.mono_ns())  # type: ignore[attr-defined]
+        raise DeviceNotFoundError("not plugged in")
+
+    _, events, _ = run(lambda c, s: Meter(c, s, gone=10.5), never, 300.0)
+    waits = np.diff([events[0].mono_ns, *tried]) / S
+    assert waits[:5].tolist() == [1.0, 2.0, 4.0, 8.0, 16.0]
+    assert set(waits[5:].tolist()) == {30.0}
+    assert len(waits) >= 12
+
+
+def test_garbled_records_are_counted_over_all_openings() -> None:
+    class Garbled(Meter):
+        def __init__(self, clock: SimulatedClock, start_ns: int, rejected: int, gone: float = 1e9) -> None:
+            super().__init__(clock, start_ns, gone)
+            self.rejected = rejected
+
+    with SimulatedClock(0) as clock:
+        start_ns = clock.mono_ns()
+        openings = iter([Garbled(clock, start_ns, 2, gone=20.5), Garbled(clock, start_ns, 4)])
+        feed = Feed(
+            Garbled(clock, start_ns, 3, gone=10.5), lambda: next(openings), Inbox({"lux": 100}), clock,
+            Sampling(), start_ns + 40 * S,
+        )  # fmt: skip
+        feed.start()
+        assert feed.join(20.0)
+    assert feed.rejected == 3 + 2 + 4

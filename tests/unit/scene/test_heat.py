@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from scipy.special import erfcx
 
+from fieldkit.physics.facet import normal
 from fieldkit.physics.surface import STEFAN_BOLTZMANN
 from fieldkit.scene.facets import Facet
-from fieldkit.scene.heat import fine_times, lagged, surface_curves
+from fieldkit.scene.heat import Light, fine_times, lagged, longwave_out, surface_curves
+from fieldkit.scene.sky import Above
 
 EXCHANGE_W_M2_K, AIR_K, LONGWAVE_W_M2 = 18.15, 303.15, 400.0
 
@@ -74,3 +76,26 @@ def test_sensor_of_first_order_lags_a_ramp_by_its_time_constant():
     answer = lagged((0.5 * time_s)[np.newaxis], time_s, 3.0)[0]
     exact = 0.5 * (time_s - 3.0 * (1 - np.exp(-time_s / 3.0)))
     np.testing.assert_allclose(answer, exact, atol=1e-12)
+
+
+def test_sunlight_on_a_tilted_bed_is_pvlibs_in_plane_irradiance():
+    irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
+    zenith, azimuth, dni, dhi, top = 55.0, 140.0, 850.0, 90.0, 1400.0
+    ghi = dni * np.cos(np.radians(zenith)) + dhi
+    theirs = irradiance.get_total_irradiance(
+        25.0, 180.0, zenith, azimuth, dni, ghi, dhi, dni_extra=top, albedo=0.19, model="haydavies"
+    )["poa_global"]
+    one = np.ones(1)
+    above = Above(dni * one, dhi * one, 0.0 * one, 280.0 * one, 1.0 * one)
+    light = Light(above, normal([zenith], [azimuth]), top * one, 0.19)
+    absorbed = light.absorbed_w_m2(Facet("bed", (), 25.0, 180.0, albedo=0.3), 0.0 * one)
+    assert absorbed[0] == pytest.approx(0.7 * float(theirs), rel=1e-6)
+
+
+def test_longwave_of_the_ground_is_emitted_and_mirrored():
+    """Kirchhoff: what is not emitted of a black body's is mirrored of the sky's."""
+    one = np.ones(1)
+    above = Above(0.0 * one, 0.0 * one, 300.0 * one, 280.0 * one, 1.0 * one)
+    ground = Facet("ground", (), emissivity_broadband=0.95)
+    expected = 0.95 * 5.670374419e-8 * 310.0**4 + 0.05 * 300.0
+    assert longwave_out(310.0 * one, ground, above)[0] == pytest.approx(expected)

@@ -1,0 +1,67 @@
+"""Minute means of a region, against sums written out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.device import StreamInfo
+from fieldkit.estimation.bins import MINUTE_NS, Camera, OpenMinute
+from fieldkit.physics.radiance import brightness_temperature_k
+from fieldkit.samples import Frame, Quality
+from fieldkit.site import Region, RegionKind
+
+INFO = StreamInfo("ir", "brightness_temperature", "K", (4, 6), scale=0.01)
+FLAT = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (1, 1), (0, 1)))
+BED = Region("bed", RegionKind.TARGET, ((3, 2), (5, 2), (5, 3), (3, 3)))
+
+
+def frame(counts: np.ndarray, second: float, quality: Quality = Quality.GOOD) -> Frame:
+    time_ns = 7 * MINUTE_NS + round(second * 1e9)
+    rows = np.zeros((0, 6), np.uint16)
+    return Frame("ir", time_ns, time_ns, counts.astype(np.uint16), rows, quality)
+
+
+def minute_of(camera: Camera, *frames: Frame) -> OpenMinute:
+    minute = OpenMinute(7, 2)
+    for one in frames:
+        minute.add_frame(one, camera)
+    return minute
+
+
+def test_mean_spread_and_jitter_of_a_region_are_those_of_its_pixels_in_kelvin() -> None:
+    random = np.random.default_rng(2)
+    pictures = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
+    camera = Camera(INFO, (FLAT, BED), 1.0, 233.15)
+    minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(pictures)))
+    mean, spread, jitter = camera.means(minute.pictures)
+    for place, box in enumerate((np.s_[0:2, 0:2], np.s_[2:4, 3:6])):
+        pixels = np.array([counts[box] for counts in pictures]) * 0.01
+        assert mean[place] == pytest.approx(pixels.mean(), abs=1e-4)
+        assert spread[place] == pytest.approx(pixels.std(), rel=1e-9)
+        means = pixels.reshape(3, -1).mean(axis=1)
+        assert jitter[place] == pytest.approx(means.std(ddof=1), rel=1e-6)
+
+
+def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
+    surface_k = 320.0
+    own = replace(BED, emissivity=0.8)
+    camera = Camera(INFO, (FLAT, own), 0.95, 240.0)
+    counts = np.zeros((4, 6))
+    counts[:2, :2] = round(float(brightness_temperature_k(surface_k, 0.95, 240.0)) * 100)
+    counts[2:, 3:] = round(float(brightness_temperature_k(surface_k, 0.80, 240.0)) * 100)
+    mean, _, _ = camera.means(minute_of(camera, frame(counts, 0.0)).pictures)
+    assert mean == pytest.approx([surface_k, surface_k], abs=0.01)
+
+
+def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle() -> None:
+    camera = Camera(INFO, (FLAT, BED), 1.0, 233.15)
+    picture = np.full((4, 6), 30_000)
+    minute = minute_of(camera, *(frame(picture, second) for second in (10.0, 20.0, 45.0)))
+    assert minute.time_ns == 7 * MINUTE_NS + 25 * 10**9
+    assert minute_of(camera).time_ns == 7 * MINUTE_NS + 30 * 10**9
+    under_the_shutter = minute_of(camera, frame(picture, 10.0, Quality.SHUTTER))
+    assert under_the_shutter.time_ns == 7 * MINUTE_NS + 30 * 10**9
+    assert under_the_shutter.flags == Quality.SHUTTER

@@ -1,0 +1,158 @@
+"""A recording through the real program, on simulated devices, whose estimator, views or user give up."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.commands import main
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.marks import DroppedMarks
+from fieldkit.samples import Event, EventKind, Health, Severity
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.reader import open_session
+from fieldkit.views.terminal import PlainView
+
+LENGTH_S = 100
+BURSTS_OF_3 = 2
+"""Of the camera, each minute; the meters are read each second."""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    folder = tmp_path / "sand"
+    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    return folder
+
+
+def record(campaign: Path, *words: str) -> Result:
+    fast = ("--set", "simulation.speed=max")
+    return CliRunner().invoke(
+        main, ["record", "-C", str(campaign), "--for", f"{LENGTH_S}s", "--name", "x", *fast, *words]
+    )
+
+
+def the_session(campaign: Path) -> Path:
+    (path,) = (campaign / "recordings").glob("*.h5")
+    return path
+
+
+def after(count: int, act: Callable[[], None], genuine: Callable[..., object]) -> Callable[..., object]:
+    """A method that acts at its call number `count` and at all later ones."""
+    calls = 0
+
+    def called(*given: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls >= count:
+            act()
+        return genuine(*given)
+
+    return called
+
+
+def stored(path: Path) -> tuple[dict[str, int], list[Event]]:
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        return {name: session.count(name) for name in session.streams}, session.events()
+
+
+def is_whole(counts: dict[str, int]) -> bool:
+    """Whether every instrument was recorded to the end."""
+    meters = [count for name, count in counts.items() if name != "camera"]
+    return counts["camera"] == 3 * BURSTS_OF_3 and all(abs(count - LENGTH_S) <= 1 for count in meters)
+
+
+def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failures = []
+
+    def fail() -> None:
+        failures.append(1)
+        raise ZeroDivisionError("no light at all")
+
+    monkeypatch.setattr(Estimator, "add", after(100, fail, Estimator.add))
+    done = record(campaign)
+    assert done.exit_code == 0, done.output
+    counts, events = stored(the_session(campaign))
+    assert is_whole(counts)
+    (lost,) = [event for event in events if event.kind is EventKind.ESTIMATOR]
+    assert (lost.severity, "no light at all" in lost.text) == (Severity.ERROR, True)
+    assert "recording goes on" in lost.text
+    assert failures == [1]  # it is not asked again
+
+
+def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_being_sealed(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(self: Estimator) -> None:
+        raise ValueError("nothing to divide by")
+
+    monkeypatch.setattr(Estimator, "finish", fail)
+    assert record(campaign).exit_code == 0
+    counts, events = stored(the_session(campaign))
+    assert is_whole(counts)
+    assert [event.text for event in events if event.kind is EventKind.ESTIMATOR] == [
+        "live estimates stopped: ValueError('nothing to divide by'); recording goes on"
+    ]
+
+
+def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first asks to seal; the second ends at once, wherever the program is."""
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Estimator, "add", after(100, interrupt, Estimator.add))
+    done = record(campaign)
+    assert done.exit_code != 0
+    assert "stopped at once; the journal is kept. next: fieldkit recover" in done.output
+    path = the_session(campaign)
+    assert not is_locked(journal_path(path))
+    recovered = CliRunner().invoke(main, ["recover", str(path), "--json"])
+    assert recovered.exit_code == 0, recovered.output
+    with open_session(path) as session:
+        assert session.state == "recovered"
+        assert sum(session.count(name) for name in session.streams) == 100
+        assert all(len(list(session.samples(name))) == session.count(name) for name in session.streams)
+
+
+def test_a_view_that_fails_is_told_and_left_out(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = []
+
+    def show(self: PlainView, item: object) -> None:
+        shown.append(item)
+        if isinstance(item, Health) and len(shown) > 20:
+            raise OSError("the terminal is gone")
+
+    monkeypatch.setattr(PlainView, "show", show)
+    assert record(campaign).exit_code == 0
+    counts, events = stored(the_session(campaign))
+    assert is_whole(counts)
+    (lost,) = [event for event in events if event.kind is EventKind.VIEW]
+    assert "the terminal is gone" in lost.text
+    assert len(shown) < 0.5 * sum(counts.values())
+
+
+def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = Event(EventKind.MARK, 1, 1, "packing up")
+    genuine = DroppedMarks.close
+    monkeypatch.setattr(DroppedMarks, "close", lambda self: [last, *genuine(self)])
+    done = record(campaign, "--set", "simulation.faults=['cloud']", "--json")
+    assert done.exit_code == 0, done.output
+    counts, events = stored(the_session(campaign))
+    assert "packing up" in [event.text for event in events if event.kind is EventKind.MARK]
+    assert [event for event in events if event.kind is EventKind.CLOUD]
+    told = json.loads(done.stdout)
+    assert told["counts"] == counts
