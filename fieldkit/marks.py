@@ -20,8 +20,10 @@ from pathlib import Path
 from fieldkit.clock import Clock
 from fieldkit.errors import ConfigError, StorageError
 from fieldkit.samples import Event, EventKind, Severity
+from fieldkit.sessions.tables import event_fits
 
 SECOND_NS = 1_000_000_000
+_LATEST_NS = 2**63 - 1
 TEN_YEARS_S = 10 * 365.25 * 86_400
 When = float | str
 """Seconds before now (zero or negative), or an ISO 8601 time with its zone."""
@@ -45,8 +47,13 @@ def marks_folder(session: Path) -> Path:
 def drop_mark(folder: Path, mark: Mark) -> Path:
     """Write a mark so that it is there as a whole or not at all.
 
-    Raises `OSError`; without the folder nobody takes marks any more.
+    Raises `ConfigError` for one that is too long to be kept whole, and `OSError`; without the folder nobody
+    takes marks any more.
     """
+    if not event_fits(Event(EventKind.MARK, 0, 0, mark.text, data=_details(mark, _LATEST_NS))):
+        size = len(f"{mark.text}{mark.label}".encode())
+        fix = "make two of it, and its kind one short word"
+        raise ConfigError(f"the mark is too long to be kept whole: {size} bytes", fix=fix)
     name = uuid.uuid4().hex
     draft, final = folder / f".{name}", folder / f"{name}.json"
     draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
@@ -56,9 +63,11 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
 
 @dataclass
 class DroppedMarks:
-    """Takes the marks dropped for a recording, once each, oldest first; their files are removed.
+    """Takes the marks dropped for a recording, once each, oldest first.
 
-    The folder is there from the start to `close`, so that nobody can drop a mark that nobody would take.
+    The file of a mark is removed when the next one is asked for: who cannot store one stops there, and it
+    comes again. The folder is there from the start to `close`, so that nobody can drop a mark that nobody
+    would take.
     """
 
     folder: Path
@@ -84,9 +93,9 @@ class DroppedMarks:
     def _take(self, files: Iterable[Path]) -> Iterator[Event]:
         for file in files:
             if file.name not in self._taken:
-                self._taken.add(file.name)
                 now = self.clock.mono_ns()
                 yield _read(file, now, self.clock.to_utc_ns(now))
+                self._taken.add(file.name)
                 with suppress(OSError):  # a folder of somebody else's, as after sudo
                     file.unlink()
 
@@ -136,10 +145,14 @@ def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
 
 def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
     start_ns = _time_ns(mark.at, now_ns)
-    data: dict[str, str | int] = {"label": mark.label} if mark.label else {}
-    if mark.to is not None:
-        data["end_ns"] = _time_ns(mark.to, now_ns)
+    data = _details(mark, now_ns if mark.to is None else _time_ns(mark.to, now_ns))
     return Event(EventKind.MARK, now_mono_ns - (now_ns - start_ns), start_ns, mark.text, data=data)
+
+
+def _details(mark: Mark, end_ns: int) -> dict[str, str | int]:
+    """What an event keeps of a mark besides its text; the end of one that lasted."""
+    label: dict[str, str | int] = {"label": mark.label} if mark.label else {}
+    return label if mark.to is None else {**label, "end_ns": end_ns}
 
 
 def _time_ns(when: When, now_ns: int) -> int:

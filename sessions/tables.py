@@ -1,7 +1,7 @@
 """How entries lie in the tables of the session file: each to its row, and back.
 
-Numbers are stored as they are; text is cut to the width of its field, details of an event
-that do not fit are left out and say so.
+Numbers are stored as they are; text is cut to the width of its field. An event's text that its field would
+cut stands whole among its details; details that do not fit are left out and say so.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from fieldkit.slope import SlopeEstimate, SlopeState
 Table = Mapping[str, NDArray[Any]]
 Row = dict[str, Any]
 _NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square", "n_bins")
+_TEXT_BYTES, _DATA_BYTES, _WHOLE_TEXT = 256, 1024, "whole_text"
 _PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected")
 _HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
 
@@ -136,23 +137,43 @@ def _irradiance_row(minute: MinuteRecord) -> Row:
 
 
 def _event_row(event: Event) -> Row:
-    data = json.dumps(dict(event.data), default=str) if event.data else ""
-    if len(data.encode()) > 1024:
-        data = json.dumps({"left_out": f"details of {len(data)} characters"})
+    data = _details(event)
+    if data is None:
+        data = _json(dict(event.data))
+    if len(data) > _DATA_BYTES:
+        data = _json({"left_out": f"details of {len(data)} bytes"})
     return {
         "time": event.time_ns // 1000, "mono_ns": event.mono_ns, "kind": int(event.kind),
         "severity": int(event.severity), "stream": encode_text(event.stream, 32),
-        "text": encode_text(str(event.text), 256), "data": data.encode(),
+        "text": encode_text(str(event.text), _TEXT_BYTES), "data": data,
     }  # fmt: skip
+
+
+def event_fits(event: Event) -> bool:
+    """Whether a session keeps an event with all of its text and details."""
+    return _details(event) is not None
+
+
+def _details(event: Event) -> bytes | None:
+    """The details as stored, with a text that is longer than its column; None where that is too much."""
+    whole = str(event.text)
+    is_cut = len(whole.encode(errors="replace")) > _TEXT_BYTES
+    data = _json({**event.data, _WHOLE_TEXT: whole} if is_cut else dict(event.data))
+    return data if len(data) <= _DATA_BYTES else None
+
+
+def _json(data: Mapping[str, Any]) -> bytes:
+    return json.dumps(data, default=str, ensure_ascii=False).encode(errors="replace") if data else b""
 
 
 def events_from(table: Table, time_ns: NDArray[np.int64]) -> list[Event]:
     """The events of a table."""
+    details = [json.loads(decode_text(data) or "{}") for data in table["data"]]
     return [
         Event(
             EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(time_ns[n]),
-            decode_text(table["text"][n]), decode_text(table["stream"][n]),
-            Severity(int(table["severity"][n])), json.loads(decode_text(table["data"][n]) or "{}"),
+            str(details[n].pop(_WHOLE_TEXT, decode_text(table["text"][n]))), decode_text(table["stream"][n]),
+            Severity(int(table["severity"][n])), details[n],
         )
         for n in range(len(time_ns))
     ]  # fmt: skip

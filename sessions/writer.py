@@ -178,6 +178,10 @@ class SessionWriter:
 
     # --- the end
 
+    def release_reserve(self) -> None:
+        """Give back the room that was kept for the end; raises `OSError`."""
+        (self._folder / "reserve").unlink(missing_ok=True)
+
     def close(self) -> SealReport:
         """Complete, verify and seal the session, then let its journal go; a second call does nothing.
 
@@ -187,7 +191,7 @@ class SessionWriter:
         if self._report is None:
             self._stop()
             try:
-                (self._folder / "reserve").unlink(missing_ok=True)
+                self.release_reserve()
                 self._report = self._seal()
             except (OSError, RuntimeError, sqlite3.Error, FieldkitError, ValueError, OverflowError) as error:
                 raise StorageError(

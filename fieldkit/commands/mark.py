@@ -9,6 +9,7 @@ import click
 
 from fieldkit.commands.common import Verb, campaign, options, print_json, say
 from fieldkit.commands.running import session_in_progress
+from fieldkit.commands.types import WORDS
 from fieldkit.errors import RefusedError, StorageError
 from fieldkit.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.views import words
@@ -22,8 +23,10 @@ FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
 
 
 @click.command(cls=Verb)
-@click.argument("text")
-@click.option("-k", "--kind", default="", metavar="WORD", help="One word to sort by, such as cloud.")
+@click.argument("text", type=WORDS)
+@click.option(
+    "-k", "--kind", default="", type=WORDS, metavar="WORD", help="One word to sort by, such as cloud."
+)
 @click.option(
     "--at", metavar="TIME", help="When it happened: -30s, -5m, 12:31 (the site's zone), or ISO 8601."
 )

@@ -50,6 +50,11 @@ def parse_site(text: str) -> Site:
     return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
 
 
+def parse_words(text: str) -> str:
+    r"""Words as they can be stored; a byte that is not UTF-8, as on a Latin-1 terminal, becomes ``\xe9``."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
 def parse_facet(text: str) -> tuple[float, float]:
     """``TILT,AZIMUTH`` in degrees."""
     tilt, azimuth = _numbers(text, (2,), "TILT,AZIMUTH like 10,180")
@@ -144,6 +149,7 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
+WORDS = _Typed("TEXT", parse_words)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)

@@ -1,14 +1,13 @@
-"""Once a second: how the streams, the clock and the disk are doing, and what people marked."""
+"""Once a second: how the streams, the clock and the disk are doing."""
 
 from __future__ import annotations
 
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import chain
 
 from fieldkit.clock import Clock, ClockCheck
 from fieldkit.recorder.feed import Feed
@@ -22,14 +21,11 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a look around gave; `clock_checks` once a minute, and where the computer slept.
-
-    `events` is to be gone through once, each stored before the next is asked for: that removes a mark's file.
-    """
+    """What a look around gave; `clock_checks` once a minute, and where the computer slept."""
 
     health: Health
     clock_checks: tuple[ClockCheck, ...]
-    events: Iterable[Event]
+    events: tuple[Event, ...]
 
 
 @dataclass
@@ -41,7 +37,6 @@ class Housekeeping:
     inbox: Inbox
     writer: SessionWriter
     free_bytes: Callable[[], int]
-    marks: Callable[[], Iterable[Event]]
     disk: DiskWatch = field(default_factory=DiskWatch)
 
     def __post_init__(self) -> None:
@@ -66,14 +61,20 @@ class Housekeeping:
         with suppress(OSError):  # a network drive that hiccups has as much room as before
             self._free_bytes = self.free_bytes()
         free = self._free_bytes
-        events: list[Event] = []
-        for feed in self.feeds:
-            events += self._garbled.look(feed.info.name, feed.rejected, now, utc)
+        events = self.garbled(now, utc)
         events += self.disk.look(free, self._pace.bytes_per_s(self.writer.bytes_written, now), now, utc)
         checks = self._check_pace.look(self.clock.check())
         for check in checks:
             events += self._clock_watch.look(check, utc)
-        return Findings(self._health(now, utc, free), checks, chain(self.marks(), events))
+        return Findings(self._health(now, utc, free), checks, tuple(events))
+
+    def garbled(self, mono_ns: int, time_ns: int, *, at_end: bool = False) -> list[Event]:
+        """Events for records that made no sense, once a minute for each stream, and `at_end` for the rest."""
+        return [
+            event
+            for feed in self.feeds
+            for event in self._garbled.look(feed.info.name, feed.rejected, mono_ns, time_ns, at_end=at_end)
+        ]
 
     def _health(self, now: int, utc: int, free: int) -> Health:
         streams = tuple(self._stream_health(feed) for feed in self.feeds)

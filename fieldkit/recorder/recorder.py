@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
@@ -68,9 +69,7 @@ class Recorder:
         self._inbox = Inbox({device.info.name: room_for(device.info) for device in self.devices})
         self._feeds = [self._feed(device) for device in self.devices]
         disk = DiskWatch(self.disk_reserve_bytes)
-        self._house = Housekeeping(
-            self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, self.marks, disk
-        )
+        self._house = Housekeeping(self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, disk)
         self._audience = Audience(self.views, self._view_lost)
         self._estimator: Estimator | None = self.estimator
         self._flags, self._misfits = FlagWatch(), MisfitWatch()
@@ -96,8 +95,7 @@ class Recorder:
             while self._goes_on():
                 self._take(self._inbox.get(0.1))
             self._stop_feeds()
-            for event in chain(self.last_marks(), self._unfinished()):
-                self._keep_event(event)
+            self._finish_events()
             self._finish_estimates()
             self._say(EventKind.STOP, "recording stopped")
             seal = self.writer.close()
@@ -140,10 +138,28 @@ class Recorder:
             if feed.is_running:
                 log.warning("%s is stuck in a read and was left behind", feed.info.name)
 
-    def _unfinished(self) -> Iterable[Event]:
-        """What would be told later if the recording went on."""
+    def _finish_events(self) -> None:
+        """What would be told later if the recording went on, and why it does not.
+
+        Raises `StorageError` if not even now, in the room kept for the end, a mark can be stored: the session
+        is then left to recovery, which takes it.
+        """
+        with suppress(OSError):  # an event may need the room; if it cannot be had, closing will tell
+            self.writer.release_reserve()
+        if not self._keep_marks(self.last_marks()):
+            raise StorageError(
+                f"the last marks could not be stored in {self.writer.path}; they are kept beside it",
+                fix=f"free some space, then: fieldkit recover {self.writer.path}",
+            )
         now = self.clock.mono_ns()
-        return self._storage.over(now, self.clock.to_utc_ns(now), at_end=True)
+        utc = self.clock.to_utc_ns(now)
+        for event in chain(
+            self._house.garbled(now, utc, at_end=True), self._storage.over(now, utc, at_end=True)
+        ):
+            self._keep_event(event)
+        if self._failure is not None:
+            text = f"the recording ended early: {self._failure}"
+            self._say(EventKind.DISK, text, Severity.ERROR)
 
     # --- items: the session first
 
@@ -180,6 +196,14 @@ class Recorder:
         self._stored(lambda: self.writer.event(event))
         self._audience.show(event)
 
+    def _keep_marks(self, marks: Iterable[Event]) -> bool:
+        """Store marks up to one that cannot be: its file stays, and it comes again."""
+        for mark in marks:
+            if not self._stored(partial(self.writer.event, mark)):
+                return False
+            self._audience.show(mark)
+        return True
+
     def _say(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
         now = self.clock.mono_ns()
         self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity))
@@ -205,6 +229,7 @@ class Recorder:
         health = findings.health
         for event in chain(findings.events, self._storage.over(health.mono_ns, health.time_ns)):
             self._keep_event(event)
+        self._keep_marks(self.marks())
         self._audience.show(health)
         if self._house.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"

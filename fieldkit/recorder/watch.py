@@ -54,15 +54,19 @@ class FlagWatch:
 
 @dataclass
 class GarbleWatch:
-    """Tells at most once a minute how many records of a stream made no sense."""
+    """Tells at most once a minute, and at the end, how many records of a stream made no sense."""
 
     _seen: dict[str, int] = field(default_factory=dict)
     _told_ns: dict[str, int] = field(default_factory=dict)
 
-    def look(self, stream: str, rejected: int, mono_ns: int, time_ns: int) -> Iterator[Event]:
+    def look(
+        self, stream: str, rejected: int, mono_ns: int, time_ns: int, *, at_end: bool = False
+    ) -> Iterator[Event]:
         """An event if `rejected` (since the start) grew and a minute has passed since the last one."""
         new = rejected - self._seen.get(stream, 0)
-        if new <= 0 or mono_ns - self._told_ns.get(stream, mono_ns - 60 * SECOND_NS) < 60 * SECOND_NS:
+        told_ns = self._told_ns.get(stream)
+        waits = not at_end and told_ns is not None and mono_ns - told_ns < 60 * SECOND_NS
+        if new <= 0 or waits:
             return
         self._seen[stream], self._told_ns[stream] = rejected, mono_ns
         text = f"{stream}: {new} garbled {'record' if new == 1 else 'records'} dropped"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from fieldkit.drivers.meters.meter import Meter
 from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.marks import Mark, drop_mark, marks_folder
-from fieldkit.samples import EventKind, Health, Quality, Reading, Sample
+from fieldkit.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -234,6 +235,56 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
     left_out = int(told.split()[0])
     assert told == f"{left_out} pictures left out after an error of storing: no room for a moment"
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
+
+
+def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_second(campaign: Path) -> None:
+    """The disk takes nothing from second 20 on, until the room kept for the end is given back."""
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / "full.h5"
+    append, event = SessionWriter.append, SessionWriter.event
+    full = []
+
+    def takes_no_sample(self: SessionWriter, sample: Sample) -> None:
+        if full or (sample.stream, sample.seq) == ("lux", 20):
+            if not full:
+                drop_mark(marks_folder(path), Mark("the last"))
+            full.append(sample)
+            raise StorageError("database or disk is full")
+        append(self, sample)
+
+    def takes_no_event(self: SessionWriter, happened: Event) -> None:
+        if full and (journal_path(path) / "reserve").exists():
+            raise StorageError("database or disk is full")
+        event(self, happened)
+
+    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=600.0) as tools:
+        patch.setattr(SessionWriter, "append", takes_no_sample)
+        patch.setattr(SessionWriter, "event", takes_no_event)
+        summary = record_session(config, tools, path, duration_s=600.0)
+    assert summary.failure is not None
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert session.count("lux") == summary.counts["lux"] == 20
+        events = [one for one in session.events() if one.severity is Severity.ERROR]
+        marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
+    assert events[-1].text == "the recording ended early: database or disk is full"
+    assert marks == ["the last"]
+
+
+def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Path) -> None:
+    settings = ["simulation.speed=max", 'simulation.faults=["garbled"]']
+    config = load_config(campaign / "fieldkit.toml", settings=settings)
+    path = campaign / "recordings" / "garbled.h5"
+    with instruments(config, duration_s=120.0) as tools:
+        record_session(config, tools, path, duration_s=120.0)
+    with open_session(path) as session:
+        told: Counter[str] = Counter()
+        for event in session.events():
+            if event.kind is EventKind.GARBLED:
+                told[event.stream] += event.data["records"]
+        last = {one.stream: one.rejected for one in session.health()[-1].streams}
+    assert sum(told.values()) > 0
+    assert all(told[stream] >= rejected for stream, rejected in last.items())
 
 
 @pytest.mark.parametrize(

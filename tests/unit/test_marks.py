@@ -154,3 +154,17 @@ def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch)
     monkeypatch.setattr("pathlib.Path.unlink", refused)
     marks = DroppedMarks(folder, clock)
     assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
+
+
+def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
+    """As on a full disk: the recorder stops at it, and looks again a second later."""
+    for number in range(3):
+        file = drop_mark(folder, Mark(f"mark {number}"))
+        os.utime(file, (1e9 + number, 1e9 + number))
+    marks = DroppedMarks(folder, clock)
+    events = marks()
+    assert [next(events).text, next(events).text] == ["mark 0", "mark 1"]
+    events.close()  # the second was not stored
+    assert len(list(folder.glob("*.json"))) == 2
+    assert [event.text for event in marks()] == ["mark 1", "mark 2"]
+    assert list(folder.glob("*.json")) == []

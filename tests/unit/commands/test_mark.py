@@ -1,5 +1,9 @@
 import json
+import os
+import subprocess
+import sys
 from datetime import datetime
+from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import click
@@ -10,8 +14,12 @@ from fieldkit.commands import main
 from fieldkit.commands.mark import FAR_IN_SIMULATION_S, parse_when, refuse_impossible
 from fieldkit.commands.running import session_in_progress
 from fieldkit.marks import DroppedMarks, Mark
+from fieldkit.samples import Event
 from fieldkit.sessions.lock import SessionLock
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulated_clock import SimulatedClock
+from tests.harness.recording import CountedClock, header
 
 TOKYO = ZoneInfo("Asia/Tokyo")
 NOON = datetime(2026, 12, 11, 12, 0, tzinfo=TOKYO)
@@ -48,6 +56,48 @@ def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
     assert (event.text, event.data) == ("cloud over the ridge", {"label": "cloud"})
     assert event.time_ns == NOON_NS - 30 * 10**9
     assert json.loads(result.stdout)["session"].endswith("running.h5")
+
+
+def stored(folder: Path, event: Event) -> Event:
+    """The event as a session gives it back."""
+    writer = SessionWriter(folder / "a.h5", header((24, 32)), CountedClock())
+    writer.event(event)
+    writer.close()
+    with open_session(folder / "a.h5") as session:
+        return session.events()[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["y" * 700, "風が強くなった、" * 35, 'a "quoted" word, ' * 40],
+    ids=["letters", "Japanese", "quotes"],
+)
+def test_a_long_mark_is_kept_whole_with_its_span(campaign, recording, tmp_path, text):
+    result = mark(campaign, text, "-k", "cloud", "--from", "-4m", "--to", "-1m")
+    assert result.exit_code == 0
+    (event,) = DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    kept = stored(tmp_path, event)
+    assert kept.text == text
+    assert kept.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
+
+
+@pytest.mark.parametrize("arguments", [("x" * 3000,), ("shade", "-k", "k" * 1100), ("\x01" * 300,)])
+def test_a_mark_that_cannot_be_kept_whole_is_refused_not_cut(campaign, recording, arguments):
+    result = mark(campaign, *arguments, "--from", "-4m", "--to", "-1m")
+    assert result.exit_code == 3
+    assert "too long to be kept whole" in result.stderr
+    assert list((recording / "running.h5.journal" / "marks").iterdir()) == []
+
+
+def test_bytes_of_a_latin_1_terminal_are_kept_as_they_were_typed(campaign, recording):
+    done = subprocess.run(
+        [sys.executable, "-m", "fieldkit", "mark", "-C", str(campaign), b"caf\xe9 opens", "-k", b"\xfcbel"],
+        capture_output=True, check=False, env={**os.environ, "PYTHONUTF8": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert b"caf\\xe9 opens" in done.stderr
+    (event,) = DroppedMarks(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert (event.text, event.data) == ("caf\\xe9 opens", {"label": "\\xfcbel"})
 
 
 def test_a_span_has_two_ends(campaign, recording):

@@ -39,7 +39,7 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
     told = []
     with Notebook(START_NS) as clock:
         writer = SessionWriter(path, header(), clock)
-        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12, tuple)
+        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12)
         for second in range(seconds):
             writer.append(sample(LUX, second, clock.mono_ns(), clock.to_utc_ns(clock.mono_ns())))
             findings = house.look()
@@ -65,7 +65,7 @@ def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tm
 
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
-        house = Housekeeping(clock, (), Inbox({}), writer, free_bytes, tuple)
+        house = Housekeeping(clock, (), Inbox({}), writer, free_bytes)
         seen = []
         while answers:
             findings = house.look()

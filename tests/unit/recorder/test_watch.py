@@ -27,6 +27,15 @@ def test_garbled_records_are_told_at_most_once_a_minute_with_their_number() -> N
     assert told == [[], [3], [], [6]]
 
 
+def test_garbled_records_of_the_last_minute_are_told_at_the_end() -> None:
+    watch = GarbleWatch()
+    (first,) = watch.look("lux", 3, 10 * S, 10 * S)
+    assert list(watch.look("lux", 5, 30 * S, 30 * S)) == []
+    (last,) = watch.look("lux", 5, 40 * S, 40 * S, at_end=True)
+    assert [first.data["records"], last.data["records"]] == [3, 2]
+    assert list(watch.look("lux", 5, 41 * S, 41 * S, at_end=True)) == []
+
+
 def test_a_clock_step_and_a_sleep_are_told_apart() -> None:
     watch = ClockWatch()
     hour = 3600 * S
