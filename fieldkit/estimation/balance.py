@@ -31,6 +31,7 @@ from fieldkit.physics.sky import extraterrestrial
 from fieldkit.physics.slab import Slab, conducted_flux
 from fieldkit.physics.surface import STEFAN_BOLTZMANN
 
+MINUTE_S = 60.0
 SMOOTHED_MINUTES = 5
 UNSTEADY = 0.1
 """Relative change of the light from minute to minute that doubles the variance of a row."""
@@ -100,8 +101,8 @@ def rows(
     doubts = [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
     amplification = np.zeros(1)
     if settings.model == "full":
-        rise = _conducted(history.minute, over, settings.slab)
-        doubts += [_conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
+        rise = conducted(history.minute, over, settings.slab)
+        doubts += [conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
         amplification = _smoothed_kernel(settings.slab)
     scale = (beam * settings.scale)[:, np.newaxis]
     noise = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(kept.sum())))
@@ -196,11 +197,11 @@ def _doubtful_slabs(settings: EstimatorSettings) -> list[Slab]:
     ]
 
 
-def _conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) -> FloatArray:
+def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) -> FloatArray:
     """Heat flux into the layer less that into the reference's, W/m2, shape of `difference_k`.
 
-    The layer is linear and its steps are equal, so its answer to one kelvin, taken once,
-    gives every history by convolution. Missing minutes are bridged by straight lines.
+    `difference_k` (n, m) is surface over reference at the `minutes` (n,), increasing; NaN where unknown.
+    Missing minutes are bridged by straight lines.
     """
     steps = np.arange(minutes[0], minutes[-1] + 1)
     flux = np.full_like(difference_k, np.nan)
@@ -209,8 +210,7 @@ def _conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab)
         if known.sum() < SMOOTHED_MINUTES:
             continue
         whole = _smooth(np.interp(steps, minutes[known], difference_k[known, column]))
-        warmed = np.convolve(np.diff(whole), _step_answer(slab))[: steps.size - 1]
-        flux[:, column] = np.concatenate([[0.0], warmed])[minutes - minutes[0]]
+        flux[:, column] = conducted_flux(slab, whole, MINUTE_S)[minutes - minutes[0]]
     return np.where(np.isfinite(difference_k), flux, np.nan)
 
 
@@ -225,14 +225,6 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _step_answer(slab: Slab) -> FloatArray:
-    """Flux into the layer in each minute of a day after its surface warmed by one kelvin, W/m2."""
-    step = np.ones(24 * 60 + 1)
-    step[0] = 0.0
-    return conducted_flux(slab, step, 60.0 * np.arange(step.size))[1:]
-
-
-@lru_cache(maxsize=16)
 def _smoothed_kernel(slab: Slab) -> FloatArray:
     """How one noisy minute enters the flux of its own and of neighbouring minutes, W/m2 per kelvin.
 
@@ -240,6 +232,6 @@ def _smoothed_kernel(slab: Slab) -> FloatArray:
     """
     pulse = np.zeros(6 * SMOOTHED_MINUTES)
     pulse[2 * SMOOTHED_MINUTES] = 1.0
-    answer = np.convolve(np.diff(_smooth(pulse)), _step_answer(slab))[: pulse.size - 1]
+    answer = conducted_flux(slab, _smooth(pulse), MINUTE_S)[1:]
     own = 2 * SMOOTHED_MINUTES - 1
     return np.concatenate([answer[own : own + 1], np.delete(answer, own)])

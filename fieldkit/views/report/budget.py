@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.bins import MINUTE_NS
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics import sky
 from fieldkit.physics.facet import cos_incidence, normal
@@ -123,8 +124,10 @@ def _stored(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArra
     known = np.isfinite(difference)
     flux = np.full(difference.shape, np.nan)
     if known.sum() > 1:
-        seconds = (columns.time_ns[known] - columns.time_ns[0]) / 1e9
-        flux[known] = conducted_flux(settings.slab, difference[known], seconds)
+        minutes = columns.time_ns[known] // MINUTE_NS
+        every = np.arange(minutes[0], minutes[-1] + 1)
+        bridged = np.interp(every, minutes, difference[known])
+        flux[known] = conducted_flux(settings.slab, bridged, MINUTE_NS / 1e9)[minutes - minutes[0]]
     return flux
 
 
