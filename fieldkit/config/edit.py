@@ -1,10 +1,11 @@
-"""Changes to a ``fieldkit.toml`` that keep its comments and its order."""
+"""Changes to a ``fieldkit.toml``, one at a time, that keep its comments and its order."""
 
 from __future__ import annotations
 
 import codecs
 import os
 import shutil
+import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,20 +13,22 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.lines import key_lines
+from fieldkit.config.lines import key_lines, toml_lines
 from fieldkit.config.load import mistakes_in, read_text
 from fieldkit.config.mistakes import ConfigMistakesError
 from fieldkit.config.template import assignment
+from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.errors import ConfigError, StorageError
 
 
 def add_region(file: Path, region: Mapping[str, Any]) -> None:
     """Append a ``[[region]]``; raises `ConfigMistakesError` if the new one makes a mistake."""
-    before = _read(file)
-    index = len(_names(file, before))
-    keys = [assignment(key, value) for key, value in region.items()]
-    text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *keys, ""])
-    _write_sound(file, text, index, f"the new region {region['name']!r}")
+    with one_at_a_time(file.resolve().parent):
+        before = _read(file)
+        index = len(_names(file, before))
+        keys = [assignment(key, value) for key, value in region.items()]
+        text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *keys, ""])
+        _write_sound(file, text, index, f"the new region {region['name']!r}")
 
 
 def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
@@ -33,19 +36,21 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
 
     Raises `ConfigError` if there is none, `ConfigMistakesError` if it would be wrong then.
     """
-    text = _read(file)
-    index = _find(file, text, name)
-    before, region, after = _cut(text, index)
-    document = tomlkit.parse(region)
-    document["region"][0].update(changes)
-    _write_sound(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
+    with one_at_a_time(file.resolve().parent):
+        text = _read(file)
+        index = _find(file, text, name)
+        before, region, after = _cut(text, index)
+        document = tomlkit.parse(region)
+        document["region"][0].update(changes)
+        _write_sound(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 
 
 def remove_region(file: Path, name: str) -> None:
     """Take out the region called `name`; raises `ConfigError` if there is none."""
-    text = _read(file)
-    before, _, after = _cut(text, _find(file, text, name))
-    _write(file, before + after.lstrip("\r\n"))
+    with one_at_a_time(file.resolve().parent):
+        text = _read(file)
+        before, _, after = _cut(text, _find(file, text, name))
+        _write(file, before + after.lstrip("\r\n"))
 
 
 def _find(file: Path, text: str, name: str) -> int:
@@ -73,7 +78,7 @@ def _cut(text: str, index: int) -> tuple[str, str, str]:
     Comments below its last key stay outside: they mostly speak of the next table.
     """
     own = [line for path, line in key_lines(text).items() if path[:2] == ("region", index)]
-    lines = text.splitlines(keepends=True)
+    lines = toml_lines(text)
     first, end = min(own) - 1, max(own)
     while not _is_toml("".join(lines[max(own) - 1 : end])):  # its last value goes over several lines
         end += 1
@@ -105,13 +110,17 @@ def _read(file: Path) -> str:
 def _write(file: Path, text: str) -> None:
     """Replace the file as a whole, so that a power cut leaves the old or the new one."""
     file = file.resolve()  # a link stays a link
-    draft = file.with_name(f".{file.name}.new")
+    draft: Path | None = None
     try:
-        draft.touch()
+        descriptor, name = tempfile.mkstemp(".new", f".{file.name}.", file.parent)
+        os.close(descriptor)
+        draft = Path(name)
         shutil.copymode(file, draft)
         draft.write_bytes(_encoded(text, file.read_bytes()))
-        os.replace(draft, file)
+        put_in_place(draft, file)
     except OSError as error:
+        if draft is not None:
+            draft.unlink(missing_ok=True)
         raise StorageError(f"cannot write {file}: {error.strerror}") from error
 
 

@@ -6,6 +6,7 @@ line of its own and ends where the piece first parses.
 
 from __future__ import annotations
 
+import io
 import tomllib
 from collections.abc import Iterator
 from typing import Any
@@ -32,10 +33,19 @@ def key_lines(text: str) -> dict[Path, int]:
     return lines
 
 
+def toml_lines(text: str) -> list[str]:
+    """The lines of a TOML text, with their ends: only those of Windows and Unix end one.
+
+    `str.splitlines` also ends a line at U+2028 and its like, which may stand in comments and strings.
+    """
+    return list(io.StringIO(text, newline=""))
+
+
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Every table header and assignment, with the number of its first line."""
     first, piece = 0, ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, ended in enumerate(toml_lines(text), start=1):
+        line = ended.rstrip("\r\n")
         if not piece and (not line.strip() or line.lstrip().startswith("#")):
             continue
         first, piece = (first, f"{piece}\n{line}") if piece else (number, line)

@@ -1,10 +1,13 @@
 import codecs
+import subprocess
+import sys
 import tomllib
 
 import pytest
 
 from fieldkit.config import ConfigMistakesError
 from fieldkit.config.edit import add_region, change_region, remove_region
+from fieldkit.config.lines import key_lines
 from fieldkit.errors import ConfigError, StorageError
 
 TEXT = """\
@@ -170,3 +173,34 @@ def test_a_file_of_other_letters_is_told(file, change):
     with pytest.raises(ConfigError, match="not UTF-8") as caught:
         change(file)
     assert caught.value.fix == "save it as UTF-8"
+
+
+def test_regions_added_at_the_same_time_are_all_there(file):
+    """By processes: those of five terminals, or of a script that does not wait."""
+    code = (
+        "import sys; from pathlib import Path; from fieldkit.config.edit import add_region;"
+        "corners = [[20, 0], [29, 0], [29, 9]];"
+        "[add_region(Path(sys.argv[1]), {'name': f'b{sys.argv[2]}-{n}', 'points_px': corners})"
+        " for n in range(5)]"
+    )
+    adding = [subprocess.Popen([sys.executable, "-c", code, str(file), str(n)]) for n in range(5)]
+    assert [process.wait(timeout=120) for process in adding] == [0] * 5
+    names = [region["name"] for region in tomllib.loads(file.read_text())["region"]]
+    assert sorted(names) == sorted(["flat", *(f"b{n}-{m}" for n in range(5) for m in range(5))])
+    assert [path.name for path in file.parent.iterdir()] == ["fieldkit.toml"]
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("separator", ["\u2028", "\u2029", "\x85"])
+def test_line_separators_in_comments_and_strings_end_no_line(file, change, separator):
+    """As pasted from a web page or a word processor; TOML's own lines end with a line feed only."""
+    written = TEXT.replace("the flat bed", f"the flat{separator}bed of = sand").replace(
+        "# my campaign", f'# my{separator}[campaign]\n[campaign]\ntitle = "sand{separator}slopes"\n'
+    )
+    file.write_text(written, encoding="utf-8", newline="")
+    before = tomllib.loads(written)
+    change(file)
+    after = tomllib.loads(file.read_text(encoding="utf-8"))
+    assert after["campaign"] == before["campaign"]
+    assert after["surface"] == before["surface"]
+    assert key_lines(written)["region", 0, "name"] == written.split("\n").index("[[region]]") + 2
