@@ -8,7 +8,7 @@ from datetime import datetime, time, timedelta, tzinfo
 import click
 
 from fieldkit.commands.common import Verb, campaign, options, print_json, say
-from fieldkit.commands.running import session_in_progress
+from fieldkit.commands.running import session_in_progress, silence
 from fieldkit.commands.types import WORDS
 from fieldkit.errors import RefusedError, StorageError
 from fieldkit.marks import Mark, When, drop_mark, marks_folder
@@ -64,7 +64,10 @@ def command(
         raise StorageError(f"the mark could not be written beside {session}: {error.strerror}") from error
     if options(ctx).json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
-    say(f"marked in {session.name}: {text}")
+    if (silent := silence(session)) is not None:
+        say(f"warning: {silent.at(config.site)}; the mark waits for it beside {session.name}: {text}")
+    else:
+        say(f"marked in {session.name}: {text}")
 
 
 def parse_when(text: str, zone: tzinfo, now: datetime) -> When:

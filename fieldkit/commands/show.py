@@ -14,8 +14,10 @@ from fieldkit.commands.common import Verb, options, print_json, print_json_line,
 from fieldkit.commands.ls import duration, local_time
 from fieldkit.commands.session_paths import newest
 from fieldkit.radiation import measured
+from fieldkit.views.words import by_time, said
 
 if TYPE_CHECKING:
+    from fieldkit.samples import Event
     from fieldkit.sessions.reader import Session
     from fieldkit.slope import SlopeEstimate
 
@@ -41,7 +43,7 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
             print_json(document)
             return
         if not options(ctx).json:
-            _print(document, answers(opened))
+            _print(document, answers(opened), by_time(opened.events()))
         if follow:
             _follow(opened)
 
@@ -77,7 +79,7 @@ def describe(session: Session) -> dict[str, Any]:
                 "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
                 "end": local_time(session, int(event.data.get("end_ns", 0))),
             }
-            for event in session.events()
+            for event in by_time(session.events())
         ],
         "operator": session.header.operator, "description": session.header.description,
         "license": session.header.license, **session.provenance,
@@ -101,7 +103,7 @@ def _stream(session: Session, name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate]) -> None:
+def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Sequence[Event]) -> None:
     site = document["site"]
     click.echo(f"{document['title'] or document['session']}  ({document['state']})")
     click.echo(f"  {document['session']}")
@@ -117,8 +119,8 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate]) -> None:
         click.echo(f"  region {one['name']:<12} {one['kind']:<10} {true}")
     for slope, told in zip(slopes, document["slopes"], strict=True):
         click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {told['at']}")
-    for one in document["events"][-_LAST_EVENTS:]:
-        click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {one['text']}".rstrip())
+    for one, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
+        click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {said(event)}".rstrip())
 
 
 def _slope(slope: SlopeEstimate) -> str:

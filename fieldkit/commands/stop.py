@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.commands import common
-from fieldkit.commands.running import session_in_progress
+from fieldkit.commands.running import session_in_progress, silence
 from fieldkit.commands.session_paths import is_interrupted
 from fieldkit.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
@@ -46,7 +46,13 @@ def _stopped(config: Config) -> Path:
     pid = owner(journal_path(path)) if path is not None else None
     if path is None or pid is None:
         raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+    silent = silence(path)
     os.kill(pid, signal.SIGTERM)
+    if silent is not None:
+        common.say(f"warning: {silent.at(config.site)}")
+        if silent.is_stopped:
+            common.say("it is continued, so that it can seal")
+            os.kill(pid, signal.SIGCONT)
     deadline = time.monotonic() + PATIENCE_S
     while is_locked(journal_path(path)):
         if time.monotonic() > deadline:

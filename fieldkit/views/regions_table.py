@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from rich.console import RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -15,25 +15,49 @@ from fieldkit.slope import SlopeEstimate
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
 
-_FIRST_MINUTE = Text("first minute: as seen", "quiet")
+_FIRST_MINUTE = Text("first minute: brightness", "quiet")
+NOISE_COLS, UNIT_COLS = 104, 112
+"""Widths from which there is room for noise and given slope, and for the unit in the heading."""
 
 
-def regions_table(latest: Latest, count: int, *, wide: bool) -> RenderableType:
-    """One line for each of the first `count` regions; `wide` has noise and given slope as well."""
+def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
+    """The regions in `lines` below a heading; where they are too few the last one says how many are hidden.
+
+    Temperatures are of the surface (°C), other than the picture's; until the first minute is over they
+    are brightness temperatures.
+    """
+    wide = cols >= NOISE_COLS
+    hidden = len(latest.regions) - lines
+    shown = latest.regions if hidden <= 0 else latest.regions[: max(1, lines - 1)]
     gap = 2 if wide else 1
     table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
     table.add_column("region", no_wrap=True, max_width=12)
-    for name in ("°C", "spread", "tilt ±90 %", "azimuth ±", "K per °"):
+    for name in (
+        "surface °C" if cols >= UNIT_COLS else "surface",
+        "spread",
+        "tilt ±90 %",
+        "azimuth ±",
+        "K per °",
+    ):
         table.add_column(name, no_wrap=True, justify="right", min_width=len(name))
     if wide:
         table.add_column("noise", no_wrap=True)
         table.add_column("given", no_wrap=True)
     table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
-    for region in latest.regions[:count]:
+    for region in shown:
         cells = _region_cells(latest, region)
         more = [_noise(latest, region), words.given_slope(region)] if wide else []
         table.add_row(region.name, *cells[:-1], *more, cells[-1])
-    return table
+    if hidden <= 0:
+        return table
+    more_rows = len(latest.regions) - lines
+    return Group(
+        table,
+        Text(
+            f"{len(latest.regions) - len(shown)} more regions hidden: {more_rows} more rows show them",
+            "doubt",
+        ),
+    )
 
 
 def _region_cells(latest: Latest, region: Region) -> list[str | Text]:

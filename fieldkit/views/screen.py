@@ -21,7 +21,7 @@ from rich.text import Text
 from rich.theme import Theme
 
 from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, Frame, Severity
+from fieldkit.samples import Event, Frame, Reading, Severity
 from fieldkit.site import Region
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
@@ -55,14 +55,18 @@ THEMES: Mapping[str, Theme] = {
 """Styles by theme: ``dark`` leaves the terminal's own colours, ``paper`` is black on white."""
 
 INSTRUMENTS_WIDTH = 44
+SNAPSHOT_EVENTS = 6
+STOP_KEY = "Ctrl-C stops"
+BRIGHTNESS_COLS = 30
+"""Width of a picture from which its scale has room to say that it shows brightness temperatures."""
 _SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "doubt", Severity.ERROR: "alarm"}
 
 
 def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     """The whole screen of `cols` by `rows` characters."""
-    n_regions = min(len(latest.regions), max(1, rows - 18))
+    n_lines = min(len(latest.regions), max(1, rows - 18))
     n_events = 3 if rows < 30 else 6
-    top_rows = max(1, rows - n_regions - n_events - 3)
+    top_rows = max(1, rows - n_lines - n_events - 3)
     seen, seen_cols = _picture(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
     top = Layout()
     top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest)))
@@ -70,11 +74,17 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     whole.split_column(
         Layout(_title(latest), size=1),
         Layout(top, size=top_rows),
-        Layout(regions_table(latest, n_regions, wide=cols >= 100), size=n_regions + 1),
+        Layout(regions_table(latest, cols, n_lines), size=n_lines + 1),
         Layout(_events(latest, n_events), size=n_events),
         Layout(_progress(latest), size=1),
     )
     return whole
+
+
+def snapshot(latest: Latest, cols: int) -> RenderableType:
+    """The same without picture and progress, in as many lines as it takes: for another terminal."""
+    regions = regions_table(latest, cols, len(latest.regions))
+    return Group(_instruments(latest), regions, _events(latest, SNAPSHOT_EVENTS))
 
 
 # ---------------------------------------------------------------------- picture
@@ -147,6 +157,8 @@ def _labels(
 
 def _scale(scale: picture.Scale, cols: int) -> Text:
     low, high = f"{scale.low:.0f} ", " " + scale.text(scale.high)
+    if cols >= BRIGHTNESS_COLS and scale.unit == "°C":
+        high += " brightness"
     width = max(1, cols - len(low) - len(high))
     bar = Text(low, "base")
     for index in np.linspace(0, 255, width).astype(int):
@@ -188,14 +200,20 @@ def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
         zenith, azimuth = (words.number(deg, 1) for deg in (minute.sun_zenith_deg, minute.sun_azimuth_deg))
         yield "sun", f"zenith {zenith}°  azimuth {azimuth}°"
     for info, reading in latest.of_quantity("temperature"):
-        in_celsius = [words.celsius(v, 1) if info.unit == "K" else words.number(v, 1) for v in reading.values]
-        yield "contact", "  ".join(in_celsius) + " °C"
+        yield "contact", _probes(info, reading) + " °C"
     for name in latest.streams:
         yield name, _stream_words(latest, name)
     yield "clock", _clock(latest)
     if health is not None:
         written = f", {words.size(health.written_bytes)} written" if health.written_bytes else ""
         yield "disk", f"{words.size(health.disk_free_bytes)} free{written}"
+
+
+def _probes(info: StreamInfo, reading: Reading) -> str:
+    """Each probe's temperature behind its name: ``flat 26.9  b15 28.1``."""
+    names = info.channels or ("",) * len(reading.values)
+    in_celsius = (words.celsius(v, 1) if info.unit == "K" else words.number(v, 1) for v in reading.values)
+    return "  ".join(f"{name} {celsius}".lstrip() for name, celsius in zip(names, in_celsius, strict=True))
 
 
 def _clock(latest: Latest) -> Text:
@@ -237,7 +255,7 @@ def _event(event: Event, latest: Latest) -> Text:
 def _progress(latest: Latest) -> RenderableType:
     done_s = (latest.time_ns - latest.start_ns) / 1e9
     if latest.planned_end_ns is None:
-        return Text(f"{words.duration(done_s)}, no planned end: Ctrl-C ends it", "quiet")
+        return Text(f"{words.duration(done_s)}, no planned end: {STOP_KEY}", "quiet")
     total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
     ends = words.clock_time(latest.planned_end_ns, latest.site)
     line = Table.grid(expand=True, padding=(0, 1, 0, 0))
@@ -245,6 +263,6 @@ def _progress(latest: Latest) -> RenderableType:
     line.add_column(no_wrap=True)
     line.add_row(
         ProgressBar(total=total_s, completed=min(done_s, total_s)),
-        Text(f"{words.duration(done_s)} of {words.duration(total_s)}, ends {ends}"),
+        Text(f"{words.duration(done_s)} of {words.duration(total_s)}, ends {ends}, {STOP_KEY}"),
     )
     return line

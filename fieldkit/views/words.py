@@ -7,9 +7,10 @@ the zone named. What is not known is shown as a dash, never as 0 or "nan".
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from datetime import UTC, datetime, tzinfo
 
-from fieldkit.samples import Event, Severity
+from fieldkit.samples import Event, EventKind, Severity
 from fieldkit.site import Region, RegionKind, Site, known_zone
 from fieldkit.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
 
@@ -103,8 +104,22 @@ def second_branch(estimate: SlopeEstimate) -> str:
 
 
 def told(event: Event) -> str:
-    """An event's text with how bad it is in front, for where there is no colour."""
-    return _LOUDNESS[event.severity] + event.text
+    """An event's text with how bad it is in front, for where there is no colour; a mark is named as one."""
+    mark = "mark " if event.kind is EventKind.MARK else ""
+    return _LOUDNESS[event.severity] + mark + said(event)
+
+
+def said(event: Event) -> str:
+    """An event's text; of a mark with its kind and how long it lasted: ``cloud, 3 min: over the ridge``."""
+    label, end_ns = str(event.data.get("label", "")), int(event.data.get("end_ns", 0))
+    lasted = duration((end_ns - event.time_ns) / 1e9) if end_ns else ""
+    about = ", ".join(word for word in (label, lasted) if word)
+    return f"{about}: {event.text}" if about else event.text
+
+
+def by_time(events: Iterable[Event]) -> list[Event]:
+    """Events in order of their time: a mark may be given a time long past, and is noticed later."""
+    return sorted(events, key=lambda event: event.time_ns)
 
 
 def given_slope(region: Region) -> str:

@@ -73,7 +73,7 @@ def write_report(
         columns=series(minutes, regions),
         settings=settings,
         sd=sd,
-        events=tuple(session.events()),
+        events=tuple(words.by_time(session.events())),
         frame=frame,
         full=None if full_minutes is None else series(full_minutes, regions),
         command_line=command_line,

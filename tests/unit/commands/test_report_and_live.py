@@ -1,13 +1,19 @@
 """``fieldkit report`` and ``fieldkit live`` on a simulated campaign with one short recording."""
 
+import io
 import json
+import re
 
 import cv2
 import pytest
 from click.testing import CliRunner
+from rich.console import Console
 
 from fieldkit.commands import main, report
+from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
+from fieldkit.commands.status import latest_of
 from fieldkit.sessions.reader import open_session
+from fieldkit.views.screen import THEMES, snapshot
 
 FAST = ("--set", "simulation.speed=max")
 
@@ -31,6 +37,24 @@ def session(campaign):
 
 def fieldkit(*arguments):
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_probes(campaign, session):
+    with open_session(session) as opened:
+        config = config_for(opened)
+        whole = list(minutes_of(opened, estimator_for(opened, config)))
+        latest = latest_of(opened)
+        last = next(minute for minute in reversed(whole) if minute.time_ns == latest.minute.time_ns)
+        assert latest.minute.temperature_k == last.temperature_k
+        stored = [(one.time_ns, one.region, one.tilt_deg) for one in opened.estimates()[-3:]]
+        assert [(one.time_ns, one.region, one.tilt_deg) for one in latest.minute.estimates] == stored
+    paper = Console(file=io.StringIO(), width=80)
+    with paper.use_theme(THEMES["dark"]):
+        paper.print(snapshot(latest, 80))
+    lines = paper.file.getvalue().splitlines()
+    b15 = next(line for line in lines if line.startswith("b15"))
+    assert f"{last.temperature_k['b15'] - 273.15:.2f}" in b15
+    assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  T4 \S+ °C", "\n".join(lines))
 
 
 def test_report_goes_to_the_campaigns_reports(campaign, session):

@@ -68,9 +68,10 @@ def test_tells_what_the_field_needs(latest, cols, rows):
     text = "\n".join(letters(latest, cols, rows))
     for needed in (
         "three-beds", "2017-12-11 13:08:00 JST, UTC+09:00", "55 210 lx", "835 W/m²", "eq10 /0.44",
-        "zenith 58.8°", "azimuth 186.6°", "26.9  –", "9.0/s", "lost 2 garbled 3", "11.2 GB free",
+        "zenith 58.8°", "azimuth 186.6°", "flat 26.9  b15 –", "9.0/s", "lost 2 garbled 3", "11.2 GB free",
         "26.85", "15.5 ±2.0", "178 ±12", "0.33", "ok", "not resolved, or 43.3°/181°", "reference",
-        "recording 20171211T030800Z-three-beds", "1 h 00 min of 3 h 00 min, ends 15:08", "°C",
+        "recording 20171211T030800Z-three-beds", "1 h 00 min of 3 h 00 min, ends 15:08, Ctrl-C stops",
+        "°C brightness", "surface",
     ):  # fmt: skip
         assert needed in text, needed
 
@@ -83,7 +84,7 @@ def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
     latest.take(latest.frame._replace(counts=counts))
     line = next(line for line in letters(latest, 80, 24) if line.startswith("b15"))
     assert "29.00" in line  # 302.15 K
-    assert "first minute: as seen" in line
+    assert "first minute: brightness" in line
 
 
 def test_picture_grows_with_the_terminal(latest):
@@ -154,6 +155,37 @@ def test_many_regions_still_leave_room_for_the_rest(latest, site, streams, regio
     lines = letters(crowded, 80, 24)
     assert len(lines) == 24
     assert "no planned end" in lines[-1]
+
+
+@pytest.mark.parametrize(("cols", "rows"), [(60, 24), (60, 20), (80, 24)])
+def test_regions_without_room_are_counted_not_dropped_in_silence(site, streams, regions, frame, cols, rows):
+    many = tuple(replace(regions[1], name=f"bed{number}") for number in range(9))
+    crowded = Latest(site, many, streams)
+    crowded.take(frame)
+    lines = letters(crowded, cols, rows)
+    shown = sum(line.startswith("bed") for line in lines)
+    assert 0 < shown < 9
+    (told,) = [line.strip() for line in lines if "hidden" in line]
+    more_rows = 9 - (rows - 18)
+    assert told == f"{9 - shown} more regions hidden: {more_rows} more rows show them"
+    enlarged = letters(crowded, cols, rows + more_rows)
+    assert sum(line.startswith("bed") for line in enlarged) == 9
+
+
+@pytest.mark.parametrize("cols", [60, 80, 120])
+def test_the_key_that_ends_a_recording_is_shown(latest, cols):
+    assert "Ctrl-C stops" in letters(latest, cols, 24)[-1]
+
+
+def test_a_mark_of_the_past_stands_in_its_place_and_says_its_kind(latest):
+    end_ns = START_NS + 600 * SECOND_NS
+    latest.take(Event(EventKind.DISK, 1, START_NS + 3000 * SECOND_NS, "disk reserve near"))
+    span = {"label": "cloud", "end_ns": end_ns}
+    latest.take(Event(EventKind.MARK, 1, end_ns - 180 * SECOND_NS, "over the ridge", data=span))
+    lines = letters(latest, 80, 24)
+    first, last = (next(n for n, line in enumerate(lines) if text in line) for text in ("ridge", "reserve"))
+    assert first < last
+    assert "mark cloud, 3 min: over the ridge" in lines[first]
 
 
 def test_a_camera_without_a_temperature_scale_shows_counts(site, regions, streams, frame):
