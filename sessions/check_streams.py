@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.samples import NO_COUNTER, Frame, Quality
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.reader import Session
@@ -71,13 +71,9 @@ def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
 
 
 def _middle_k(frame: Frame, info: StreamInfo) -> NDArray[np.float64]:
-    """The middle of a picture by the camera's law; NaN where the law cannot tell."""
+    """The middle of a frame by the camera's law; NaN where the law has no answer."""
     middle = np.array([np.median(frame.counts)]).astype(np.uint16)
-    try:
-        kelvin = temperature_k(info.law, middle, frame.metadata_rows, info.settings, info.scale, info.offset)
-    except (ValueError, TypeError):  # no such law, constants left out, or rows of another camera
-        return np.array([np.nan])
-    return kelvin.astype(np.float64)
+    return frame_k(info, middle, frame.metadata_rows)
 
 
 def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:

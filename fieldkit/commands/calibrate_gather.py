@@ -14,7 +14,7 @@ from fieldkit.calibration.reflector import is_saturated, refuse_saturated
 from fieldkit.calibration.steady import Readings
 from fieldkit.device import StreamInfo
 from fieldkit.errors import CalibrationError
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.samples import Frame, Sample, is_usable
 from fieldkit.site import Region
 
@@ -84,9 +84,7 @@ class Gathering:
 
     def _add_frame(self, frame: Frame) -> None:
         info = self.setup.camera
-        kelvin = temperature_k(
-            info.law, frame.counts, frame.metadata_rows, info.settings, info.scale, info.offset
-        )
+        kelvin = frame_k(info, frame.counts, frame.metadata_rows)
         means = [float("nan") if mask is None else float(kelvin[mask].mean()) for mask in self._masks]
         self._camera.append((frame.time_ns, *means))  # type: ignore[arg-type]
         foil = self._masks[1]

@@ -13,7 +13,7 @@ import click
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import newest, resolved
-from fieldkit.errors import NoAnswerError, StorageError
+from fieldkit.errors import IntegrityError, NoAnswerError, StorageError
 
 if TYPE_CHECKING:
     from fieldkit.commands.mapping import MappedSession
@@ -55,8 +55,8 @@ def command(
     """Map the slopes of SESSIONS or folders of them (default: the newest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as strength of colour, shaded like a relief; NAME.nc
-    (netCDF) has the arrays with the state of every pixel. Both are replaced whole with --follow, so a
-    picture viewer or a browser may keep them open; the recording does not notice.
+    (netCDF) has the arrays with state and 90 % region of every pixel. Both are replaced whole with
+    --follow, so a picture viewer or a browser may keep them open; the recording does not notice.
     """
     paths = resolved(ctx, sessions) if sessions else [newest(ctx, None)]
     if len(paths) > 1:
@@ -117,6 +117,16 @@ def _map(
         print_json(document(path, found, files))
     else:
         print_map(found, files)
+    if (error := damage(path, found)) is not None:
+        raise error
+
+
+def damage(path: Path, found: MappedSession) -> IntegrityError | None:
+    """What to say of a session with frames that do not match their checksum; the map is made without them."""
+    if not found.damaged:
+        return None
+    text = f"{path}: {found.damaged} frames do not match their checksum; the map is made without them"
+    return IntegrityError(text, fix=f"fieldkit check {path}")
 
 
 def map_session(path: Path, *, window: str | None, settings: tuple[str, ...], present: bool) -> MappedSession:
@@ -178,7 +188,9 @@ def write(base: Path, path: Path, found: MappedSession, settings: tuple[str, ...
     picture, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
-        picture.write_bytes(slope_map_picture.png(found.slopes, found.regions, path.stem, under))
+        picture.write_bytes(
+            slope_map_picture.png(found.slopes, found.bounds, found.regions, path.stem, under)
+        )
         with open_session(path) as session:
             write_map(arrays, found, session, settings)
         for part, file in zip(parts, files, strict=True):
@@ -204,12 +216,15 @@ def print_map(found: MappedSession, files: list[Path]) -> None:
     rows = [
         (
             bed["region"], _number(bed["tilt_deg"], 1), _number(bed["azimuth_deg"], 0),
-            _range(bed["tilt_low_deg"], bed["tilt_high_deg"]), bed["pixels"],
+            _range(bed["tilt_low_deg"], bed["tilt_high_deg"]),
+            _range(*bed["tilt_region_deg"]), bed["pixels"],
             ", ".join(f"{state} {share:.0%}" for state, share in bed["states"].items()),
         )
         for bed in _beds(found)
     ]  # fmt: skip
-    common.print_table(("region", "tilt °", "azimuth °", "half of pixels °", "pixels", "states"), rows)
+    common.print_table(
+        ("region", "tilt °", "azimuth °", "half of pixels °", "90 % of one °", "pixels", "states"), rows
+    )
     for file in files:
         click.echo(file)
 
@@ -219,7 +234,10 @@ def _beds(found: MappedSession) -> list[dict[str, Any]]:
 
 
 def _bed(found: MappedSession, index: int) -> dict[str, Any]:
-    """A region of the map: median tilt, quartiles, azimuth of the mean normal, shares of the states."""
+    """A region of the map: median tilt, quartiles, azimuth of the mean normal, shares of the states.
+
+    `tilt_region_deg` are the medians over the pixels of the ends of their 90 % regions.
+    """
     import numpy as np
 
     from fieldkit.physics.facet import normal, tilt_azimuth
@@ -228,13 +246,17 @@ def _bed(found: MappedSession, index: int) -> dict[str, Any]:
     inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
     known = inside & np.isfinite(slopes.tilt_deg)
     low, middle, high, azimuth = (math.nan,) * 4
+    ends = [math.nan, math.nan]
     if known.any():
         low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
         normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
         azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
+        bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
+        ends = [float(np.median(bound[known])) for bound in bounds]
     return {
         "region": region.name, "tilt_deg": middle, "azimuth_deg": azimuth, "tilt_low_deg": low,
-        "tilt_high_deg": high, "pixels": int(inside.sum()), "states": _shares(slopes.state[inside]),
+        "tilt_high_deg": high, "tilt_region_deg": ends, "pixels": int(inside.sum()),
+        "states": _shares(slopes.state[inside]),
     }  # fmt: skip
 
 

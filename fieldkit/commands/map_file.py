@@ -22,7 +22,10 @@ from fieldkit.sessions.reader import Session
 from fieldkit.site import RegionKind
 from fieldkit.slope import SlopeState
 
-_DEGREES = {"units": "degree", "ancillary_variables": "state chi_square", "coordinates": "latitude longitude"}
+_PLACE = {"units": "degree", "coordinates": "latitude longitude"}
+_ABOUT = "state chi_square tilt_low_deg tilt_high_deg azimuth_low_deg azimuth_high_deg"
+_DEGREES = {**_PLACE, "ancillary_variables": _ABOUT}
+_END = "end of the 90 % region of the"
 VARIABLES: dict[str, dict[str, Any]] = {
     "tilt_deg": {
         **_DEGREES,
@@ -46,7 +49,14 @@ VARIABLES: dict[str, dict[str, Any]] = {
         "flag_meanings": " ".join(state.name.lower() for state in SlopeState),
     },
 }
-"""The arrays of the file, each of shape (y, x), with their attributes."""
+"""The arrays of the map, each of shape (y, x), with their attributes."""
+BOUNDS: dict[str, dict[str, Any]] = {
+    "tilt_low_deg": {**_PLACE, "long_name": f"lower {_END} tilt"},
+    "tilt_high_deg": {**_PLACE, "long_name": f"upper {_END} tilt"},
+    "azimuth_low_deg": {**_PLACE, "long_name": f"lower {_END} azimuth, below 0 across north"},
+    "azimuth_high_deg": {**_PLACE, "long_name": f"upper {_END} azimuth, above 360 across north"},
+}
+"""The same of how sure each pixel is: noise, misfit and stated systematic uncertainties included."""
 
 
 def write_map(path: Path, found: MappedSession, session: Session, settings: tuple[str, ...]) -> None:
@@ -58,6 +68,8 @@ def write_map(path: Path, found: MappedSession, session: Session, settings: tupl
         put_scale(file, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
         for name, attributes in VARIABLES.items():
             _put(file, name, getattr(found.slopes, name), attributes)
+        for name, attributes in BOUNDS.items():
+            _put(file, name, getattr(found.bounds, name), attributes)
         _put(
             file, "region", _region_numbers(found), {
                 "long_name": "which region a pixel belongs to, 0 for none",
@@ -117,6 +129,9 @@ def _provenance(found: MappedSession, session: Session, settings: tuple[str, ...
         "exchange_w_m2_k": surface.exchange_w_m2_k,
         "scale": found.settings.scale,
         "noise_k": found.settings.noise_k,
+        "scale_sd": found.settings.scale_sd,
+        "offset_sd_k": found.settings.offset_sd_k,
+        "drift_sd_k_per_h": found.settings.drift_sd_k_per_h,
         "tilt_limit_deg": found.settings.tilt_limit_deg,
         "reflected_temperature_k": found.settings.reflected_temperature_k,
     }

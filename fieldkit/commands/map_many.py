@@ -11,7 +11,7 @@ import click
 
 from fieldkit.campaign.executors import Work
 from fieldkit.commands import batch, common
-from fieldkit.commands.map import base_of, document, print_map, remarks, write
+from fieldkit.commands.map import base_of, damage, document, print_map, remarks, write
 from fieldkit.errors import FieldkitError
 
 if TYPE_CHECKING:
@@ -46,6 +46,8 @@ def map_many(
                 failures[path] = found
             else:
                 made[path] = found, write(bases[path], path, found, settings)
+                if (error := damage(path, found)) is not None:
+                    failures[path] = error
     _tell({path: made[path] for path in bases if path in made})
     batch.complain(failures, bases)
 

@@ -8,7 +8,7 @@ which a region's estimate hardly hears, is left out. The surface model is the pa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,19 +16,21 @@ from fieldkit.commands.estimating import estimates_of, estimator_for, minutes_of
 from fieldkit.config import Config
 from fieldkit.device import StreamInfo
 from fieldkit.errors import NoAnswerError
-from fieldkit.estimation.answers import ANSWERED, answers_of
+from fieldkit.estimation.answers import ANSWERED, CERTAIN, answers_of
 from fieldkit.estimation.bins import MINUTE_NS, Bin
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
+from fieldkit.estimation.map_bounds import PixelBounds, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slope_map import MapSums, SlopeMap
 from fieldkit.estimation.window import Field
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.samples import Quality, is_usable
+from fieldkit.samples import Frame, Quality, is_usable
 from fieldkit.sessions.reader import Session
 from fieldkit.site import Region, Site
+from fieldkit.slope import SlopeState
 
 LEFT_OUT = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
@@ -37,9 +39,13 @@ LEAST_MINUTES = 3
 
 @dataclass(frozen=True, slots=True)
 class MappedSession:
-    """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags."""
+    """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
+
+    `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
+    """
 
     slopes: SlopeMap
+    bounds: PixelBounds
     camera: StreamInfo
     site: Site
     regions: tuple[Region, ...]
@@ -49,6 +55,7 @@ class MappedSession:
     end_ns: int
     minutes: int
     flags: Quality
+    damaged: int = 0
 
 
 def map_of(
@@ -76,8 +83,10 @@ def map_of(
             f"a map needs {LEAST_MINUTES}",
             fix="fieldkit check tells what is missing; --window all takes the whole session",
         )
+    slopes, bounds = _solved(session, camera, estimator, chosen)
     return MappedSession(
-        _solved(session, camera, estimator, chosen),
+        slopes,
+        bounds,
         camera,
         estimator.site,
         estimator.regions,
@@ -87,6 +96,7 @@ def map_of(
         chosen[-1].start_ns + MINUTE_NS,
         len(chosen),
         _flags(chosen),
+        session.damaged.get(camera.name, 0),
     )
 
 
@@ -114,7 +124,9 @@ def _flags(bins: Sequence[Bin]) -> Quality:
     return flags
 
 
-def _solved(session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[Bin]) -> SlopeMap:
+def _solved(
+    session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[Bin]
+) -> tuple[SlopeMap, PixelBounds]:
     settings, field = estimator.settings, Field(estimator.regions)
     shape = (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
@@ -133,7 +145,18 @@ def _solved(session: Session, camera: StreamInfo, estimator: Estimator, chosen: 
             )
             light = one.direct_w_m2 * settings.scale
             sums.add(kelvin, reference_k, one.sun, light, reference_normal)
-    return sums.solve()
+    slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
+    return _within_regions(slopes, estimator.regions), bounds
+
+
+def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
+    """Outside the regions nothing says that the ground is made of what the reference is: uncertain."""
+    state = slopes.state.copy()
+    drawn = np.zeros((state.shape[0], state.shape[1]), np.bool_)
+    for region in regions:
+        drawn |= region.mask((state.shape[0], state.shape[1]))
+    state[~drawn & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
+    return replace(slopes, state=state)
 
 
 def _of_pixels(
@@ -150,17 +173,15 @@ def _of_pixels(
 
 
 def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArray:
-    """Mean brightness temperature (rows, cols) of the pictures of a minute that count, kelvin.
+    """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
 
-    NaN where the camera's law has no answer, and all over where no picture counts.
+    NaN where the camera's law has no answer, and all over without a usable frame.
     """
-    reader = session.stream(camera.name)
-    inside = session.times_ns(camera.name) // MINUTE_NS == minute
+    rows = np.flatnonzero(session.times_ns(camera.name) // MINUTE_NS == minute)
+    start, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
     total, pictures = np.zeros(camera.shape), 0
-    for index in np.flatnonzero(inside & is_usable(reader.column("flags"))):
-        frame = reader.frame(int(index))
-        total += temperature_k(
-            camera.law, frame.counts, frame.metadata_rows, camera.settings, camera.scale, camera.offset
-        )
-        pictures += 1
+    for frame in session.stream(camera.name).samples(start, stop):
+        if isinstance(frame, Frame) and is_usable(frame.quality):
+            total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
+            pictures += 1
     return total / pictures if pictures else np.full(camera.shape, np.nan)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
-from fieldkit.physics.camera_laws import LAWS, temperature_k
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.samples import Frame, Sample, is_usable
 from fieldkit.site import Region
 
@@ -108,15 +108,13 @@ def mean_picture(path: Path) -> Picture:
     return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
 
 
-def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[NDArray[np.float32]]:
-    """The pictures nobody need doubt, as brightness temperatures."""
-    if camera.law not in LAWS and not (camera.law == "linear" and math.isfinite(camera.scale)):
+def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[Picture]:
+    """The usable frames, as brightness temperatures."""
+    if not has_temperatures(camera):
         return
     for sample in samples:
         if isinstance(sample, Frame) and is_usable(sample.quality):
-            yield temperature_k(
-                camera.law, sample.counts, sample.metadata_rows, camera.settings, camera.scale, camera.offset
-            )
+            yield frame_k(camera, sample.counts, sample.metadata_rows)
 
 
 def _around(regions: Sequence[Region]) -> tuple[int, int]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
-from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.samples import Frame, Quality, Reading, is_usable
@@ -136,8 +136,7 @@ class Camera:
         """Sums of a picture's regions; None where its law has no answer for a pixel in them."""
         if self._is_linear:
             return self.outline.sums(frame.counts)
-        info = self.info
-        kelvin = temperature_k(info.law, frame.counts, frame.metadata_rows, info.settings)
+        kelvin = frame_k(self.info, frame.counts, frame.metadata_rows, np.float32)
         if not np.isfinite(self.outline.gather(kelvin)).all():
             return None
         return self.outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))

@@ -54,6 +54,7 @@ class MapSums:
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
+        self._weight_per_kelvin = 0.0
         # worked through in pieces that stay in the processor's cache: the loops are bound by memory
         self._pieces = [slice(at, min(at + PIECE, pixels)) for at in range(0, pixels, PIECE)]
 
@@ -90,17 +91,31 @@ class MapSums:
             y *= weight
             self._c[piece] += y
         self._H += weight * np.outer(sun, sun)
+        self._weight_per_kelvin += weight * steepness / direct_w_m2
         self.count += 1
+
+    @property
+    def per_kelvin(self) -> float:
+        """Mean change of a pixel's cosine to the sun per kelvin of its temperature."""
+        return self._weight_per_kelvin / float(np.trace(self._H))  # sun vectors are of length one
+
+    def sun_axes(self) -> tuple[FloatArray, FloatArray]:
+        """Axes along the mean sun, along its motion and across both, rows of (3, 3), the last one upwards.
+
+        Before them, (3,), how much the pictures so far say along each: inverse variances of a pixel's normal.
+        """
+        values, vectors = np.linalg.eigh(self._H)
+        vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])
+        return values[::-1], vectors[:, ::-1].T
 
     def solve(self) -> SlopeMap:
         """The map of all pictures so far; at least three are needed to tell anything."""
         planes = np.full((4, self._c.size), np.nan, np.float32)
         state = np.full(self._c.size, SlopeState.TOO_FEW, np.uint8)
         if self.count >= 3:
-            values, vectors = np.linalg.eigh(self._H)
-            vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])  # across the plane of the sun's motion is up
+            values, axes = self.sun_axes()
             for piece in self._pieces:
-                self._solve_piece(piece, values, vectors, planes[:, piece], state[piece])
+                self._solve_piece(piece, values[::-1], axes[::-1].T, planes[:, piece], state[piece])
         tilt, azimuth, second, chi_square = planes.reshape(4, *self.shape)
         return SlopeMap(tilt, azimuth, second, chi_square, state.reshape(self.shape))
 

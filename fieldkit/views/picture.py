@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
-from fieldkit.physics.camera_laws import LAWS, temperature_k
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.samples import Frame
 from fieldkit.site import Region
 from fieldkit.views import words
@@ -50,16 +50,12 @@ def values(frame: Frame, info: StreamInfo) -> FloatArray:
     """Brightness temperature in °C, shape of the picture; its counts where no temperature is known."""
     if unit(info) == "counts":
         return frame.counts.astype(np.float64)
-    if info.law == "linear":
-        return frame.counts.astype(np.float64) * info.scale + (info.offset - words.ZERO_CELSIUS_K)
-    kelvin = temperature_k(info.law, frame.counts, frame.metadata_rows, info.settings)
-    return kelvin.astype(np.float64) - words.ZERO_CELSIUS_K
+    return frame_k(info, frame.counts, frame.metadata_rows) - words.ZERO_CELSIUS_K
 
 
 def unit(info: StreamInfo) -> str:
     """What `values` are in: ``°C`` or ``counts``."""
-    known = math.isfinite(info.scale) if info.law == "linear" else info.law in LAWS
-    return "°C" if known and info.unit == "K" else "counts"
+    return "°C" if has_temperatures(info) and info.unit == "K" else "counts"
 
 
 def scale_of(shown: FloatArray, unit: str) -> Scale:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
 from fieldkit.physics.facet import normal
 from fieldkit.site import Region
@@ -24,6 +25,8 @@ LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG = 45.0, 315.0
 """Where a relief is lit from by custom, so that heights look like heights."""
 MEANINGS = {
     SlopeState.OK: "slope known",
+    SlopeState.FLAT: "flat, faces nowhere",
+    SlopeState.UNCERTAIN: "uncertain, or no region",
     SlopeState.TOO_FEW: "too few minutes",
     SlopeState.NOT_RESOLVED: "two slopes fit, flatter shown",
     SlopeState.NO_INTERSECTION: "no slope explains it",
@@ -40,8 +43,9 @@ _MASKS = {
 
 
 def png(
-    slopes: SlopeMap, regions: Sequence[Region] = (), title: str = "", subtitle: str = "", *, width: int = 960
-) -> bytes:
+    slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
+    subtitle: str = "", *, width: int = 960,
+) -> bytes:  # fmt: skip
     """A PNG file: the map at a whole multiple of its size near `width`, outlines, names, legend."""
     import cv2
 
@@ -52,10 +56,28 @@ def png(
     shape = (slopes.state.shape[0], slopes.state.shape[1])
     for region in regions:
         _outline(canvas, region, shape)
-    page = _framed(canvas, legend(slopes, full_deg), title, subtitle)
+    under = "   ".join(part for part in (subtitle, how_sure(bounds, regions)) if part)
+    page = _framed(canvas, legend(slopes, full_deg), title, under)
     ok, data = cv2.imencode(".png", page[:, :, ::-1])
     assert ok
     return data.tobytes()
+
+
+def how_sure(bounds: PixelBounds, regions: Sequence[Region]) -> str:
+    """Half the width of the 90 % region of the tilt of a pixel: of half and of nine tenths of the pixels.
+
+    Of those in the regions, where there are any; empty without a slope.
+    """
+    rows, cols = bounds.tilt_low_deg.shape
+    inside = np.full((rows, cols), not regions)
+    for region in regions:
+        inside |= region.mask((rows, cols))
+    half = (bounds.tilt_high_deg - bounds.tilt_low_deg)[inside] / 2.0
+    if not np.isfinite(half).any():
+        return ""
+    half_deg, most_deg = np.nanpercentile(half, (50, 90))
+    most = f"+-{most_deg:.1f} for 9 in 10"
+    return f"90 % region of the tilt: +-{half_deg:.1f} deg for half of the pixels, {most}"
 
 
 def full_colour_deg(tilt_deg: NDArray[np.float32]) -> float:
@@ -134,8 +156,9 @@ def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
 
 
 def _hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
-    """Strokes at one slant for two slopes that fit, at the other for none: told apart without colour."""
+    """Strokes at one slant for two slopes that fit, at the other for none, dots for an uncertain one."""
     rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
+    canvas[(state == SlopeState.UNCERTAIN) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
     canvas[(state == SlopeState.NOT_RESOLVED) & ((rows + cols) % 8 == 0)] = BLACK
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 

@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeState
 from fieldkit.views import slope_map_picture
 from fieldkit.views.slope_map_picture import full_colour_deg, legend, painted, slope_colours
@@ -16,6 +18,15 @@ def slope_map(tilt_deg=10.0, azimuth_deg=180.0, state=SlopeState.OK):
     tilt, azimuth = (np.full(SHAPE, angle, np.float32) for angle in (tilt_deg, azimuth_deg))
     nothing = np.full(SHAPE, np.nan, np.float32)
     return SlopeMap(tilt, azimuth, nothing, nothing, np.full(SHAPE, state, np.uint8))
+
+
+def bounds(low_deg=8.0, high_deg=12.0):
+    angles = (low_deg, high_deg, 170.0, 190.0)
+    return PixelBounds(*(np.full(SHAPE, angle, np.float32) for angle in angles))
+
+
+def decoded(data):
+    return cv2.imdecode(np.frombuffer(data, np.uint8), 1)
 
 
 def hsv(colour):
@@ -66,7 +77,9 @@ def test_wheel_has_north_up_and_east_to_the_right():
 
 def test_two_slopes_are_hatched_over_their_colour(regions):
     sure, doubtful = (
-        cv2.imdecode(np.frombuffer(slope_map_picture.png(slope_map(state=state), regions), np.uint8), 1)
+        cv2.imdecode(
+            np.frombuffer(slope_map_picture.png(slope_map(state=state), bounds(), regions), np.uint8), 1
+        )
         for state in (SlopeState.OK, SlopeState.NOT_RESOLVED)
     )
     assert sure.shape == doubtful.shape
@@ -79,7 +92,7 @@ def test_two_slopes_are_hatched_over_their_colour(regions):
 
 def test_outlines_and_names_are_drawn(regions):
     plain, drawn = (
-        cv2.imdecode(np.frombuffer(slope_map_picture.png(slope_map(), given), np.uint8), 1)
+        cv2.imdecode(np.frombuffer(slope_map_picture.png(slope_map(), bounds(), given), np.uint8), 1)
         for given in ((), regions)
     )
     changed = (plain != drawn).any(axis=-1)
@@ -87,3 +100,21 @@ def test_outlines_and_names_are_drawn(regions):
         x, y = np.mean(region.vertices, axis=0) * 24 + 12
         assert changed[64 + round(y), round(x)]
     assert not changed[:64].any()
+
+
+def test_picture_says_how_sure_the_pixels_of_the_regions_are():
+    corners = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
+    region = Region("bed", RegionKind.TARGET, corners)
+    inside, everywhere = bounds(), bounds(8.0, 28.0)
+    everywhere.tilt_high_deg[region.mask(SHAPE)] = inside.tilt_high_deg[0, 0]
+    said = "90 % region of the tilt: +-2.0 deg for half of the pixels, +-2.0 for 9 in 10"
+    assert slope_map_picture.how_sure(everywhere, (region,)) == said
+    assert "+-10.0 deg for half" in slope_map_picture.how_sure(everywhere, ())
+    assert slope_map_picture.how_sure(bounds(np.nan, np.nan), ()) == ""
+
+
+def test_uncertain_pixels_are_dotted_and_flat_ones_are_not():
+    for state, dots in ((SlopeState.UNCERTAIN, True), (SlopeState.FLAT, False), (SlopeState.OK, False)):
+        canvas = np.full((24, 24, 3), 90, np.uint8)
+        slope_map_picture._hatch(canvas, np.full((24, 24), state, np.uint8))
+        assert (canvas == 255).any() == dots
