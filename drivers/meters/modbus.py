@@ -25,6 +25,7 @@ from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, V
 from fieldkit.errors import ConfigError
 
 LONGEST = 255
+HIGHEST_UNIT = 247
 REQUEST_LENGTH = 8
 REFUSALS = {
     1: "illegal function",
@@ -68,7 +69,7 @@ def take(buffer: bytes, register_map: RegisterMap | None = None) -> Taken:
     if len(buffer) < 2:
         return None
     unit, function = buffer[0], buffer[1]
-    if unit > 247 or function & 0x7F not in (3, 4):
+    if unit > HIGHEST_UNIT or function & 0x7F not in (3, 4):
         return Rejected(1, "no answer with registers: unit and function do not fit")
     if function & 0x80:
         return _refusal(buffer)
@@ -158,12 +159,7 @@ class Modbus:
                 f"{settings.name}: which instrument?", fix=f"map = one of {', '.join(packaged())}, or a file"
             )
         register_map = load_map(name)
-        question = request(
-            int(options.number(settings, "unit", 1)),
-            register_map.function,
-            register_map.first,
-            register_map.count,
-        )
+        question = request(_unit(settings), register_map.function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
         answers = layout(register_map)
         meter.first_answer(port, question, answers, settings.name, _HINT)
@@ -177,13 +173,16 @@ class Modbus:
         return meter.Meter(info, port, answers, clock, keys[: len(names)], asking=asking)
 
 
+def _unit(settings: DeviceSettings) -> int:
+    """The number of the instrument on its line; 0 is for all of them, which nobody answers."""
+    return int(options.number(settings, "unit", 1, (1, HIGHEST_UNIT)))
+
+
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
     """What the instrument measures, by its map or its type; empty where neither says."""
     if register_map.type_register is None:
         return register_map.measures.get("", "")
-    question = request(
-        int(options.number(settings, "unit", 1)), register_map.function, register_map.type_register, 1
-    )
+    question = request(_unit(settings), register_map.function, register_map.type_register, 1)
     found = port.read(layout(None), meter.ANSWER_S, question)
     while found is not None and not found.record.numbers:  # some adapters echo the question
         found = port.read(layout(None), meter.ANSWER_S)

@@ -1,6 +1,13 @@
-"""The rules know every instrument that the drivers know."""
+"""What the rules make of instruments as the kernel announces them: rights, names, and quiet.
+
+The rules are carried out here as udev does (man udev), on the attributes that each instrument has.
+"""
+
+from __future__ import annotations
 
 import re
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
@@ -10,45 +17,132 @@ from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, thermal_m
 from fieldkit.drivers.meters import konica_minolta, pce_174, ut325
 
 RULES = (Path(__file__).parents[3] / "udev/70-fieldkit.rules").read_text()
-VIDEO = [module.WANTED.kinds for module in (boson, ht301, p2pro, purethermal, thermal_master)]
-RAW = [
-    *VIDEO,
-    VENDOR_COMMANDS,
-    RAW_ONLY,
-    ut325.KINDS,
-    tuple(thermal_master_bulk.KINDS),
-    konica_minolta.KINDS,
-    pce_174.KINDS,
-]
+_WORD = re.compile(r'([A-Z_]+)(?:\{([\w./]+)\})?(==|!=|\+=|=)"((?:[^"]*))"')
+VIDEO = {
+    kind for module in (boson, ht301, p2pro, purethermal, thermal_master) for kind in module.WANTED.kinds
+}
+USB = VIDEO | {
+    *VENDOR_COMMANDS, *RAW_ONLY, *thermal_master_bulk.KINDS,
+    *ut325.KINDS, *konica_minolta.KINDS, *pce_174.KINDS,
+}  # fmt: skip
+ADAPTERS = {
+    "FT232": (0x0403, 0x6001), "FT2232": (0x0403, 0x6010), "FT4232": (0x0403, 0x6011),
+    "FT232H": (0x0403, 0x6014), "FT-X": (0x0403, 0x6015), "CP2102": (0x10C4, 0xEA60),
+    "CH340": (0x1A86, 0x7523), "CH341": (0x4348, 0x5523),
+    "PL2303": (0x067B, 0x2303), "ATEN": (0x0557, 0x2008),
+}  # fmt: skip
+"""As Linux knows them: tables of drivers/usb/serial/ftdi_sio.c, cp210x.c, ch341.c and pl2303.c."""
 
 
-def section(label):
-    return RULES.split(f'LABEL="fieldkit_{label}"')[1].split("LABEL=")[0]
+@dataclass
+class Announced:
+    """A device of the kernel and what the rules have done with it."""
+
+    words: dict[str, str]
+    attributes: dict[str, str] = field(default_factory=dict)
+    env: dict[str, str] = field(default_factory=dict)
+    set_to: dict[str, str] = field(default_factory=dict)
+    links: list[str] = field(default_factory=list)
+    written: dict[str, str] = field(default_factory=dict)
+
+    def holds(self, key: str, name: str, op: str, wanted: str) -> bool:
+        if key == "TEST":
+            return (wanted in self.attributes) == (op == "==")
+        known = {"ATTR": self.attributes, "ATTRS": self.attributes, "ENV": self.env}
+        found = known.get(key, self.words).get(name or key, "")
+        return any(fnmatchcase(found, one) for one in wanted.split("|")) == (op == "==")
+
+    def assign(self, key: str, name: str, value: str) -> None:
+        value = re.sub(r"\$env\{(\w+)\}", lambda found: self.env[found[1]], value)
+        if key == "SYMLINK":
+            self.links.append(value)
+        elif key in ("ENV", "ATTR"):
+            (self.env if key == "ENV" else self.written)[name] = value
+        else:
+            self.set_to[key] = value
 
 
-def named(text, attribute):
-    """(vendor, product) pairs that a section matches."""
-    pattern = rf'{attribute}\{{idVendor\}}=="(\w+)", {attribute}\{{idProduct\}}=="([\w|]+)"'
-    return {
-        (int(vendor, 16), int(product, 16))
-        for vendor, products in re.findall(pattern, text)
-        for product in products.split("|")
-    }
+def announced(**given: object) -> Announced:
+    """What the rules make of an added device."""
+    device = Announced({"ACTION": "add", **given.pop("words")}, **given)  # type: ignore[arg-type,dict-item]
+    wanted = ""
+    for line in RULES.splitlines():
+        words = _WORD.findall(line.partition("#")[0])
+        if any(key == "LABEL" for key, *_ in words):
+            wanted = "" if wanted == words[0][3] else wanted
+        if wanted or not words:
+            continue
+        if all(device.holds(key, name, op, value) for key, name, op, value in words if op in ("==", "!=")):
+            for key, name, op, value in words:
+                if key == "GOTO":
+                    wanted = value
+                elif op in ("=", "+=") and key != "LABEL":
+                    device.assign(key, name, value)
+    return device
 
 
-@pytest.mark.parametrize(("label", "attribute", "kinds"), [("usb", "ATTR", RAW), ("video", "ATTRS", VIDEO)])
-def test_every_kind_of_the_drivers_is_in_the_rules(label, attribute, kinds):
-    assert {kind for group in kinds for kind in group} <= named(section(label), attribute)
+def ids(kind: tuple[int, int]) -> dict[str, str]:
+    return {"idVendor": f"{kind[0]:04x}", "idProduct": f"{kind[1]:04x}"}
 
 
-def test_rules_do_what_the_readme_promises():
-    assert section("usb").count('TAG+="uaccess", GROUP="plugdev", MODE="0660"') == 1
-    assert 'ENV{ID_MM_DEVICE_IGNORE}="1"' in section("usb")
-    assert 'ATTR{power/control}="on"' in section("usb")
-    assert 'ATTR{index}=="0", SYMLINK+="fieldkit/camera"' in section("video")
-    assert 'ENV{ID_MM_PORT_IGNORE}="1"' in section("tty")
-    assert 'DRIVER=="ftdi_sio", ATTR{latency_timer}="1"' in RULES
+def usb_device(kind: tuple[int, int]) -> Announced:
+    attributes = {**ids(kind), "power/control": "auto"}
+    return announced(words={"SUBSYSTEM": "usb"}, attributes=attributes, env={"DEVTYPE": "usb_device"})
 
 
-def test_every_jump_has_its_label():
+def picture_node(kind: tuple[int, int], index: int) -> Announced:
+    words = {"SUBSYSTEM": "video4linux", "SUBSYSTEMS": "usb"}
+    return announced(words=words, attributes={**ids(kind), "index": str(index)})
+
+
+def tty(kind: tuple[int, int], **env: str) -> Announced:
+    return announced(words={"SUBSYSTEM": "tty", "SUBSYSTEMS": "usb"}, attributes=ids(kind), env=env)
+
+
+@pytest.mark.parametrize("kind", sorted(USB | set(ADAPTERS.values())), ids=str)
+def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind: tuple[int, int]) -> None:
+    device = usb_device(kind)
+    assert device.set_to == {"TAG": "uaccess", "GROUP": "plugdev", "MODE": "0660"}
+    assert device.env["ID_MM_DEVICE_IGNORE"] == "1"
+    assert device.written == {"power/control": "on"}
+
+
+@pytest.mark.parametrize("kind", sorted(VIDEO), ids=str)
+def test_pictures_of_every_camera_may_be_read_under_a_stable_name(kind: tuple[int, int]) -> None:
+    picture, metadata = picture_node(kind, 0), picture_node(kind, 1)
+    for node in (picture, metadata):
+        assert node.set_to == {"TAG": "uaccess", "GROUP": "video", "MODE": "0660"}
+    assert (picture.links, metadata.links) == (["fieldkit/camera"], [])
+
+
+@pytest.mark.parametrize("kind", ADAPTERS.values(), ids=ADAPTERS)
+def test_ports_of_every_adapter_are_named_after_it_and_modem_manager_keeps_off(kind: tuple[int, int]) -> None:
+    port = tty(kind, ID_SERIAL_SHORT="LUX0001", ID_PATH="pci-1")
+    assert port.set_to == {"TAG": "uaccess", "GROUP": "dialout", "MODE": "0660"}
+    assert port.env["ID_MM_PORT_IGNORE"] == "1"
+    assert port.links == ["fieldkit/serial-LUX0001"]
+    assert tty(kind, ID_PATH="pci-1").links == ["fieldkit/serial-pci-1"]
+
+
+def test_a_bosons_commands_have_a_name_of_their_own() -> None:
+    assert tty((0x09CB, 0x4007), ID_SERIAL_SHORT="7").links == ["fieldkit/serial-7", "fieldkit/boson"]
+
+
+def test_ftdi_adapters_hand_over_bytes_within_a_millisecond() -> None:
+    port = announced(
+        words={"SUBSYSTEM": "usb-serial", "DRIVER": "ftdi_sio"}, attributes={"latency_timer": "16"}
+    )
+    assert port.written == {"latency_timer": "1"}
+
+
+@pytest.mark.parametrize("made", [usb_device, tty, lambda kind: picture_node(kind, 0)])
+def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made) -> None:
+    for kind in ((0x046D, 0x0825), (0x0403, 0x6002), (0x1D6B, 0x0002)):
+        device = made(kind)
+        assert (device.set_to, device.links, device.written) == ({}, [], {})
+    gone = announced(words={"ACTION": "remove", "SUBSYSTEM": "usb"}, attributes=ids((0x1E4E, 0x0100)))
+    assert gone.set_to == {}
+
+
+def test_every_jump_has_its_label() -> None:
     assert set(re.findall(r'GOTO="(\w+)"', RULES)) == set(re.findall(r'LABEL="(\w+)"', RULES))

@@ -126,3 +126,16 @@ def test_source_without_zoom_is_refused(reel, monkeypatch):
     with pytest.raises(DeviceError, match="cannot command"):
         opened(source)
     assert source.closed == 1
+
+
+def test_the_camera_is_given_its_first_command_after_it_has_settled(reel):
+    """Public programs wait: right after the stream begins, commands are ignored."""
+    source = reel(frame(flat(5000)), frame(flat(5001)))
+    waited = []
+
+    class Clock(HostClock):
+        def sleep(self, seconds):
+            waited.append((seconds, list(source.written)))
+
+    Ht301().open(DeviceSettings("ir", "ht301", source=source), Clock())
+    assert waited == [(pytest.approx(0.3), [])]

@@ -217,3 +217,18 @@ def test_kernels_error_flag_is_a_rejection(reel):
     camera = opened(reel(frame(), Buffer(frame(), 1, 1, error=True)))
     assert camera.read(1.0) is None
     assert camera.rejected == 1
+
+
+def test_a_scene_with_edges_and_one_as_hot_as_a_stove_are_temperatures():
+    """Neighbours that differ by 50 counts, 0.8 K; and 516 K, beyond the grey values a picture may have."""
+    edges = np.tile(18_890 + 25 * (-1) ** np.arange(256), (192, 1))
+    assert decode(frame(edges)).quality == Quality.GOOD
+    hot = np.tile(33_100 + np.arange(256) % 7, (192, 1))
+    assert decode(frame(hot)).quality == Quality.GOOD
+
+
+def test_a_single_picture_lost_on_the_way_is_flagged_on_the_next(reel):
+    numbers = (0, 1, 2, 4, 5)
+    camera = opened(reel(*(Buffer(frame(seed=n), n * 40_000_000, n) for n in numbers)))
+    flagged = [Quality.DROPPED_BEFORE in camera.read(1.0).quality for _ in numbers[1:]]
+    assert flagged == [False, False, True, False]

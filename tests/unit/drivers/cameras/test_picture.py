@@ -7,6 +7,7 @@ import pytest
 
 from fieldkit.drivers.cameras import purethermal, y16
 from fieldkit.drivers.cameras.picture import Picture, kelvin
+from fieldkit.samples import Quality
 
 COUNTS = np.random.default_rng(5).integers(20_000, 40_000, (48, 64)).astype("<u2")
 
@@ -40,3 +41,10 @@ def test_a_picture_with_telemetry_has_every_field() -> None:
     told = purethermal.decode((COUNTS[0, 0] + np.zeros((120, 160), "<u2")).tobytes() + rows.tobytes())
     assert isinstance(told, Picture)
     assert Picture(*told) == told
+
+
+@pytest.mark.parametrize(("count", "flagged"), [(0, True), (1, False), (0xFFFE, False), (0xFFFF, True)])
+def test_a_pixel_at_either_end_of_the_counts_is_saturated(count: int, flagged: bool) -> None:
+    counts = COUNTS.copy()
+    counts[20, 30] = count
+    assert (Quality.SATURATED in picture(counts, 0.01).quality) is flagged

@@ -5,7 +5,8 @@ import pytest
 from fieldkit.clock import HostClock
 from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.modbus import Modbus, crc16, request, take
-from fieldkit.drivers.meters.modbus_map import load_map, packaged
+from fieldkit.drivers.meters.modbus_map import Channel, RegisterMap, load_map, packaged
+from fieldkit.drivers.ports import Line
 from fieldkit.drivers.records import Rejected
 from fieldkit.errors import ConfigError
 from fieldkit.samples import Quality
@@ -171,3 +172,35 @@ def test_short_answer_with_a_wrong_check_is_named():
     told = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
     assert told.rejected == (Rejected(7, "the CRC does not fit", len(RTD)),)
     assert (len(told.values), told.rest) == (8, 0)
+
+
+@pytest.mark.parametrize("unit", [0, 248, 256, 300, -1])
+def test_a_unit_that_no_instrument_can_have_is_refused_in_words(wire, unit):
+    """Modbus over Serial Line 1.02, 2.2: 1 to 247; 0 is for all, 248 to 255 are reserved."""
+    with pytest.raises(ConfigError, match=rf"unit = {unit} is not a number from 1 to 247"):
+        Modbus().open(settings(wire, map="kipp-smp", unit=unit), HostClock())
+
+
+def test_bytes_from_a_unit_that_cannot_be_are_no_answer():
+    body = bytes.fromhex("F8 03 02 00 FA")
+    refused = take(body + crc16(body).to_bytes(2, "little"))
+    assert isinstance(refused, Rejected)
+    assert refused.length == 1
+
+
+def one_register(**more):
+    channels = (Channel("x", 0, "u16", "W/m²", **more),)
+    return RegisterMap("a map", "irradiance", "W/m²", Line(9600), 3, 0, 2, channels, no_value=(32_767,))
+
+
+@pytest.mark.parametrize(("decimals", "value"), [(0, 84.0), (1, 8.4), (0xFFFF, 840.0), (0xFFFE, 8400.0)])
+def test_decimals_told_by_the_instrument_may_be_negative(decimals, value):
+    (found,) = one_register(decimals_register=1).values([84, decimals])
+    assert found.value == pytest.approx(value)
+
+
+def test_a_register_that_stands_for_no_value_has_none():
+    (found,) = one_register().values([32_767, 0])
+    assert math.isnan(found.value)
+    assert found.quality == Quality.NO_VALUE
+    assert "open" in found.words

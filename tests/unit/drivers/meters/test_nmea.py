@@ -93,3 +93,13 @@ def test_without_the_extra_the_fix_says_what_to_install():
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == 'pip install "fieldkit[gps]"'
+
+
+def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():
+    """NMEA 0183: quality 0 in GGA and status V in RMC say that the position is not valid."""
+    lost = b"GPGGA,021530.00,3541.3668,N,13945.3012,E,0,00,99.99,38.4,M,39.5,M,,"
+    places = [
+        one for one in take(signed(lost)).values if one.channel in ("latitude", "longitude", "altitude")
+    ]
+    assert len(places) == 3
+    assert all(math.isnan(one.value) and one.quality == Quality.NO_VALUE for one in places)
