@@ -291,7 +291,7 @@ def _stamps(columns: Columns, row: int) -> dict[str, Any]:
 
 def _spans(start: int, stop: int, step: int) -> Iterator[tuple[int, int]]:
     """First row and end of every block of `step` rows that `start`..`stop` runs through."""
-    for first in range(start - start % step, stop, step):
+    for first in range(start - start % step, stop, step) if start < stop else ():
         yield max(first, start), min(first + step, stop)
 
 

@@ -235,6 +235,12 @@ def test_hostile_session_is_refused_without_much_memory(path: Path, harm: Harm) 
         tracemalloc.stop()
 
 
+def test_no_new_samples_of_a_stream_are_none_and_no_error(path: Path) -> None:
+    with open_session(path) as session:
+        for name in session.streams:
+            assert not list(session.stream(name).samples(2, 2))
+
+
 def test_session_tells_where_it_came_from(path: Path) -> None:
     with open_session(path) as session:
         assert set(session.provenance) >= {"fieldkit_version", "packages", "platform", "command_line"}
