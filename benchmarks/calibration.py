@@ -7,7 +7,9 @@ camera signal on thermometer signal with its standard error. All see the same da
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +25,7 @@ from fieldkit.physics.radiance import band_radiance
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference, surface_temperature
 from fieldkit.site import Site
-from tests.harness.emissivity_days import Day, days, make_day
+from tests.harness.emissivity_days import Day, FreeCase, days, free_days, make_day
 
 DAYS = 1000
 DETERMINED, UNDETERMINED = 0.025, 0.10
@@ -36,8 +38,8 @@ BEDS = ((5.0, 180.0), (10.0, 150.0), (15.0, 210.0), (20.0, 180.0), (25.0, 180.0)
 
 
 def run() -> list[Result]:
-    """Emissivity, then scale."""
-    return [*_emissivity(), *_scale()]
+    """Emissivity with and without a foil, then scale."""
+    return [*_emissivity(), *_without_foil(), *_scale()]
 
 
 def _emissivity() -> list[Result]:
@@ -67,6 +69,18 @@ def _emissivity() -> list[Result]:
         *_other("mean of single pairs", table[:, :2]),
         *_other("ordinary least squares", table[:, 2:]),
     ]  # fmt: skip
+
+
+def _without_foil() -> Iterable[Result]:
+    """Days on which the reflected temperature is found as well, with what then drifts unseen."""
+    for case in get_args(FreeCase):
+        inside = []
+        for day in free_days(DAYS, case):
+            with suppress(CalibrationError):
+                found = fit_emissivity(day.pairs, day.shared, reflected="free")
+                inside.append(abs(found.value - day.emissivity) <= found.expanded)
+        note = f"{len(inside)} of {DAYS} days"
+        yield Result(f"no foil, {case}: truth inside k = 2", _percent(inside), "%", ">= 92", note)
 
 
 def _percent(yes: ArrayLike) -> float:

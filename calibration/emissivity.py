@@ -50,6 +50,11 @@ class Pairs:
         return float(np.ptp(self.contact_k))
 
     @property
+    def follows_the_sky(self) -> bool:
+        """Whether the reflected temperature was measured with each pair: one given for all stands still."""
+        return float(np.ptp(self.reflected_k)) > 0.0
+
+    @property
     def contrast_k(self) -> float:
         """Least distance between surface and reflected temperature."""
         return float(np.min(np.abs(self.contact_k - self.reflected_k)))
@@ -60,7 +65,10 @@ class Shared:
     """Standard uncertainties that all pairs share, kelvin (transmission: 1).
 
     Defaults are those of a camera checked against ice water, a good thermometer, a fine wire under one
-    layer of grains in the sun, and a crumpled foil.
+    layer of grains in the sun, and a crumpled foil. `sky_drift_k` and `probe_gradient_k` are half of what
+    sky and probe error change by from the coldest pair to the warmest: a sky between -10 and +10 K of its
+    mean (rectangular; that of Alamosa, 2016-01-01, kept within 3 K by day), and a probe a millimetre deep
+    in sand of 0.25 W/(m K) whose heat flow swings by 150 W/m2, as on the simulated field.
     """
 
     camera_k: float = 0.3
@@ -68,9 +76,15 @@ class Shared:
     probe_to_skin_k: float = 0.5
     reflected_k: float = 5.0
     transmission: float = 0.004
+    sky_drift_k: float = 5.0
+    probe_gradient_k: float = 0.3
 
 
 DEFAULT_SHARED = Shared()
+WARM_SKY_K = 253.15
+"""Stands for the sky where it is to be found: -20 °C, that of humid clear air in the window band."""
+LEAST_MIRRORED = 0.02
+"""Least reflectance to reckon with where it is found together with the sky."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +148,7 @@ def fit_emissivity(
     band: Band = FLAT,
     tape_emissivity_sd: float = 0.0,
     tape_emissivity: float = 1.0,
+    foil_emissivity_sd: float = 0.0,
 ) -> Emissivity:
     """Emissivity, its uncertainty and its budget.
 
@@ -149,6 +164,8 @@ def fit_emissivity(
         What the camera sees.
     tape_emissivity, tape_emissivity_sd
         Of the tape that stood in for the thermometer, where one did.
+    foil_emissivity_sd
+        Of the foil that showed the reflected temperature, where one did.
 
     Raises
     ------
@@ -161,11 +178,13 @@ def fit_emissivity(
     tape = tape_emissivity if tape_emissivity_sd > 0.0 else None
     budget = (
         Contribution("scatter of the pairs", scatter_k, "K", "A", fit.slope_sd),
-        *_shared_effects(pairs, shared, reflected, band, fit.slope, tape),
+        *_shared_effects(pairs, shared, reflected, band, fit, tape),
     )
     if tape is not None:
         effect = fit.slope / tape * tape_emissivity_sd
         budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
+    if foil_emissivity_sd > 0.0:
+        budget += (_of_the_foil(pairs, foil_emissivity_sd, band, fit),)
     found = Emissivity(
         value=fit.slope,
         reflected_k=_mirrored(fit, pairs, reflected, band),
@@ -228,11 +247,14 @@ def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
 
 
 def _shared_effects(
-    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, value: float, tape: float | None
+    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, fit: Line, tape: float | None
 ) -> Iterator[Contribution]:
     """What each shared error would move the emissivity by, found by moving the data and fitting again."""
+    value = fit.slope
 
-    def moved(*, camera_k: float = 0.0, probe_k: float = 0.0, reflected_k: float = 0.0) -> float:
+    def moved(
+        *, camera_k: FloatArray | float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: float = 0.0
+    ) -> float:
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
         if tape is not None:  # the same camera sees the tape, and the tape mirrors the same
             seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
@@ -247,10 +269,48 @@ def _shared_effects(
             ("probe to skin temperature", shared.probe_to_skin_k),
         ):
             yield Contribution(name, error_k, "K", "B", moved(probe_k=error_k))
+        gradient_k = shared.probe_gradient_k
+        effect = moved(probe_k=gradient_k * _place(pairs))
+        yield Contribution("probe error with heat flow", gradient_k, "K", "B", effect)
     if reflected == "fixed" or tape is not None:
         shift = moved(reflected_k=shared.reflected_k)
         yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
+    if not pairs.follows_the_sky:
+        drift_k = _drift_as_seen_k(pairs, shared.sky_drift_k, band, reflected, fit)
+        effect = _with_the_mirror(moved(camera_k=drift_k), fit)
+        yield Contribution("drift of the sky", shared.sky_drift_k, "K", "B", effect)
     yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
+
+
+def _place(pairs: Pairs) -> FloatArray:
+    """How far each pair is from their mean, in halves of the span; zeros if all are alike."""
+    away = pairs.contact_k - pairs.contact_k.mean()
+    return np.asarray(away / max(0.5 * pairs.span_k, 1e-9))
+
+
+def _with_the_mirror(effect: float, fit: Line) -> float:
+    """An effect in proportion to the reflectance, which is known no better: s = c (1 - e + s).
+
+    A drift that makes the emissivity too large hides itself, since it also makes the mirror too small.
+    """
+    mirrored = max(1.0 - fit.slope, LEAST_MIRRORED)
+    return effect / max(1.0 - abs(effect) / mirrored, 0.25)
+
+
+def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contribution:
+    """What a foil that emits more or less than assumed does: the sky would be colder or warmer."""
+    own = band.signal(pairs.contact_k) - band.signal(pairs.reflected_k)
+    shift_k = -foil_sd * own / _steepness(pairs.reflected_k, band)
+    moved = _line(replace(pairs, reflected_k=pairs.reflected_k + shift_k), "fixed", band)
+    return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
+
+
+def _drift_as_seen_k(pairs: Pairs, drift_k: float, band: Band, reflected: Reflected, fit: Line) -> FloatArray:
+    """Change of the camera's temperature where the sky drifts as the surface warms."""
+    mirror_k = pairs.reflected_k if reflected == "fixed" else np.full(len(pairs), WARM_SKY_K)
+    mirrored = max(1.0 - fit.slope, LEAST_MIRRORED)
+    per_k = _steepness(mirror_k, band) / _steepness(pairs.apparent_k, band)
+    return np.asarray(mirrored * per_k * drift_k * _place(pairs))
 
 
 def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:

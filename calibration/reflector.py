@@ -1,5 +1,6 @@
 """The reflector method: crumpled foil in the surface's plane shows what the surface mirrors (ISO 18434-1).
 
+Foil is not a perfect mirror: the few hundredths that it emits itself make a cold sky some kelvins too warm.
 Foil under a cold sky may be colder than the camera can tell; then it shows the camera's lowest value in
 many pixels at once, which is a bound and no measurement.
 """
@@ -9,10 +10,27 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.calibration.band import FLAT, Band
 from fieldkit.errors import CalibrationError
+from fieldkit.physics.facet import FloatArray
 
 SATURATED_SHARE = 0.25
 """Of a foil's pixels at one lowest count; noise alone leaves a few of a hundred there."""
+
+FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD = 0.04, 0.02
+"""Aluminium foil at 10 micrometres and 27 °C in the emissivity tables of thermal camera manuals; dust and
+folds add, and its own temperature is only known as the surface's it lies on."""
+
+
+def mirrored_temperature_k(
+    foil_k: FloatArray, surface_k: FloatArray, foil_emissivity: float, band: Band = FLAT
+) -> FloatArray:
+    """Band temperature of what a foil mirrors, its own emission taken out, kelvin, (n,).
+
+    `foil_k` is how the camera reads it at emissivity 1, `surface_k` its own temperature.
+    """
+    own = foil_emissivity * band.signal(surface_k)
+    return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))
 
 
 def is_saturated(counts: NDArray[np.uint16]) -> bool:

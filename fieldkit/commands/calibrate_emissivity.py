@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fieldkit.calibration.reflector import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import meant
 from fieldkit.commands.types import RECORD_NAME
@@ -45,6 +46,20 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
     "--tape-sd", type=click.FloatRange(0.001), default=0.01, show_default=True, help="Its uncertainty."
 )
 @click.option(
+    "--foil-emissivity",
+    type=click.FloatRange(0, 0.5),
+    default=FOIL_EMISSIVITY,
+    show_default=True,
+    help="What the foil emits itself, at the surface's temperature.",
+)
+@click.option(
+    "--foil-sd",
+    type=click.FloatRange(0),
+    default=FOIL_EMISSIVITY_SD,
+    show_default=True,
+    help="Standard uncertainty of the foil's emissivity.",
+)
+@click.option(
     "--band",
     default="8-14",
     show_default=True,
@@ -77,6 +92,22 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
     help="Of probe to skin, 0.3 K per millimetre of sand.",
 )
 @click.option("--reflected-sd", type=click.FloatRange(0), default=5.0, show_default=True, metavar="K")
+@click.option(
+    "--probe-gradient-sd",
+    type=click.FloatRange(0),
+    default=0.3,
+    show_default=True,
+    metavar="K",
+    help="Half of what the probe's error changes by from the coldest pair to the warmest.",
+)
+@click.option(
+    "--sky-drift-sd",
+    type=click.FloatRange(0),
+    default=5.0,
+    show_default=True,
+    metavar="K",
+    help="The same of the sky, where no foil follows it.",
+)
 @click.option(
     "--temperatures",
     type=click.IntRange(3),  # fewer pairs cannot show whether they agree: emissivity_refusals.MIN_PAIRS
@@ -158,6 +189,7 @@ def fit(pairs: Pairs, setup: Setup, given: dict[str, Any]) -> Emissivity:
         band=setup.band,
         tape_emissivity=setup.tape_emissivity,
         tape_emissivity_sd=given["tape_sd"] if setup.tape is not None else 0.0,
+        foil_emissivity_sd=given["foil_sd"] if setup.foil is not None else 0.0,
     )
 
 
@@ -165,7 +197,14 @@ def shared_of(given: dict[str, Any]) -> Shared:
     """Uncertainties that all pairs share, as given."""
     from fieldkit.calibration.emissivity import Shared
 
-    return Shared(given["camera_sd"], given["thermometer_sd"], given["probe_sd"], given["reflected_sd"])
+    return Shared(
+        camera_k=given["camera_sd"],
+        thermometer_k=given["thermometer_sd"],
+        probe_to_skin_k=given["probe_sd"],
+        reflected_k=given["reflected_sd"],
+        sky_drift_k=given["sky_drift_sd"],
+        probe_gradient_k=given["probe_gradient_sd"],
+    )
 
 
 def record_of(

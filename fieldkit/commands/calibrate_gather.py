@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from fieldkit.calibration.band import Band, before_camera_settings, transmission, without_air
 from fieldkit.calibration.emissivity import tape_temperature_k
-from fieldkit.calibration.reflector import is_saturated, refuse_saturated
+from fieldkit.calibration.reflector import (
+    FOIL_EMISSIVITY,
+    is_saturated,
+    mirrored_temperature_k,
+    refuse_saturated,
+)
 from fieldkit.calibration.steady import Readings
 from fieldkit.device import StreamInfo
 from fieldkit.errors import CalibrationError
@@ -25,9 +30,10 @@ FloatArray = NDArray[np.float64]
 class Setup:
     """What looks at what: streams and regions, and what lies between surface and camera.
 
-    `foil` None means the reflected temperature is not measured by the camera; `tape` is the region that
-    stands in for a thermometer. `fahrenheit` for a thermometer that showed °F under another name.
-    `camera_emissivity` is what the camera has applied itself, with `camera_reflected_k`.
+    `foil` None means the reflected temperature is not measured by the camera; `foil_emissivity` is what it
+    emits itself. `tape` is the region that stands in for a thermometer. `fahrenheit` for a thermometer that
+    showed °F under another name. `camera_emissivity` is what the camera has applied itself, with
+    `camera_reflected_k`.
     """
 
     camera: StreamInfo
@@ -38,6 +44,7 @@ class Setup:
     foil: Region | None = None
     tape: Region | None = None
     tape_emissivity: float = 0.95
+    foil_emissivity: float = FOIL_EMISSIVITY
     reflected_k: float = math.nan
     fahrenheit: bool = False
     camera_emissivity: float = 1.0
@@ -112,7 +119,12 @@ class Gathering:
         times = np.array([row[0] for row in self._camera], np.int64)
         table = np.array([row[1:] for row in self._camera], np.float64).T
         apparent, foil, tape = (self._at_surface(column) for column in table)
-        reflected = foil if setup.foil is not None else np.full(times.size, setup.reflected_k)
+        # a foil on the surface is about as warm as that, and emits a few hundredths itself
+        reflected = (
+            np.full(times.size, setup.reflected_k)
+            if setup.foil is None
+            else mirrored_temperature_k(foil, apparent, setup.foil_emissivity, setup.band)
+        )
         if setup.tape is not None:
             contact = tape_temperature_k(tape, setup.tape_emissivity, reflected, setup.band)
             return Readings(times, apparent, reflected, times, contact)

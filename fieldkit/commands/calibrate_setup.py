@@ -33,7 +33,7 @@ def setup_of(
     foil, reflected_k = _reflected(given["reflected"], regions, where)
     setup = Setup(
         camera, sample, band_of(given["band"]), foil=foil, tape=tape, reflected_k=reflected_k,
-        tape_emissivity=given["tape_emissivity"],
+        tape_emissivity=given["tape_emissivity"], foil_emissivity=given["foil_emissivity"],
         fahrenheit=given["unit"] == "F",
         camera_emissivity=_applied(camera, given["camera_emissivity"]),
         camera_reflected_k=given["camera_reflected"] + ZERO_C,

@@ -8,8 +8,9 @@ pairs and each instrument's error are drawn anew; the fit is told only how large
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,32 @@ def surfaces() -> tuple[Surface, ...]:
     return tuple(surface for scene in scenes for surface in _steady(scene))
 
 
+FreeCase = Literal["still", "sky 5 K", "sky 10 K", "probe"]
+FLUX_SWING_W_M2 = 130.0  # from the coldest pair to the warmest, as on the simulated field in summer
+
+
+def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:
+    """Days without a foil, the surface over 18-40 K, of which one `case` says what drifts.
+
+    The sky is colder or warmer by 5 or 10 K at the warmest pair and the other way at the coldest; the probe
+    lies up to two millimetres deep in sand whose heat flow grows with its temperature.
+    """
+    random = np.random.default_rng(seed)
+    for _ in range(count):
+        emissivity, sky_k = random.uniform(0.85, 0.98), random.uniform(223.15, 263.15)
+        span_k, warmest_k = random.uniform(18.0, 40.0), random.uniform(300.0, 330.0)
+        share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 10)])
+        drift_k = {"sky 5 K": 5.0, "sky 10 K": 10.0}.get(case, 0.0) * random.choice([-1.0, 1.0])
+        deep_m = random.uniform(0.0, DEEPEST_M) if case == "probe" else 0.0
+        day = make_day(
+            random, emissivity=float(emissivity), surface_k=warmest_k - span_k * share,
+            probe_error_k=-deep_m * FLUX_SWING_W_M2 / SAND_W_M_K * (1.0 - share),
+            sky_k=sky_k + drift_k * (1.0 - 2.0 * share), thermometer_k=0.3, shared=Shared(),
+        )  # fmt: skip
+        nothing = np.full(share.size, 150.0)
+        yield replace(day, pairs=replace(day.pairs, reflected_k=nothing))
+
+
 def _steady(scene: Scene) -> Iterator[Surface]:
     minutes = np.arange(480)
     curves = np.array([scene.at(scene.start_ns + int(m) * MINUTE_NS).surface_k for m in minutes]).T
@@ -117,7 +144,7 @@ def make_day(
     emissivity: float,
     surface_k: FloatArray,
     probe_error_k: FloatArray | float,
-    sky_k: float,
+    sky_k: FloatArray | float,
     thermometer_k: float,
     shared: Shared | None,
 ) -> Day:
@@ -132,4 +159,4 @@ def make_day(
     contact = surface_k + probe_error_k + calibration + PLACEMENT_K * random.standard_normal(count)
     foil = np.full(count, sky_k + told.reflected_k * random.standard_normal())
     sds = np.full(count, NOISE_K), np.full(count, PLACEMENT_K)
-    return Day(emissivity, surface_k, sky_k, Pairs(apparent, contact, foil, *sds), told)
+    return Day(emissivity, surface_k, float(np.mean(sky_k)), Pairs(apparent, contact, foil, *sds), told)

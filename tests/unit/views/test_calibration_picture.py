@@ -17,7 +17,7 @@ def test_every_word_and_number_of_the_picture_lies_inside_it_and_beside_the_othe
 
     from fieldkit.views.calibration_picture import emissivity_figure
 
-    surface, sky, sd = np.linspace(278.0, 303.0, 12), np.full(12, 240.0), np.full(12, 0.1)
+    surface, sky, sd = np.linspace(278.0, 323.0, 12), np.full(12, 240.0), np.full(12, 0.1)
     pairs = Pairs(brightness_temperature_k(surface, 0.85, sky), surface, sky, sd, sd)
     found = fit_emissivity(pairs, Shared(), reflected=reflected)
     figure = emissivity_figure(found, pairs, FLAT)
