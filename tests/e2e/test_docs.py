@@ -1,8 +1,8 @@
 """The documentation says what is: its commands run, and print what the page shows.
 
-In a block marked ``console`` lines after ``$`` are typed, the others are what is printed, on
-stdout and stderr together. A block marked ``python`` is run, and prints what a ``text`` block
-right after it shows. Words must agree, numbers to within 15 % or six of their last digit
+In a block marked ``console`` lines after ``$`` are typed, with those after ``>`` that go on with them; the
+others are what is printed, on stdout and stderr together. A block marked ``python`` is run, and prints what
+a ``text`` block right after it shows. Words must agree, numbers to within 15 % or six of their last digit
 (they move with every improvement of an estimator; those after ``±`` so much that only their
 presence counts); ``...`` stands for anything. What a page runs, it runs one after the other
 in an empty folder.
@@ -30,8 +30,8 @@ def commands(page: Path) -> list[tuple[str, list[str] | None]]:
         if kind == "python":
             found.append((f"python -W error - <<'PYTHON'\n{body}PYTHON", printed.splitlines() or None))
             continue
-        for typed, *shown in re.findall(r"(?ms)^\$ (.*?)\n(.*?)(?=^\$ |\Z)", body):
-            found.append((typed, "".join(shown).splitlines()))
+        for typed, shown in re.findall(r"(?ms)^\$ (.*?\n(?:> .*?\n)*)(.*?)(?=^\$ |\Z)", body):
+            found.append((re.sub(r"(?m)^> ", "", typed), shown.splitlines()))
     return found
 
 
@@ -102,7 +102,7 @@ def shell(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.timeout(300)  # one page records four hours of an afternoon
+@pytest.mark.timeout(1800)  # one page records four hours of an afternoon
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_what_a_page_shows_is_what_is_printed(page, shell):
     for command, shown in commands(page):

@@ -27,7 +27,7 @@ from tests.harness.calibration_days import (
     rewritten,
 )
 
-pytestmark = pytest.mark.timeout(300)  # a recorded afternoon comes before the first trial
+pytestmark = pytest.mark.timeout(1800)  # a recorded afternoon comes before the first trial
 SAND = {"name": "sand", "kind": "reference", "points_px": [[18, 77], [64, 74], [65, 101], [15, 106]]}
 FOIL = {"name": "foil", "points_px": [[93, 74], [140, 77], [145, 106], [95, 101]]}
 STEEP = {

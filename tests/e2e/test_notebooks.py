@@ -27,7 +27,7 @@ def printed_by(tmp_path, monkeypatch):
         (tmp_path / "work").mkdir()
         notebook = nbformat.read(NOTEBOOKS / name, as_version=4)
         place = {"metadata": {"path": str(tmp_path / "work")}}
-        nbclient.NotebookClient(notebook, timeout=100, resources=place).execute()
+        nbclient.NotebookClient(notebook, timeout=500, resources=place).execute()
         outputs = (output for cell in notebook.cells for output in cell.get("outputs", ()))
         return "\n".join(output.get("text", "") for output in outputs)
 

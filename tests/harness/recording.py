@@ -154,12 +154,17 @@ class Counters:
 
 
 def record_until_killed(path: Path, counters: Path, frames: int, rate_hz: float) -> None:
-    """What the doomed process does: record at `rate_hz`, counting what is stored; close after `frames`."""
+    """What the doomed process does: record at `rate_hz`, counting what is stored.
+
+    It closes after `frames`, or before when somebody else sets the stage to closing.
+    """
     counted, clock, head = Counters(counters), HostClock(), header()
     writer = SessionWriter(path, head, clock)
     counted.stage = 1
     began = time.monotonic()
     for seq in range(frames):
+        if counted.stage > 1:
+            break
         for number, info in enumerate(head.streams):
             if number == 0 or seq % 10 == 0:
                 own = seq if number == 0 else seq // 10
@@ -188,12 +193,16 @@ def apply_until_killed(path: Path, counters: Path) -> None:
         apply_time_map(path, [TimeStep(0, 10**9, "gps"), TimeStep(5, 2 * 10**9, "slept")])
 
 
+PATIENCE_S = 300.0
+"""A busy computer is no failure; only what hangs is ended."""
+
+
 def started(target: object, *arguments: object, counters: Path, stage: int) -> BaseProcess:
     """Start a process and wait until it has come to a stage."""
     Counters(counters)  # made here, so that the two do not both make it
     process = SPAWN.Process(target=target, args=arguments)  # type: ignore[arg-type]
     process.start()
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + PATIENCE_S
     while Counters(counters).stage < stage:
         assert time.monotonic() < deadline, "the recording process did not get going"
         assert process.is_alive() or Counters(counters).stage >= stage, "the recording process ended at once"

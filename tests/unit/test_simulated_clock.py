@@ -204,8 +204,8 @@ def test_thread_that_does_not_take_part_may_sleep_too(clock):
         crew.joined = threading.Barrier(2)
         crew.threads[0].start()
         crew.joined.wait()
-    looker.join(10.0)
-    crew.threads[0].join(10.0)
+    looker.join(500.0)
+    crew.threads[0].join(500.0)
     assert not looker.is_alive()
     assert seen == [START_MONO_NS + n * SECOND_NS for n in range(1, 101)]
 
@@ -318,7 +318,7 @@ def test_close_wakes_everybody_and_lets_loops_end(clock):
     started.wait()
     clock.close()
     for thread in threads:
-        thread.join(10.0)
+        thread.join(500.0)
     assert len(ends) == 2
 
 

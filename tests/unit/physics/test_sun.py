@@ -159,7 +159,7 @@ def test_sun_works_with_sockets_blocked_and_no_cache(tmp_path):
         "XDG_CONFIG_HOME": str(tmp_path),
     }
     done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_SOCKETS], capture_output=True, text=True, env=empty, timeout=100
+        [sys.executable, "-c", WITHOUT_SOCKETS], capture_output=True, text=True, env=empty, timeout=500
     )
     assert done.returncode == 0, done.stderr
     assert float(done.stdout.split()[0]) == pytest.approx(26.87753, abs=TOLERANCE_DEG)

@@ -79,7 +79,7 @@ def run(
         inbox = Inbox({device.info.name: 10_000})
         feed = Feed(device, lambda: reopen(device), inbox, clock, sampling, start_ns + round(lasting_s * S))
         feed.start()
-        assert feed.join(20.0)
+        assert feed.join(500.0)
         assert feed.crashed is None
     items = []
     while (item := inbox.get(0.0)) is not None:
@@ -280,5 +280,5 @@ def test_garbled_records_are_counted_over_all_openings() -> None:
             Sampling(), start_ns + 40 * S,
         )  # fmt: skip
         feed.start()
-        assert feed.join(20.0)
+        assert feed.join(500.0)
     assert feed.rejected == 3 + 2 + 4
