@@ -164,20 +164,19 @@ class Salvage:
             yield seq, rows.get(seq)
 
     def entries(self) -> Iterator[Entry]:
-        """Everything that is no sample: of each kind, from the side that has more of it."""
+        """Everything that is no sample: from the journal, and from the file what a damaged one has not."""
         journalled = list(self._journal.entries()) if self._journal is not None else []
         stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
         found = 0
         for kind in _KINDS:
             ours = [entry for entry in journalled if isinstance(entry, kind)]
             theirs = [entry for entry in stored if isinstance(entry, kind)]
-            more = ours if len(ours) >= len(theirs) else theirs
+            more = _together(ours, theirs) if self._journal_damage else max(ours, theirs, key=len)
             found += len(more)
             yield from more
         if (lost := self._written.entries - found) > 0:
-            self._journal_damage.append(
-                f"{lost} of {self._written.entries} events, slopes and the like are lost"
-            )
+            what = "events, slopes and records of health"
+            self._journal_damage.append(f"{lost} of {self._written.entries} {what} are lost")
         if self._session is not None and self._journal is None:
             self._file_damage.extend(_lost_rows(self._session))
 
@@ -190,6 +189,25 @@ class Salvage:
         except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
             self._file_damage.append(f"time_map: {error}")
             return {}
+
+
+def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
+    """Entries of one kind that the journal has or the file, in the order they were written.
+
+    The file has all up to some point, the journal may have holes, but is exact.
+    """
+    exact = {_key(entry): entry for entry in ours}
+    stored = [exact.pop(_key(entry), entry) for entry in theirs]
+    return stored + list(exact.values())
+
+
+def _key(entry: Entry) -> tuple[object, ...]:
+    """What tells an entry from others of its kind, as exactly as the file has it."""
+    if isinstance(entry, RegionRecord):
+        return entry.time_ns // 1000, entry.region.name, entry.region.vertices
+    if isinstance(entry, MinuteRecord):
+        return (entry.time_ns // 1000,)
+    return (entry.mono_ns, entry.kind, entry.text) if isinstance(entry, Event) else (entry.mono_ns,)
 
 
 def _time_map(session: Session) -> dict[str, NDArray[Any]]:

@@ -15,6 +15,7 @@ from fieldkit.site import Region, RegionKind
 
 @pytest.fixture
 def roi(tmp_path, monkeypatch):
+    (tmp_path / "home").mkdir()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     assert CliRunner().invoke(main, ["init", str(tmp_path)]).exit_code == 0
     file = tmp_path / "fieldkit.toml"

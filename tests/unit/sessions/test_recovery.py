@@ -16,6 +16,7 @@ from fieldkit.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage_file
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.journal import wal_of
+from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
@@ -221,6 +222,30 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path
     assert not (tmp_path / "a.h5.recovering").exists()
     with open_session(path) as session:
         assert session.state == "recovered"
+
+
+def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    writer = SessionWriter(path, HEADER, CountedClock())
+    for n in range(200):
+        writer.event(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
+        writer.append(sample(HEADER.streams[0], n))
+    writer._bricks.stop()
+    writer._bricks.join()  # all of it is in the file
+    writer._bricks.file.flush(everything=True)
+    writer.abandon()
+    log = wal_of(journal_path(path) / "000001.sqlite")
+    data = bytearray(log.read_bytes())
+    third = len(data) // 3
+    data[third : 2 * third] = bytes(third)
+    log.write_bytes(data)
+    with JournalReader(log.parent, salvage=True) as journal:
+        assert len([one for one in journal.entries() if isinstance(one, Event)]) < 200
+    report = recover(path)
+    assert not any("are lost" in line for line in report.damage)
+    with open_session(path) as session:
+        marks = [event.mono_ns for event in session.events() if event.kind is EventKind.MARK]
+    assert marks == list(range(200))
 
 
 def test_new_file_that_was_damaged_before_it_took_its_place_is_made_again(tmp_path: Path) -> None:
