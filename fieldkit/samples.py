@@ -124,6 +124,7 @@ class EventKind(enum.IntEnum):
     MOVED = 18
     OVERRANGE = 19
     REGION = 20
+    MODE = 21
 
 
 class Frame(NamedTuple):

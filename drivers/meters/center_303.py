@@ -16,6 +16,8 @@ offset content
 
 Bits 7-6 of offset 2: 00 T1-T2 and T1, 01 T1-T2 and T2, 10 T1 and T2, 11 T2 and T1.
 A channel has no fixed place. Leading digits may be blank (B; one program, against a real meter).
+A relative display (REL) shows differences from a temperature it does not name: it has no value. What the
+three bits of max/min mean is not said; any of them makes the display not that of now.
 The models 300 and 302 have one probe: their sub is a timer, MM:SS with bit 4 of offset 2, else HH:MM.
 """
 
@@ -38,6 +40,7 @@ LENGTH = 8
 CHANNELS = ("T1", "T2")
 WINDOWS = (("T1-T2", "T1"), ("T1-T2", "T2"), ("T1", "T2"), ("T2", "T1"))
 ONE_PROBE = ("300", "302")
+HOLD, RELATIVE, EXTREME = 0x20, 0x10, 0x07
 _START, _BLANK = b"\x02", "b"
 
 
@@ -75,19 +78,21 @@ def _value(buffer: bytes, place: int, channel: str) -> Value | None:
     """The main (0) or sub (1) value; None if its digits are not decimal."""
     flags = buffer[2] >> 3 * place
     unit = "°C" if buffer[1] & 0x80 else "°F"
-    quality = Quality.STALE if buffer[1] & 0x20 else Quality.GOOD
+    quality = Quality.STALE if buffer[1] & (HOLD | EXTREME) else Quality.GOOD
     words = _words(buffer[1])
     if flags & 1:
         return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *words))
     digits = buffer[3 + 2 * place : 5 + 2 * place].hex().lstrip(_BLANK)
     if not digits.isdigit():
         return None
+    if buffer[1] & RELATIVE:
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, words)
     number = int(digits) / (1 if flags & 4 else 10)
     return Value(-number if flags & 2 else number, unit, channel, quality, words)
 
 
 def _words(first: int) -> tuple[str, ...]:
-    states = ((0x40, "low_battery"), (0x20, "hold"), (0x10, "relative"), (0x07, "max_min"))
+    states = ((0x40, "low_battery"), (HOLD, "hold"), (RELATIVE, "relative"), (EXTREME, "max_min"))
     return tuple(word for bits, word in states if first & bits)
 
 

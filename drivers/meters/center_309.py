@@ -15,7 +15,8 @@ offset content
 44     03
 ====== ===================================================================================
 
-Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read. Sure: all of the table but
+Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read: offsets 7-14 are the temperatures of
+now, whichever of them the display shows. Sure: all of the table but
 the sign, which stands on one source: below 0 °C is unproven. There is no checksum and 02, 03
 occur inside; a record whose channels lie outside what thermocouples can show is rejected.
 An open probe shows as overload, as 7FFF or as 8000.

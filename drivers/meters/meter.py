@@ -44,7 +44,8 @@ class Asking:
 class Meter:
     """An opened meter; `keys` are its own names of the stream's channels, in order.
 
-    `units` are the channels' own where the stream has more than one.
+    `units` are the channels' own where the stream has more than one. `words` are the states that the meter
+    said beside its last values: "hold", "relative", "low_battery".
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class Meter:
         self._layout = layout
         self._clock = clock
         self._keys, self._units = tuple(keys), tuple(units) or (info.unit,) * len(keys)
+        self.words: tuple[str, ...] = ()
         self._channels: tuple[Channel, ...] = ()
         self._conversion: Conversion | None = None
         self._asking = asking
@@ -128,6 +130,7 @@ class Meter:
         (_, numbers, channels, _, device_time), raw, mono_ns, bunched = found
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
+            self.words = tuple(dict.fromkeys(word for one in channels for word in one.words))
         if self._conversion is None:
             self._foreign += bool(numbers)  # a line without values is not wrong
             return None

@@ -9,19 +9,21 @@ offset content
 0-2    AA DD 00
 3-9    year, weekday, month, day, hour, minute, second, each two BCD digits
 10-11  value, 100 x high + low, plain binary 0-99 each
-12-13  value without the relative zero, the same
+12-13  in relative mode another value, the same
 14     bit 7 auto power off is off, 6 hold, 5-3 mode (0 normal, 2 peak min, 3 peak max,
        4 max, 5 min, 6 relative), 2 foot-candle (else lux), 1-0 range
 15     bit 5 low battery, 4 minus
 16-17  record count, cursor
 ====== ==========================================================================
 
-The public program takes bytes 10-11 for the absolute value, its author's later description bytes 12-13.
-There is neither a check nor an overload flag; a value at the end of the largest range is flagged.
+In relative mode the public program takes bytes 10-11 for the light, its author's later description bytes
+12-13: neither is taken, the mode has no value. There is neither a check nor an overload flag; a value at
+the end of the largest range is flagged.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -66,16 +68,15 @@ def _value(buffer: bytes) -> Value:
     mode = state >> 3 & 7
     unit = "fc" if state & 0x04 else "lx"
     full_scale = FULL_SCALE[unit][state & 3]
-    # a relative display may be below zero, the light it stands for may not
-    high, low = buffer[12:14] if mode == RELATIVE else buffer[10:12]
-    minus = second & 0x10 and mode != RELATIVE
-    value = (100 * high + low) * full_scale / STEPS
+    value = (100 * buffer[10] + buffer[11]) * full_scale / STEPS
     quality = Quality.STALE if state & 0x40 or mode in EXTREMES else Quality.GOOD  # not the light of now
-    if value >= full_scale - full_scale / STEPS:
+    if mode == RELATIVE:
+        value, quality = math.nan, quality | Quality.NO_VALUE
+    elif value >= full_scale - full_scale / STEPS:
         quality |= Quality.OVERRANGE
     states = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))
     words = tuple(word for present, word in states if present)
-    return Value(-value if minus else value, unit, "illuminance", quality, words)
+    return Value(-value if second & 0x10 else value, unit, "illuminance", quality, words)
 
 
 LAYOUT = Layout(take, LENGTH)

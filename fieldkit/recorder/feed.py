@@ -17,11 +17,12 @@ from fieldkit.clock import Clock
 from fieldkit.device import Camera, Device, StreamInfo
 from fieldkit.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity
+from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 
 SECOND_NS = 1_000_000_000
 READ_TIMEOUT_S = 0.5
 LONGEST_BACK_OFF_S = 30.0
+WORDS_EVERY_NS = 60 * SECOND_NS
 SHUTTER_LEAD_S = 12.0  # a correction takes 1-3 s and the level needs 10 s to settle
 
 
@@ -63,6 +64,8 @@ class Feed:
         self._last: Sample | None = None
         self._before_loss: Sample | None = None
         self._doubt = Quality.GOOD
+        self._words: tuple[str, ...] = ()
+        self._words_until_ns = 0
         self._rejected_before = 0
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
@@ -168,11 +171,22 @@ class Feed:
                 if Quality.DROPPED_BEFORE in sample.quality:
                     self._tell(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
                 self._inbox.put(sample)
+                self._tell_words(sample)
                 if Quality.FROZEN in sample.quality:
                     raise DeviceLostError("the picture is frozen")
                 return
             if self._clock.mono_ns() >= deadline_ns:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
+
+    def _tell_words(self, sample: Sample) -> None:
+        """Tell what a meter says beside its values when that has changed, at most once a minute."""
+        words = getattr(self._device, "words", ())  # cameras have none
+        if words == self._words or sample.mono_ns < self._words_until_ns:
+            return
+        self._words, self._words_until_ns = words, sample.mono_ns + WORDS_EVERY_NS
+        severity = Severity.INFO if is_usable(sample.quality) else Severity.WARNING
+        text = ", ".join(words).replace("_", " ") or "nothing any more"
+        self._tell(EventKind.MODE, f"the meter shows: {text}", severity)
 
     def _across_openings(self, sample: Sample) -> Sample:
         """With the doubts that a device just opened again cannot have: it does not know what was before."""

@@ -27,7 +27,7 @@ _TOLD = {
     Quality.NO_VALUE: (
         EventKind.OVERRANGE,
         Severity.WARNING,
-        "no value: open probe, overload or unknown scale",
+        "no value: open probe, overload, relative display or unknown scale",
     ),
 }
 _TOLD_ALL = Quality(sum(_TOLD))

@@ -57,7 +57,7 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
     assert not any(notices for _, notices in closed)
 
 
-@pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE])
+@pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
 def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
     minute = OpenMinute(0, 0)

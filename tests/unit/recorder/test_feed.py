@@ -282,3 +282,27 @@ def test_garbled_records_are_counted_over_all_openings() -> None:
         feed.start()
         assert feed.join(500.0)
     assert feed.rejected == 3 + 2 + 4
+
+
+class Showing(Meter):
+    """A meter whose display changes at 5 s, 20 s and 90 s."""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        second = (self.clock.mono_ns() - self.start_ns) / S
+        return () if second < 5 else ("hold",) if second < 20 else ("low_battery",) if second < 90 else ()
+
+    def read(self, timeout_s: float) -> Reading | None:
+        reading = super().read(timeout_s)
+        held = self.words == ("hold",)
+        return reading._replace(quality=Quality.STALE) if reading is not None and held else reading
+
+
+def test_what_a_meter_shows_beside_its_values_is_told_when_it_changes_and_not_too_often() -> None:
+    _, told, start_ns = run(Showing, same_unless_unplugged, 130.0)
+    assert [(one.kind, one.text, one.severity.name) for one in told] == [
+        (EventKind.MODE, "lux: the meter shows: hold", "WARNING"),
+        (EventKind.MODE, "lux: the meter shows: low battery", "INFO"),
+        (EventKind.MODE, "lux: the meter shows: nothing any more", "INFO"),
+    ]
+    assert [round((one.mono_ns - start_ns) / S) for one in told] == [5, 65, 125]

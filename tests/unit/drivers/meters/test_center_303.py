@@ -7,6 +7,7 @@ from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.center_303 import Center303, take
 from fieldkit.drivers.records import Rejected
 from fieldkit.errors import DeviceNotFoundError
+from fieldkit.samples import Quality, is_usable
 
 RECORD = bytes.fromhex("02 80 80 02 35 01 98 03")
 
@@ -63,6 +64,31 @@ def test_difference_on_the_display_is_not_recorded(wire):
     first, second = device.read(1.0).values
     assert first == pytest.approx(19.8 + 273.15)
     assert math.isnan(second)
+    device.close()
+
+
+def test_relative_display_has_no_temperature(wire):
+    """0.7 degrees against a temperature that the display does not name."""
+    wire.answer({b"K": b"303\r", b"A": bytes.fromhex("02 90 80 00 07 01 98 03")})
+    device = Center303().open(settings(wire), HostClock())
+    reading = device.read(1.0)
+    assert all(map(math.isnan, reading.values))
+    assert reading.quality == Quality.NO_VALUE
+    assert reading.raw == bytes.fromhex("02 90 80 00 07 01 98 03")
+    assert device.words == ("relative",)
+    assert not is_usable(reading.quality)
+    device.close()
+
+
+@pytest.mark.parametrize(("state", "words"), [(0x20, ("hold",)), (0x01, ("max_min",)), (0x04, ("max_min",))])
+def test_held_and_extreme_displays_are_not_the_temperature_of_now(wire, state, words):
+    wire.answer({b"K": b"303\r", b"A": bytes([2, 0x80 | state]) + RECORD[2:]})
+    device = Center303().open(settings(wire), HostClock())
+    reading = device.read(1.0)
+    assert reading.values == pytest.approx((296.65, 292.95))  # as the display shows it
+    assert reading.quality == Quality.STALE
+    assert device.words == words
+    assert not is_usable(reading.quality)
     device.close()
 
 

@@ -106,6 +106,18 @@ def test_held_display_is_stale(wire):
     device.close()
 
 
+@pytest.mark.parametrize(("state", "word"), [(0x10, "relative"), (0x02, "maximum"), (0x04, "minimum")])
+def test_what_the_display_shows_does_not_change_the_temperatures_of_now(wire, state, word):
+    """The record has those of REL, MIN and MAX apart, at offsets 15-38."""
+    wire.answer({b"K": b"309\r", b"A": RECORD[:1] + bytes([0x80 | state]) + RECORD[2:]})
+    device = Center309().open(settings(wire), HostClock())
+    reading = device.read(1.0)
+    assert reading.values[0] == pytest.approx(25.3 + 273.15)
+    assert reading.quality == Quality.GOOD
+    assert word in device.words
+    device.close()
+
+
 def test_sibling_of_another_record_is_named(wire):
     wire.answer({b"K": b"303\r"})
     with pytest.raises(DeviceNotFoundError, match="Center 303") as caught:

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from fieldkit.clock import HostClock
@@ -33,10 +35,11 @@ def test_unit_and_range_scale_the_value(state, unit, value):
     assert (found.unit, found.value) == (unit, pytest.approx(value))
 
 
-def test_relative_mode_gives_the_absolute_value():
+def test_relative_mode_has_no_value():
+    """The program of philpagel/PCE174-communication takes bytes 10-11, its protocol.md bytes 12-13."""
     (found,) = take(changed(_10=0, _11=5, _14=6 << 3)).values
-    assert found.value == 98700
-    assert found.flags == ["relative"]
+    assert math.isnan(found.value)
+    assert found.flags == ["no_value", "relative"]
 
 
 @pytest.mark.parametrize(
@@ -49,7 +52,7 @@ def test_relative_mode_gives_the_absolute_value():
         (0x99, ["stale", "peak_maximum"]),
         (0xA1, ["stale", "maximum"]),
         (0xA9, ["stale", "minimum"]),
-        (0xB1, ["relative"]),
+        (0xB1, ["no_value", "relative"]),
         (0x81, []),
     ],
 )
