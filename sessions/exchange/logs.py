@@ -21,7 +21,7 @@ from fieldkit.radiation import UNIT, how_to_state, named
 from fieldkit.samples import Reading, Severity
 from fieldkit.sessions.exchange.imported import Foreign, usual_rate_hz
 from fieldkit.sessions.exchange.log_tables import read_table
-from fieldkit.sessions.exchange.times import parse_time_ns, plausible_ns
+from fieldkit.sessions.exchange.times import parse_times_ns, plausible_ns
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
 _UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
@@ -35,7 +35,11 @@ _KNOWN = "C, F, K, lx, W/m2"
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+\.\d*")  # with a point behind them there is no doubt
+# with the other mark behind them, or where there are two, there is no doubt that marks are of thousands
+_BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
+_BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
+_ANY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 12.345 may be twelve, or twelve thousand
+_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 _DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
@@ -69,11 +73,11 @@ def read_log(
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
     places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
     stored, quantity, add, by = _meaning(path, [head[place] for place in places], unit)
-    if not table.has_decimal_commas:
-        _refuse_commas(path, head, rows, places)
+    refuse = _refuse_points if table.has_decimal_commas else _refuse_commas
+    refuse(path, head, rows, places)
     readings = []
-    for stamp, row in zip(stamps, rows, strict=True):
-        time_ns = plausible_ns(parse_time_ns(stamp, zone, time_format) + offset_ns)
+    for stamp_ns, row in zip(parse_times_ns(stamps, zone, time_format), rows, strict=True):
+        time_ns = plausible_ns(stamp_ns + offset_ns)
         values = tuple((_number(_cell(row, place), quantity) + add) / by for place in places)
         raw = ",".join(row).encode()[:255]
         readings.append(Reading(name, time_ns, time_ns, values, raw))
@@ -86,10 +90,14 @@ def read_log(
     )  # fmt: skip
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
     said = f"{path.name}: {len(ordered)} rows{applied}"
-    numbers = (_as_number(_cell(row, place)) for row in rows for place in places)
-    missing = sum(_stands_for_none(number, quantity) for number in numbers)
+    cells = [cell for row in rows for place in places if (cell := _cell(row, place))]
+    missing = sum(_stands_for_none(_as_number(cell), quantity) for cell in cells)
+    words = [cell for cell in cells if math.isnan(_as_number(cell)) and cell.lower() != "nan"]
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
-    warnings = [*_warnings(missing, unknown, info.rate_hz if table.averages else 0.0), *_unmeasured(info)]
+    warnings = [
+        *_warnings(missing, words, unknown, info.rate_hz if table.averages else 0.0),
+        *_unmeasured(info),
+    ]
     return Foreign((info,), ordered, ((Severity.INFO, said), *warnings))
 
 
@@ -147,17 +155,43 @@ def _refuse_commas(
     for row in rows:
         for place in places:
             cell = _cell(row, place)
-            if _WITH_COMMA.fullmatch(cell) and not _THOUSANDS.fullmatch(cell):
+            if _WITH_COMMA.fullmatch(cell) and not _BY_COMMAS.fullmatch(cell):
                 raise ConfigError(
                     f"{path}: {cell!r} in column {head[place]!r} has a comma, of thousands or of decimals",
                     fix="export it with points as decimals and without separators of thousands",
                 )
 
 
-def _warnings(missing: int, unknown: Sequence[str], means_hz: float) -> Iterator[tuple[Severity, str]]:
-    """What is told of cells that stand for no value, columns of unknown units, and means stamped late."""
+def _refuse_points(
+    path: Path, head: Sequence[str], rows: Sequence[Sequence[str]], places: Sequence[int]
+) -> None:
+    """Where commas do not part the columns, a point may be of thousands: not guessed.
+
+    It is of decimals if other numbers show that it must be, and none has a comma.
+    """
+    cells = [(_cell(row, place), head[place]) for row in rows for place in places]
+    doubtful = next((found for found in cells if _ANY_POINT.fullmatch(found[0])), None)
+    if doubtful is None:
+        return
+    has_commas = any("," in cell for cell, _ in cells)
+    if has_commas or not any(_DECIMAL_POINT.fullmatch(c) and not _ANY_POINT.fullmatch(c) for c, _ in cells):
+        raise ConfigError(
+            f"{path}: {doubtful[0]!r} in column {doubtful[1]!r} has a point, of thousands or of decimals",
+            fix="export it with commas between the columns and points as decimals",
+        )
+
+
+def _warnings(
+    missing: int, words: Sequence[str], unknown: Sequence[str], means_hz: float
+) -> Iterator[tuple[Severity, str]]:
+    """What is told of cells without a value, columns of unknown units, and means stamped late."""
     if missing:
         yield Severity.WARNING, f"{missing} cells stand for no value (like -9999 or inf)"
+    if words:
+        yield (
+            Severity.WARNING,
+            f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}",
+        )
     if unknown:
         yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {_KNOWN}"
     if means_hz > 0:
@@ -193,7 +227,11 @@ def _number(cell: str, quantity: str) -> float:
 
 def _as_number(cell: str) -> float:
     try:
-        return float(cell.replace(",", "" if _THOUSANDS.fullmatch(cell) else "."))
+        if _BY_COMMAS.fullmatch(cell):
+            return float(cell.replace(",", ""))
+        if _BY_POINTS.fullmatch(cell):
+            cell = cell.replace(".", "")
+        return float(cell.replace(",", "."))
     except ValueError:
         return float("nan")
 

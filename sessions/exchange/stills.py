@@ -23,7 +23,7 @@ from fieldkit.samples import Frame, Quality, Severity
 from fieldkit.sessions.exchange.imported import Foreign, flag_bunched, usual_rate_hz
 from fieldkit.sessions.exchange.irg import read_irg
 from fieldkit.sessions.exchange.tiff import claimed_pixels, read_tags
-from fieldkit.sessions.exchange.times import parse_time_ns
+from fieldkit.sessions.exchange.times import parse_times_ns
 
 SUFFIXES = (".tif", ".tiff", ".irg")
 _MOST_PIXELS = 1 << 24
@@ -93,7 +93,8 @@ def _stamps(
     if time_format is not None and times is None:
         return _from_names(paths, time_format, zone)
     tags = {path: read_tags(path) for path in paths} if times is None else {}
-    found = {path: parse_time_ns(one.time, zone) for path, one in tags.items() if one is not None}
+    tagged = {path: one.time for path, one in tags.items() if one is not None}
+    found = dict(zip(tagged, parse_times_ns(list(tagged.values()), zone), strict=True))
     if len(found) < len(paths):
         raise ConfigError(
             "when the pictures were taken must be said in one way",
@@ -192,7 +193,10 @@ def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict
             f"{times} has no time for {len(missing)} pictures, the first {missing[0]}",
             fix="add a line for each, or take them out of the folder",
         )
-    return {path: parse_time_ns(rows[path.name], zone) for path in paths}
+    wanted = {path.name: path for path in paths}
+    named = [name for name in rows if name in wanted]  # in the order of the table
+    times_ns = parse_times_ns([rows[name] for name in named], zone)
+    return {wanted[name]: time_ns for name, time_ns in zip(named, times_ns, strict=True)}
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -201,4 +205,5 @@ def _delimiter(lines: Sequence[str]) -> str:
 
 
 def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:
-    return {path: parse_time_ns(path.stem, zone, time_format) for path in paths}
+    times_ns = parse_times_ns([path.stem for path in paths], zone, time_format)
+    return dict(zip(paths, times_ns, strict=True))

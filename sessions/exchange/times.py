@@ -2,33 +2,99 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta, tzinfo
 
 from fieldkit.errors import ConfigError
 
 _EPOCH = datetime.fromtimestamp(0, UTC)
+_COARSE_S = 1800.0
+"""Rows so far apart cannot go back within an hour that comes twice."""
 _WORDS = {"yyyy": "%Y", "mm": "%m", "dd": "%d", "HH": "%H", "MM": "%M", "SS": "%S"}
 
 
-def parse_time_ns(text: str, zone: tzinfo | None, time_format: str | None = None) -> int:
-    """UTC nanoseconds of a time: ISO 8601, Unix seconds, or as `time_format` says.
+def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str | None = None) -> list[int]:
+    """UTC nanoseconds of the times of a log in the order of its rows.
 
-    `time_format` is written for strptime (``%Y-%m-%d``) or in plain letters (``yyyy/mm/dd
-    HH:MM:SS``). Raises `ConfigError` where the text is no such time, or has no offset and
-    no `zone` is given.
+    They are ISO 8601, Unix seconds, or as `time_format` says: written for strptime (``%Y-%m-%d``) or in plain
+    letters (``yyyy/mm/dd HH:MM:SS``). Of the hour that comes twice at the end of summer time, the rows up to
+    where the clock goes back belong to the first.
+
+    Raises `ConfigError` where a text is no such time, has no offset and no `zone` is given, names an hour
+    that was skipped, or one that came twice and the order of the rows does not tell which.
     """
-    if time_format is None and re.fullmatch(r"\d{9,11}(\.\d+)?", text):
-        seconds, _, fraction = text.partition(".")
-        return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
+    exact = [None if time_format else _unix_ns(text) for text in texts]
+    moments = {
+        row: _moment(texts[row], zone, time_format) for row, known in enumerate(exact) if known is None
+    }
+    for row, moment in moments.items():
+        if _hours_back(moment) < 0:
+            said = f"{texts[row]!r} never was in {moment.tzinfo}: clocks were put forward over it"
+            raise ConfigError(said, fix=_fixed_offset(moment))
+    for row in _second_times(moments, texts):
+        moments[row] = moments[row].replace(fold=1)
+    return [utc_ns(moments[row]) if known is None else known for row, known in enumerate(exact)]
+
+
+def _unix_ns(text: str) -> int | None:
+    if not re.fullmatch(r"\d{9,11}(\.\d+)?", text):
+        return None
+    seconds, _, fraction = text.partition(".")
+    return plausible_ns(int(seconds) * 10**9 + int(fraction[:9].ljust(9, "0")))
+
+
+def _moment(text: str, zone: tzinfo | None, time_format: str | None) -> datetime:
     moment = _parsed(text, time_format)
-    if moment.tzinfo is None:
-        if zone is None:
+    if moment.tzinfo is not None:
+        return moment
+    if zone is None:
+        raise ConfigError(f"the time {text!r} has no zone", fix="say which: --zone Asia/Tokyo, or --zone UTC")
+    return moment.replace(tzinfo=zone)
+
+
+def _hours_back(moment: datetime) -> float:
+    """How far clocks were put back over this time: above 0 it came twice, below 0 never."""
+    before, behind = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
+    return (before - behind) / timedelta(hours=1)
+
+
+def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iterator[int]:
+    """Rows whose time came twice and which belong to the second, by the order of the rows.
+
+    The clock goes back once in such a run of rows, which may stand newest first.
+    """
+    shown = {row: moment.replace(tzinfo=None) for row, moment in moments.items()}
+    changes_s = [(later - earlier).total_seconds() for earlier, later in itertools.pairwise(shown.values())]
+    newest_first = sum(change < 0.0 for change in changes_s) > len(changes_s) / 2
+    is_coarse = bool(changes_s) and statistics.median(map(abs, changes_s)) >= _COARSE_S
+    order = sorted(moments, reverse=newest_first)
+    for is_twice, run in itertools.groupby(order, key=lambda row: _hours_back(moments[row]) > 0):
+        rows = list(run)
+        if not is_twice:
+            continue
+        pairs = list(enumerate(itertools.pairwise(shown[row] for row in rows), start=1))
+        back = [place for place, (earlier, later) in pairs if later < earlier]
+        if not back and is_coarse:  # an hourly log only repeats itself
+            back = [place for place, (earlier, later) in pairs if later == earlier]
+        if len(back) != 1:
             raise ConfigError(
-                f"the time {text!r} has no zone", fix="say which: --zone Asia/Tokyo, or --zone UTC"
+                f"{texts[rows[0]]!r} came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
+                "and the order of the rows does not tell which it was",
+                fix=_fixed_offset(moments[rows[0]]),
             )
-        moment = moment.replace(tzinfo=zone)
-    return utc_ns(moment)
+        yield from rows[back[0] :]
+
+
+def _fixed_offset(moment: datetime) -> str:
+    """What to do where a clock's zone leaves its times open: name the offset that it kept."""
+    offsets = (moment.replace(fold=fold).utcoffset() or timedelta() for fold in (0, 1))
+    hours = sorted(offset / timedelta(hours=1) for offset in offsets)
+    kept = " or ".join(f"--zone Etc/GMT{-int(one):+d}" for one in hours if one.is_integer())
+    cut = "export it with times in UTC, or import what lies before and after on its own"
+    return f"if its clock was never put forward or back: {kept}; else {cut}" if kept else cut
 
 
 def utc_ns(moment: datetime) -> int:

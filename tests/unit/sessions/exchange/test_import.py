@@ -18,7 +18,7 @@ from fieldkit.samples import EventKind, Frame, Quality, Severity
 from fieldkit.sessions.exchange.imported import bunched, write_foreign
 from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.exchange.stills import Scale, read_stills
-from fieldkit.sessions.exchange.times import parse_time_ns
+from fieldkit.sessions.exchange.times import parse_times_ns
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.site import Site
@@ -209,14 +209,14 @@ def test_bunched_stamps() -> None:
 def test_times_of_many_kinds(
     text: str, time_format: str | None, zone: ZoneInfo | None, expected: int
 ) -> None:
-    assert parse_time_ns(text, zone, time_format) == expected
+    assert parse_times_ns([text], zone, time_format) == [expected]
 
 
 def test_time_without_a_zone_is_refused() -> None:
     with pytest.raises(ConfigError, match="no zone"):
-        parse_time_ns("2026-05-12T10:00:00", None)
+        parse_times_ns(["2026-05-12T10:00:00"], None)
     with pytest.raises(ConfigError, match="not a time"):
-        parse_time_ns("yesterday", UTC)
+        parse_times_ns(["yesterday"], UTC)
 
 
 def test_flir_files_keep_their_law(tmp_path: Path) -> None:

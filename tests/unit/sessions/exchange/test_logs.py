@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
@@ -118,6 +120,98 @@ def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
 def test_table_that_is_not_understood_is_told(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         read_log(table(tmp_path, text), "logger")
+
+
+BERLIN = ZoneInfo("Europe/Berlin")
+END_OF_SUMMER_NS = 1_792_890_000 * 10**9
+"""2026-10-25T01:00Z: clocks in Berlin go from 3:00 back to 2:00 (directive 2000/84/EC)."""
+
+
+def local_log(tmp_path: Path, minutes: Sequence[int], *, newest_first: bool = False) -> Path:
+    """A log in Berlin's clock time, its rows at these minutes around the end of summer time."""
+    moments = [datetime.fromtimestamp(END_OF_SUMMER_NS / 1e9 + 60 * minute, BERLIN) for minute in minutes]
+    rows = [f"{moment:%Y-%m-%d %H:%M:%S},{minute}\n" for moment, minute in zip(moments, minutes, strict=True)]
+    return table(tmp_path, "time,T1 [C]\n" + "".join(reversed(rows) if newest_first else rows))
+
+
+@pytest.mark.parametrize("newest_first", [False, True])
+@pytest.mark.parametrize(
+    "minutes",
+    [range(-90, 120), range(-30, 5), range(-5, 70), range(-300, 300, 60), range(-90, 90, 30)],
+    ids=["minutes", "ends within", "begins within", "hourly", "half-hourly"],
+)
+def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
+    tmp_path: Path, minutes: range, newest_first: bool
+) -> None:
+    foreign = read_log(local_log(tmp_path, minutes, newest_first=newest_first), "logger", zone=BERLIN)
+    found = [
+        ((one.time_ns - END_OF_SUMMER_NS) / 60e9, one.values[0] - 273.15)
+        for one in foreign.samples
+        if isinstance(one, Reading)
+    ]
+    assert [minute for minute, _ in found] == list(minutes)
+    assert [value for _, value in found] == pytest.approx(list(minutes))
+
+
+@pytest.mark.parametrize(
+    "minutes", [[*range(-60, -30)], [*range(10, 100)], [-120, -50, 70], [-20, -10, 5, -30, 20]]
+)
+def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(
+    tmp_path: Path, minutes: Sequence[int]
+) -> None:
+    with pytest.raises(ConfigError, match="came twice in Europe/Berlin") as caught:
+        read_log(local_log(tmp_path, minutes), "logger", zone=BERLIN)
+    assert "--zone Etc/GMT-2" in (caught.value.fix or "")  # what a clock left in summer time needs
+
+
+def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
+    foreign = read_log(path, "logger", zone=ZoneInfo("Etc/GMT-2"))
+    times = [one.time_ns for one in foreign.samples]
+    assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
+
+
+def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
+    with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' never was in Europe/Berlin"):
+        read_log(path, "logger", zone=BERLIN)
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (["12.345,6", "1.234.567"], [12345.6, 1234567.0]),
+        (["52300,5", "12,345"], [52300.5, 12.345]),
+        (["12.5", "12.345"], [12.5, 12.345]),
+        (["0.345", "12.345"], [0.345, 12.345]),
+        (["12,345.6", "1,234,567"], [12345.6, 1234567.0]),
+    ],
+)
+def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
+    tmp_path: Path, cells: list[str], expected: list[float]
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z;{cell}\n" for minute, cell in enumerate(cells))
+    foreign = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
+    assert [one.values[0] for one in foreign.samples if isinstance(one, Reading)] == expected
+    assert len(foreign.remarks) == 1
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("cells", [["12.345", "900"], ["12.345", "20,5"], ["12.345", "98.760"]])
+def test_points_that_may_be_of_thousands_are_refused_as_commas_are(
+    tmp_path: Path, cells: list[str], mark: str
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z{mark}{cell}\n" for minute, cell in enumerate(cells))
+    with pytest.raises(ConfigError, match=r"'12\.345' in column .* has a point, of thousands or of decimals"):
+        read_log(table(tmp_path, f"time{mark}E [lx]\n{rows}"), "lux")
+
+
+def test_cells_that_are_not_numbers_are_counted(tmp_path: Path) -> None:
+    path = table(
+        tmp_path, "time,T1 [C]\n2026-05-12T01:00:00Z,ERR\n2026-05-12T01:01:00Z,\n2026-05-12T01:02:00Z,3\n"
+    )
+    remarks = [text for _, text in read_log(path, "logger").remarks]
+    assert "1 cells are not numbers and have no value, such as 'ERR'" in remarks
 
 
 def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
