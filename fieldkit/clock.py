@@ -57,8 +57,11 @@ class Clock(Protocol):
     def taking_part(self) -> AbstractContextManager[None]:
         """Around the work of a thread that waits by this clock."""
 
-    def hold_while(self, busy: Callable[[], bool]) -> None:
-        """Ask that time not be hurried while `busy()`; real time cannot be held and ignores it."""
+    def hold_until(self, settled: Callable[[float], bool]) -> None:
+        """Ask that time not be hurried before work is done; real time cannot be held and ignores it.
+
+        `settled(timeout_s)` waits until it is, at most so long, and says whether.
+        """
 
 
 class HostClock:
@@ -99,7 +102,7 @@ class HostClock:
         """Nothing to do: real time passes for everybody."""
         return nullcontext()
 
-    def hold_while(self, busy: Callable[[], bool]) -> None:
+    def hold_until(self, settled: Callable[[float], bool]) -> None:
         """Nothing to do: real time cannot be held."""
 
 

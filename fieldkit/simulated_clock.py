@@ -11,7 +11,7 @@ One thread of its own does the moving; it lets one waiting thread go at a time, 
 order of deadline and thread name, and waits until that one waits again. Nothing here
 knows about instruments or scenes.
 
-Time does not wait for work that neither takes part nor is declared by `hold_while`: start
+Time does not wait for work that neither takes part nor is declared by `hold_until`: start
 reading threads while the starting one takes part, and wait until they have joined.
 """
 
@@ -24,7 +24,7 @@ import math
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -35,19 +35,31 @@ log = logging.getLogger(__name__)
 SECOND_NS = 1_000_000_000
 START_MONO_NS = 1000 * SECOND_NS
 _CHECK_ERROR_NS = 200
-_SHORTEST_NAP_S, _LONGEST_NAP_S = 50e-6, 2e-3
+_CLOSED_AGAIN_S = 0.1  # how often a held clock looks whether it was closed
 _LOOK_AGAIN_S = 0.02  # how often descriptors are looked at while real time has to pass
 
 
-@dataclass(eq=False)
+def _closed_gate() -> threading.Lock:
+    """A lock that is taken: taking it again waits until it is released, for less than an event costs."""
+    gate = threading.Lock()
+    gate.acquire()
+    return gate
+
+
+@dataclass(eq=False, slots=True)
 class _Waiter:
     """One waiting thread."""
 
     deadline_ns: float
     thread: str
     fd: int | None
-    go: threading.Event = field(default_factory=threading.Event)
+    gate: threading.Lock = field(default_factory=_closed_gate)
     readable: bool = False
+
+    def go(self) -> None:
+        """Let the thread go on; a second call does nothing."""
+        if self.gate.locked():
+            self.gate.release()
 
 
 class SimulatedClock:
@@ -77,7 +89,7 @@ class SimulatedClock:
         self._calls: list[tuple[int, int, Callable[[], None]]] = []
         self._call_number = itertools.count()
         self._watches: dict[int, Callable[[], None]] = {}
-        self._holds: list[Callable[[], bool]] = []
+        self._holds: list[Callable[[float], bool]] = []
         self._mover: threading.Thread | None = None
         self._closed = False
         self._failure: BaseException | None = None
@@ -135,17 +147,17 @@ class SimulatedClock:
                     del self._taking_part[me]
                 self._changed.notify_all()
 
-    def hold_while(self, busy: Callable[[], bool]) -> None:
-        """Time stands whenever `busy()`; it is asked often and must return at once."""
+    def hold_until(self, settled: Callable[[float], bool]) -> None:
+        """Time stands until `settled(timeout_s)`, which waits so long at most; asked before each move."""
         with self._changed:
-            self._holds.append(busy)
+            self._holds.append(settled)
 
     def close(self) -> None:
         """Wake everybody; from then on waits end at once and time just runs on."""
         with self._changed:
             self._closed = True
             for waiter in self._waiters.values():
-                waiter.go.set()
+                waiter.go()
             self._changed.notify_all()
         if self._mover is not None and self._mover is not threading.current_thread():
             self._mover.join()
@@ -195,7 +207,7 @@ class SimulatedClock:
         try:
             if self._closed:
                 return self._wait_no_more(waiter)
-            waiter.go.wait()
+            waiter.gate.acquire()
             self._tell_failure()
             return waiter.readable
         finally:  # also when a signal ends the wait
@@ -255,29 +267,30 @@ class SimulatedClock:
     def _hand_over_requests(self) -> bool:
         """Let instruments hear what has arrived at their end; whether anything had."""
         with self._changed:
-            watches = sorted(self._watches.items())
-        ready = [heard for fd, heard in watches if _is_readable(fd)]
-        for heard in ready:
-            heard()
+            watches = dict(self._watches)
+        ready = sorted(_readable(watches))
+        for fd in ready:
+            watches[fd]()
         return bool(ready)
 
     def _release_readable(self) -> bool:
         with self._changed:
-            waiting = sorted(self._waiters.items(), key=lambda item: item[1].thread)
-            for thread, waiter in waiting:
-                if waiter.fd is not None and _is_readable(waiter.fd):
-                    waiter.readable = True
-                    self._waiters.pop(thread).go.set()
-                    return True
-        return False
+            readable = _readable(waiter.fd for waiter in self._waiters.values() if waiter.fd is not None)
+            ready = [(one.thread, me) for me, one in self._waiters.items() if one.fd in readable]
+            if not ready:
+                return False
+            waiter = self._waiters.pop(min(ready)[1])
+        waiter.readable = True
+        waiter.go()
+        return True
 
     def _is_held(self) -> bool:
-        """Let real time pass while somebody is busy; whether anybody was."""
-        nap_s = _SHORTEST_NAP_S
-        while any(busy() for busy in tuple(self._holds)) and not self._closed:
-            time.sleep(nap_s)
-            nap_s = min(1.2 * nap_s, _LONGEST_NAP_S)  # a fifth of the wait may be wasted
-        return nap_s > _SHORTEST_NAP_S
+        """Wait while somebody is busy; whether anybody was."""
+        unsettled = [settled for settled in tuple(self._holds) if not settled(0.0)]
+        for settled in unsettled:
+            while not (settled(_CLOSED_AGAIN_S) or self._closed):
+                pass
+        return bool(unsettled)
 
     def _may_move_to(self, next_ns: float) -> bool:
         """Whether real time has come for it; if not, let a little pass."""
@@ -313,11 +326,16 @@ class SimulatedClock:
                 if waiter.deadline_ns <= self._now
             ]
             if due:
-                self._waiters.pop(min(due)[2]).go.set()
+                self._waiters.pop(min(due)[2]).go()
+
+
+def _readable(fds: Iterable[int]) -> set[int]:
+    """Those from which a read would not block: bytes, end of file, hung up, or not open at all."""
+    poll = select.poll()
+    for fd in fds:
+        poll.register(fd, select.POLLIN)
+    return {fd for fd, _ in poll.poll(0)}
 
 
 def _is_readable(fd: int) -> bool:
-    """Whether a read would not block: bytes, end of file, hung up, or not open at all."""
-    poll = select.poll()
-    poll.register(fd, select.POLLIN)
-    return bool(poll.poll(0))
+    return bool(_readable((fd,)))

@@ -28,6 +28,7 @@ JOURNAL_BYTES = 750_000_000
 FLUSH_EVERY_S = 1.0
 SYNC_EVERY_S = 10.0
 COMPRESSORS = 2
+_LOOK_AGAIN_S = 0.01  # what is behind is so by seconds
 
 
 class BrickThread(threading.Thread):
@@ -66,6 +67,12 @@ class BrickThread(threading.Thread):
     def is_behind(self) -> bool:
         """Whether as much is waiting as may wait; after a failure nothing is."""
         return self.error is None and self._handed_bytes - self._taken_bytes > HANDOVER_BYTES
+
+    def caught_up(self, timeout_s: float) -> bool:
+        """Whether no more is waiting than may wait, or will be after a while; see `Clock.hold_until`."""
+        if self.is_behind():
+            time.sleep(min(timeout_s, _LOOK_AGAIN_S))
+        return not self.is_behind()
 
     def stop(self, *, at_once: bool = False) -> None:
         """Let the thread take everything up to now from hand-over and journal (or leave that), and end."""

@@ -67,7 +67,7 @@ class SessionWriter:
         self._folder = journal_path(path)
         self._open()
         atexit.register(self.abandon)
-        clock.hold_while(self._bricks.is_behind)
+        clock.hold_until(self._bricks.caught_up)
         for region in header.regions:
             self.region(region, self._identity.start_ns)
 

@@ -110,7 +110,7 @@ class Onlooker:
     def run(self, duration_s: float | None) -> None:
         """Show until the time is over, the instruments end, or Ctrl-C."""
         feeds = self._feeds(duration_s)
-        self.tools.clock.hold_while(self._inbox.is_busy)
+        self.tools.clock.hold_until(self._inbox.settled)
         try:
             with self.tools.clock.taking_part():
                 for feed in feeds:

@@ -34,6 +34,8 @@ class Inbox:
         self._limits = dict(limits)
         self._queue: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._lock = threading.Lock()
+        self._settled = threading.Condition(self._lock)
+        self._unfinished = 0
         self._waiting: Counter[str] = Counter()
         self._dropping: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
@@ -51,6 +53,7 @@ class Inbox:
                 return False
             lost = self._dropping.pop(sample.stream, 0)
             self._waiting[sample.stream] += 1
+            self._unfinished += 1
         if lost:
             self.tell(_gap(sample, lost))
             sample = sample._replace(quality=sample.quality | Quality.DROPPED_BEFORE)
@@ -60,7 +63,7 @@ class Inbox:
     def tell(self, event: Event) -> None:
         """Hand over an event."""
         with self._lock:
-            self._waiting[""] += 1
+            self._unfinished += 1
         self._queue.put(event)
 
     def get(self, timeout_s: float) -> Item | None:
@@ -73,7 +76,11 @@ class Inbox:
     def done(self, item: Item) -> None:
         """Say that an item taken by `get` has been dealt with."""
         with self._lock:
-            self._waiting["" if isinstance(item, Event) else item.stream] -= 1
+            if not isinstance(item, Event):
+                self._waiting[item.stream] -= 1
+            self._unfinished -= 1
+            if not self._unfinished:
+                self._settled.notify_all()
 
     def waiting(self, stream: str) -> int:
         """Samples of a stream that were put and are not done."""
@@ -81,7 +88,12 @@ class Inbox:
 
     def is_busy(self) -> bool:
         """Whether anything was put that is not done."""
-        return self._waiting.total() > 0
+        return self._unfinished > 0
+
+    def settled(self, timeout_s: float) -> bool:
+        """Whether everything that was put is done, now or within `timeout_s`; see `Clock.hold_until`."""
+        with self._lock:
+            return self._settled.wait_for(lambda: not self._unfinished, timeout_s)
 
 
 def _gap(sample: Sample, lost: int) -> Event:

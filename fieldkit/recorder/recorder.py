@@ -89,7 +89,7 @@ class Recorder:
         seals what is there and is told in `Summary.failure`.
         """
         self._say(EventKind.START, "recording started")
-        self.clock.hold_while(self._inbox.is_busy)
+        self.clock.hold_until(self._inbox.settled)
         try:
             self._start_feeds()
             while self._goes_on():

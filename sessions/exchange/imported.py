@@ -70,7 +70,7 @@ class StampedClock:
         """Nothing to do."""
         return nullcontext()
 
-    def hold_while(self, busy: Callable[[], bool]) -> None:
+    def hold_until(self, settled: Callable[[float], bool]) -> None:
         """Nothing to do: the writer reads back what it was not handed."""
 
 

@@ -213,7 +213,7 @@ def test_thread_that_does_not_take_part_may_sleep_too(clock):
 def test_time_stands_while_somebody_is_busy(clock):
     busy = threading.Event()
     busy.set()
-    clock.hold_while(busy.is_set)
+    clock.hold_until(lambda timeout_s: not busy.is_set())
     seen = []
 
     def finish():
@@ -311,7 +311,7 @@ def test_close_wakes_everybody_and_lets_loops_end(clock):
                 clock.sleep(1.0)
             ends.append(clock.mono_ns())
 
-    clock.hold_while(lambda: True)
+    clock.hold_until(lambda timeout_s: bool(time.sleep(timeout_s)))
     threads = [threading.Thread(target=loop, daemon=True) for _ in range(2)]
     for thread in threads:
         thread.start()
@@ -345,7 +345,7 @@ def test_interrupted_wait_leaves_the_others_unharmed(clock):
     before = signal.signal(signal.SIGUSR1, interrupt)
     hold = threading.Event()
     hold.set()
-    clock.hold_while(hold.is_set)
+    clock.hold_until(lambda timeout_s: not hold.is_set())
     main = threading.get_ident()
     killer = threading.Timer(0.05, lambda: signal.pthread_kill(main, signal.SIGUSR1))
     try:
