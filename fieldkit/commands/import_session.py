@@ -72,7 +72,9 @@ def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -
     "--offset", default="0s", metavar="[+-]Ns|auto",
     help="Add to a table's times: its clock was slow; auto finds it on the curves of --into.",
 )  # fmt: skip
-@click.option("--unit", default="", help="Unit of a table's numbers, if not in its header: C, K, lx, W/m2.")
+@click.option(
+    "--unit", default="", help="Unit of a table's numbers, if not in its header: C, F, K, lx, klx, fc, W/m2."
+)
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
 @click.option(
     "--measures", type=click.Choice(COMPONENTS),

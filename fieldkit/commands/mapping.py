@@ -178,10 +178,10 @@ def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArra
     NaN where the camera's law has no answer, and all over without a usable frame.
     """
     rows = np.flatnonzero(session.times_ns(camera.name) // MINUTE_NS == minute)
-    start, stop = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 0)
     total, pictures = np.zeros(camera.shape), 0
-    for frame in session.stream(camera.name).samples(start, stop):
-        if isinstance(frame, Frame) and is_usable(frame.quality):
-            total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
-            pictures += 1
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else ():
+        for frame in session.stream(camera.name).samples(int(run[0]), int(run[-1]) + 1):
+            if isinstance(frame, Frame) and is_usable(frame.quality):
+                total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
+                pictures += 1
     return total / pictures if pictures else np.full(camera.shape, np.nan)

@@ -211,9 +211,9 @@ def middle_frame(session: Session) -> Frame | None:
         return None
     reader = session.stream(camera)
     good = np.flatnonzero(is_usable(reader.column("flags")))
-    if not good.size:
-        return None
-    return reader.frame(int(good[np.argmin(np.abs(good - len(reader) // 2))]))
+    nearest = good[np.argsort(np.abs(good - len(reader) // 2), kind="stable")]
+    frames = (reader.frame(row) for row in nearest.tolist())
+    return next((frame for frame in frames if is_usable(frame.quality)), None)  # its checksum too
 
 
 def with_full_model(minutes: Sequence[Minute], estimator: Estimator) -> list[Minute] | None:

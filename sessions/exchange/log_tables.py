@@ -50,7 +50,14 @@ def read_table(path: Path, encoding: str) -> Table:
         text = path.read_text(encoding=encoding)
         dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
         lines = [row for row in csv.reader(text.splitlines(), dialect) if any(cell.strip() for cell in row)]
-    except (OSError, LookupError, UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path} is not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
+            fix="name its encoding: --encoding cp1252 (Western Windows), cp932 (Japanese), utf-16",
+        ) from error
+    except LookupError as error:
+        raise ConfigError(f"{error}", fix="--encoding utf-8, cp1252, cp932 or utf-16") from error
+    except (OSError, UnicodeError, csv.Error) as error:
         raise ConfigError(
             f"{path} cannot be read as a table: {error}", fix="save it as CSV, UTF-8"
         ) from error

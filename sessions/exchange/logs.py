@@ -29,9 +29,12 @@ _UNITS = {  # as they are written, in small letters: the stream's, what to add, 
     **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, 459.67, 1.8)),
     **dict.fromkeys(("k", "kelvin"), (*_TEMPERATURE, 0.0, 1.0)),
     **dict.fromkeys(("lx", "lux"), (*_LIGHT, 0.0, 1.0)),
+    **dict.fromkeys(("klx", "klux", "kilolux"), (*_LIGHT, 0.0, 1e-3)),
+    **dict.fromkeys(("fc", "ftc", "foot-candle", "foot-candles"), (*_LIGHT, 0.0, 0.09290304)),  # 1 / ft2
     **dict.fromkeys(("w m-2", "w/m2", "w/m²", "w/m^2"), (*_POWER, 0.0, 1.0)),
+    **dict.fromkeys(("kw m-2", "kw/m2", "kw/m²", "kw/m^2"), (*_POWER, 0.0, 1e-3)),
 }
-_KNOWN = "C, F, K, lx, W/m2"
+_KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2"
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")

@@ -1,0 +1,51 @@
+"""Units and encodings that loggers' tables come in."""
+
+from __future__ import annotations
+
+from datetime import UTC
+from pathlib import Path
+
+import pytest
+
+from fieldkit.errors import ConfigError
+from fieldkit.sessions.exchange.logs import read_log
+
+
+def table(path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "cell", "stored", "value"),
+    [
+        ("klx", "63.986", "lx", 63_986.0),
+        ("kilolux", "0.5", "lx", 500.0),
+        ("fc", "100", "lx", 1076.3910),  # NIST SP 811, appendix B: 1 fc = 10.763 91 lx
+        ("kW/m2", "0.9415", "W m-2", 941.5),
+    ],
+)
+def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
+    tmp_path: Path, unit: str, cell: str, stored: str, value: float
+) -> None:
+    path = table(tmp_path / "log.csv", f"time,dni [{unit}]\n2026-05-12T10:00:00,{cell}\n")
+    foreign = read_log(path, "log", zone=UTC)
+    (reading,) = foreign.samples
+    assert foreign.streams[0].unit == stored
+    assert reading.values == pytest.approx((value,), rel=1e-7)
+
+
+def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,T1 [°C]\n2026-05-12T10:00:00,21.5\n", "cp1252")
+    with pytest.raises(ConfigError, match="is not in utf-8: byte 0xb0") as caught:
+        read_log(path, "log", zone=UTC)
+    assert "--encoding cp1252" in (caught.value.fix or "")
+    (reading,) = read_log(path, "log", zone=UTC, encoding="cp1252").samples
+    assert reading.values == pytest.approx((294.65,))
+
+
+def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,T1 [C]\n2026-05-12T10:00:00,21.5\n")
+    with pytest.raises(ConfigError, match="unknown encoding: klingon") as caught:
+        read_log(path, "log", zone=UTC, encoding="klingon")
+    assert "cp1252" in (caught.value.fix or "")
