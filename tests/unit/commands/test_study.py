@@ -52,6 +52,7 @@ def test_papers_percentiles_stand_beside(paper_study):
 def test_field_days_meet_errors_like_the_papers(paper_study):
     # section 5: RMSE 1.83 degrees Celsius, errors around 2 to 7 degrees
     _, document = paper_study
+    assert [day["day"] for day in document["field"]] == ["2017-08-30", "2017-12-11"]
     for day in document["field"]:
         assert 0.5 < day["rmse_k"] < 3.7
         assert 1.0 < day["mean_tilt_error_deg"] < 7.0

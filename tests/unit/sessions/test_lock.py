@@ -5,12 +5,13 @@ from __future__ import annotations
 import fcntl
 import os
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from fieldkit.errors import RefusedError
-from fieldkit.sessions.lock import RECORDING, SessionLock, is_locked, owner
+from fieldkit.sessions.lock import PATIENCE_S, RECORDING, SessionLock, is_locked, owner
 
 
 def test_lock_is_for_one_and_names_its_process(tmp_path: Path) -> None:
@@ -24,10 +25,53 @@ def test_lock_is_for_one_and_names_its_process(tmp_path: Path) -> None:
     SessionLock(tmp_path).release()
 
 
-def test_a_look_at_the_lock_does_not_keep_a_recorder_from_beginning(tmp_path: Path) -> None:
-    """Another process looks, and is held up for 20 ms while it does."""
+def look_for(tmp_path: Path, seconds: float) -> threading.Timer:
+    """A look at the lock that is held up for so long."""
     (tmp_path / RECORDING).touch()
     descriptor = os.open(tmp_path / RECORDING, os.O_RDONLY)
     fcntl.flock(descriptor, fcntl.LOCK_SH)
-    threading.Timer(0.02, os.close, [descriptor]).start()
+    timer = threading.Timer(seconds, os.close, [descriptor])
+    timer.start()
+    return timer
+
+
+def test_a_look_at_the_lock_does_not_keep_a_recorder_from_beginning(tmp_path: Path) -> None:
+    """Another process looks, and is held up for 20 ms while it does."""
+    look = look_for(tmp_path, 0.02)
+    lock = SessionLock(tmp_path)
+    assert not look.is_alive() or look.finished.is_set()  # it was waited for, not passed by
+    assert owner(tmp_path) == os.getpid()
+    lock.release()
+
+
+def test_a_lock_that_stays_is_refused_after_a_moment(tmp_path: Path) -> None:
+    look = look_for(tmp_path, 60.0)
+    began = time.monotonic()
+    with pytest.raises(RefusedError):
+        SessionLock(tmp_path)
+    assert 0.5 * PATIENCE_S < time.monotonic() - began < 5.0
+    look.cancel()
+    os.close(look.args[0])
     SessionLock(tmp_path).release()
+
+
+def test_many_looks_leave_the_lock_to_its_recorder(tmp_path: Path) -> None:
+    (tmp_path / RECORDING).touch()
+    ended = threading.Event()
+
+    def look() -> None:
+        while not ended.is_set():
+            is_locked(tmp_path)
+
+    looking = [threading.Thread(target=look) for _ in range(3)]
+    for thread in looking:
+        thread.start()
+    try:
+        for _ in range(20):
+            lock = SessionLock(tmp_path)
+            assert is_locked(tmp_path)
+            lock.release()
+    finally:
+        ended.set()
+        for thread in looking:
+            thread.join()

@@ -6,6 +6,7 @@ import io
 import os
 import pty
 import threading
+import time
 
 import pytest
 from rich.console import Console
@@ -164,14 +165,21 @@ def test_plain_events_come_at_once_and_frames_not_at_all(lines, frame, make_minu
 
 
 def test_a_closed_pipe_ends_the_printing_not_the_recording(site, regions, make_minute):
+    tried, before = [], threading.active_count()
+
     class Gone(io.StringIO):
         def write(self, text: str) -> int:
+            tried.append(text)
             raise BrokenPipeError
 
     view = PlainView(site, regions, file=Gone())
-    view.show(make_minute())
-    view.show(make_minute(1))
+    for number in range(3):
+        view.show(make_minute(number))
+    began = time.monotonic()
     view.close()
+    assert time.monotonic() - began < 1.0  # nobody is waited for
+    assert len(tried) == 1
+    assert threading.active_count() == before
 
 
 def test_a_pipe_that_nobody_reads_holds_nobody_up(site, regions, make_minute):
