@@ -12,6 +12,7 @@ import logging
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -230,12 +231,16 @@ def _verified(
     path: Path, fresh: Path, state: int, notes: Sequence[Event], *, packed: bool
 ) -> tuple[SealReport, Salvage]:
     fresh.unlink(missing_ok=True)
-    with Salvage(path, packed=packed) as salvage:
-        _write(fresh, salvage, notes, tell=state == RECOVERED)
-    if state == SEALED and salvage.losses:
-        fresh.unlink()
-        raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
-    return seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state), salvage
+    try:
+        with Salvage(path, packed=packed) as salvage:
+            _write(fresh, salvage, notes, tell=state == RECOVERED)
+        if state == SEALED and salvage.losses:
+            raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
+        return seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state), salvage
+    except (OSError, IntegrityError):
+        with suppress(OSError):
+            fresh.unlink(missing_ok=True)  # on a full disk it would only be in the way
+        raise
 
 
 def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool) -> None:

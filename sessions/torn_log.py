@@ -63,10 +63,10 @@ def _copy_reached(path: Path, copy: sqlite3.Connection) -> None:
     if _is_empty(path):
         return
     with contextlib.closing(open_part(path)) as part:
-        for table, columns in (("session", 5), ("sample", 12), ("entry", 3), ("chunk", 7)):
+        for table in ("session", "sample", "entry", "chunk"):
             with contextlib.suppress(sqlite3.Error, UnicodeDecodeError, OverflowError):
                 for row in part.execute(f"SELECT * FROM {table}"):
-                    _insert(copy, table, row[:columns])
+                    _insert(copy, table, row)
 
 
 def _is_empty(path: Path) -> bool:
@@ -110,6 +110,7 @@ class _Pages:
         self._frames = _frames(log, self.page_size)
         self._sound, self.is_torn = self._verified()
         self._latest = self._latest_frames()
+        self._bytes = len(self._database) + len(log)
 
     def _page_size(self) -> int:
         """As the log says, or the database, whose first page is another one; 4096 where neither can."""
@@ -175,6 +176,8 @@ class _Pages:
 
     def _payload(self, page: bytes, at: int, size: int) -> bytes:
         """The bytes of a row, what did not fit into its leaf collected from the pages that follow."""
+        if size > self._bytes:
+            raise ValueError(f"a row of {size} bytes cannot be in here")
         here = _local_bytes(size, self.page_size)
         parts, left = [page[at : at + here]], size - here
         following = int.from_bytes(page[at + here : at + here + 4], "big") if left else 0

@@ -288,6 +288,17 @@ def test_full_disk_leaves_the_crashed_file_where_it_is(
     assert path.exists()
 
 
+def test_full_disk_keeps_no_part_of_a_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would take the room that is to be made."""
+    path = tmp_path / "a.h5"
+    recorded(path, 20, sealed=False)
+    full = OSError(errno.ENOSPC, "No space left")
+    monkeypatch.setattr(SessionFile, "finish", lambda *_: (_ for _ in ()).throw(full))
+    with pytest.raises(StorageError, match="No space left"):
+        recover(path)
+    assert not (tmp_path / "a.h5.recovering").exists()
+
+
 def test_time_map_outlives_recovery(tmp_path: Path) -> None:
     """All its versions: the process was killed while it wrote a third."""
     path = tmp_path / "a.h5"
