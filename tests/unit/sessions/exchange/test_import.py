@@ -15,7 +15,7 @@ import pytest
 
 from fieldkit.errors import ConfigError
 from fieldkit.samples import EventKind, Frame, Quality, Severity
-from fieldkit.sessions.exchange.imported import bunched, write_foreign
+from fieldkit.sessions.exchange.imported import bunched, flag_bunched, write_foreign
 from fieldkit.sessions.exchange.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.exchange.stills import Scale, read_stills
 from fieldkit.sessions.exchange.times import parse_times_ns
@@ -389,3 +389,21 @@ def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path: P
     path.write_bytes(b"II*\0" + struct.pack("<IH", 8, 2) + sides + bytes(4))
     with pytest.raises(ConfigError, match="million pixels"):
         read_stills(path, Scale(0.01), time_format="%Y", zone=UTC)
+
+
+def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> None:
+    """A ninth of a second apart but for two that were 20 ms apart: both stamps are of arrival."""
+    time_ns = np.arange(12) * 111_000_000
+    time_ns[5] = time_ns[4] + 20_000_000
+    counts = np.zeros((2, 2), np.uint16)
+    frames = [Frame("ir", int(at), int(at), counts, counts[:0]) for at in time_ns]
+    flagged, remarks = flag_bunched(lambda: iter(frames), time_ns.tolist())
+    for _ in range(2):
+        late = [n for n, frame in enumerate(flagged) if frame.quality]
+        assert late == [4, 5]
+    ((severity, said),) = remarks
+    assert severity is Severity.WARNING
+    assert said.startswith("2 of 12 ")
+    steady, nothing = flag_bunched(lambda: iter(frames[6:]), time_ns[6:].tolist())
+    assert not any(frame.quality for frame in steady)
+    assert nothing == ()

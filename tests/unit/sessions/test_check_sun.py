@@ -1,0 +1,89 @@
+"""The light of a session against the sun: pvlib's clear sky over Sagamihara, its clock right or wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.device import StreamInfo
+from fieldkit.samples import Quality, Reading
+from fieldkit.sessions.analysis import minute_means
+from fieldkit.sessions.check import check
+from fieldkit.sessions.exchange.imported import Foreign, write_foreign
+from fieldkit.sessions.findings import Finding
+from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.reader import open_session
+from fieldkit.site import Site
+
+SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+LUX = StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=1 / 60)
+NINE_TO_THREE = np.datetime64("2017-08-30T00:00", "ns").astype(np.int64) + np.arange(360) * 60 * 10**9
+HOUR_NS = 3600 * 10**9
+
+
+def clear_light_lx(time_ns: np.ndarray) -> np.ndarray:
+    """A flat meter under Haurwitz's cloudless sky, 110 lm/W, with the sun of NREL's SPA, both by pvlib."""
+    pvlib = pytest.importorskip("pvlib", reason="pvlib comes with the [lab] extra")
+    pandas = pytest.importorskip("pandas")
+    stamps = pandas.DatetimeIndex(time_ns.astype("datetime64[ns]"), tz="UTC")
+    sun = pvlib.solarposition.get_solarposition(stamps, SITE.latitude_deg, SITE.longitude_deg)
+    ghi = pvlib.clearsky.haurwitz(sun["apparent_zenith"])["ghi"].to_numpy()
+    return np.asarray(110.0 * ghi, np.float64)
+
+
+def session(path: Path, time_ns: np.ndarray, lux: np.ndarray) -> Path:
+    readings = [
+        Reading("lux", at, at, (value,)) for at, value in zip(time_ns.tolist(), lux.tolist(), strict=True)
+    ]
+    header = SessionHeader("light", SITE, (LUX,))
+    write_foreign(path, header, Foreign((LUX,), readings), "a test")
+    return path
+
+
+def sun_finding(path: Path) -> Finding | None:
+    found = [finding for finding in check(path) if finding.what == "sun"]
+    return found[0] if found else None
+
+
+def test_light_at_its_own_time_fits(tmp_path: Path) -> None:
+    found = sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, clear_light_lx(NINE_TO_THREE)))
+    assert found is not None
+    assert (found.level, found.text) == ("ok", "the light fits the sun's height at the recorded times")
+
+
+@pytest.mark.parametrize(("hours_behind", "told"), [(2, "+120 min"), (-3, "-180 min"), (9, "+540 min")])
+def test_a_wrong_zone_is_told_with_what_to_add(tmp_path: Path, hours_behind: int, told: str) -> None:
+    recorded_ns = NINE_TO_THREE - hours_behind * HOUR_NS
+    found = sun_finding(session(tmp_path / "a.h5", recorded_ns, clear_light_lx(NINE_TO_THREE)))
+    assert found is not None
+    assert found.level == "warn"
+    assert f"best at {told}" in found.text
+
+
+@pytest.mark.parametrize("minutes", [30, 55])
+def test_less_than_an_hour_says_nothing_of_the_clock(tmp_path: Path, minutes: int) -> None:
+    time_ns = NINE_TO_THREE[:minutes]
+    found = sun_finding(session(tmp_path / "a.h5", time_ns - 2 * HOUR_NS, clear_light_lx(time_ns)))
+    assert found is not None
+    assert (found.level, "too little light or time" in found.text) == ("ok", True)
+
+
+def test_a_night_says_nothing_at_all(tmp_path: Path) -> None:
+    assert sun_finding(session(tmp_path / "a.h5", NINE_TO_THREE, np.full(360, 0.2))) is None
+
+
+def test_minute_means_count_every_usable_reading_once(tmp_path: Path) -> None:
+    start = int(NINE_TO_THREE[0])
+    values = {0: 10.0, 20: 20.0, 40: 60.0, 60: 7.0, 80: 5000.0, 100: 9.0, 130: float("nan")}
+    readings = [
+        Reading("lux", start + s * 10**9, start + s * 10**9, (value,),
+                quality=Quality.OVERRANGE if value == 5000.0 else Quality.GOOD)
+        for s, value in values.items()
+    ]  # fmt: skip
+    write_foreign(tmp_path / "a.h5", SessionHeader("l", SITE, (LUX,)), Foreign((LUX,), readings), "a test")
+    with open_session(tmp_path / "a.h5") as opened:
+        time_ns, means = minute_means(opened, "lux")
+    assert means.tolist() == [30.0, 8.0]
+    assert (time_ns - start).tolist() == [30 * 10**9, 90 * 10**9]
