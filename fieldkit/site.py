@@ -41,6 +41,9 @@ def known_zone(name: str) -> ZoneInfo | None:
         return None
 
 
+_Point = NDArray[np.float64]  # (x, y)
+
+
 class RegionKind(enum.IntEnum):
     """What a region is for; the numbers are stored in the session file."""
 
@@ -79,6 +82,24 @@ class Region:
                 inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return inside | on_edge
 
+    @property
+    def crosses_itself(self) -> bool:
+        """Whether two edges that are no neighbours meet: then what lies inside depends on how one counts."""
+        corners = self._corners
+        edges = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
+        apart = (
+            (edges[one], edges[other])
+            for one in range(len(edges))
+            for other in range(one + 2, len(edges) - (one == 0))
+        )
+        return any(_meet(*first, *second) for first, second in apart)
+
+    @property
+    def _corners(self) -> NDArray[np.float64]:
+        """The vertices (n, 2), each once where it was given twice in a row."""
+        corners = np.array(self.vertices, np.float64)
+        return corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
+
     def is_within(self, shape: tuple[int, ...]) -> bool:
         """Whether every corner lies in a picture of `shape` (rows, cols)."""
         rows, cols = shape
@@ -86,8 +107,7 @@ class Region:
 
     def shrunk(self, pixels: float) -> Region:
         """The same with every edge moved inwards by `pixels`; raises `ValueError` where nothing is left."""
-        corners = np.array(self.vertices, np.float64)
-        corners = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
+        corners = self._corners
         along = np.roll(corners, -1, axis=0) - corners
         left = along[:, ::-1] * (-1.0, 1.0) / np.linalg.norm(along, axis=1, keepdims=True)
         inward = left * np.sign(np.sum(corners[:, 0] * along[:, 1] - corners[:, 1] * along[:, 0]))
@@ -99,3 +119,22 @@ class Region:
         if not (kept.all() and inward.any()):
             raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))
+
+
+def _meet(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
+) -> bool:
+    """Whether the lines from `a` to `b` and from `c` to `d` cross or touch."""
+    turns = [_turn(a, b, c), _turn(a, b, d), _turn(c, d, a), _turn(c, d, b)]
+    if turns[0] != turns[1] and turns[2] != turns[3]:
+        return True
+    ends = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
+    return any(
+        turn == 0 and bool(np.all(np.minimum(p, q) <= r) and np.all(r <= np.maximum(p, q)))
+        for turn, (p, q, r) in zip(turns, ends, strict=True)
+    )
+
+
+def _turn(p: _Point, q: _Point, r: _Point) -> int:
+    """1 where `r` lies to the left of the line from `p` to `q`, -1 to the right, 0 on it."""
+    return int(np.sign((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])))

@@ -53,6 +53,7 @@ def command(
         if png is not None:
             write_png(png, config, tools)
             click.echo(png)
+            _say_enlarged(tools)
             return
         views = live_views(config, tools, "live, not recorded", duration_s, theme)
         try:
@@ -65,6 +66,13 @@ def _say_missing(config: Config, tools: Instruments) -> None:
     there = {info.name for info in tools.streams}
     if missing := [one.name for one in config.devices if one.name not in there]:
         common.say(f"not plugged in: {', '.join(missing)}")
+
+
+def _say_enlarged(tools: Instruments) -> None:
+    """That a pixel of the file is no pixel of the camera; the axes count the camera's."""
+    rows, cols = next(info.shape for info in tools.streams if info.is_camera)
+    factor = picture.enlargement((rows, cols))
+    common.say(f"{cols} x {rows} pixels, enlarged {factor} times; the axes count camera pixels, as roi does")
 
 
 def write_png(path: Path, config: Config, tools: Instruments) -> None:

@@ -17,6 +17,11 @@ from fieldkit.radiation import how_to_state
 from fieldkit.recorder import Sampling
 from fieldkit.views import words
 
+NO_REGIONS = (
+    "no regions are drawn: frames and readings are recorded, no slope is estimated. Find the beds on the "
+    "report's picture, add them with fieldkit roi add, then: fieldkit report SESSION --campaign"
+)
+
 
 def preflight(config: Config, tools: Instruments, duration_s: float | None) -> None:
     """Raise `ConfigError` or `StorageError` for what would spoil the session, before it is begun.
@@ -37,15 +42,12 @@ def preflight(config: Config, tools: Instruments, duration_s: float | None) -> N
 
 
 def _check_regions(config: Config, streams: Sequence[StreamInfo]) -> None:
-    """Raise `ConfigError` if there are no regions or one is not inside the picture."""
+    """Raise `ConfigError` if a region is not inside the picture; warn if there are none."""
     camera = next((info for info in streams if info.is_camera), None)
     if camera is None:
         return
     if not config.regions:
-        raise ConfigError(
-            "no regions: nothing could be estimated",
-            fix="fieldkit roi add flat --reference --rect X,Y,WIDTH,HEIGHT, then one for each bed",
-        )
+        common.say(f"warning: {NO_REGIONS}")
     rows, cols = camera.shape
     for region in config.regions:
         if not region.is_within(camera.shape):

@@ -19,6 +19,8 @@ from fieldkit.samples import Frame, Sample, is_usable
 from fieldkit.site import Region
 
 MIN_PIXELS = 100
+MOST_OF_PICTURE = 0.9
+"""A region beyond this share of the picture sees whatever lies around the beds as well."""
 EDGE_PX = 2
 UNEVEN_EDGE_K = 1.0  # more is warned of
 CLEAN_EDGE_K = 0.2  # what shrinking by up to so many pixels is to reach
@@ -87,6 +89,8 @@ def check_regions(
         for other, its_mask in zip(looks[:number], masks[:number], strict=True):
             if shared := int((mask & its_mask).sum()):
                 look.failures.append(f"shares {shared} px with {other.region.name}")
+        if shape is not None and look.pixels > MOST_OF_PICTURE * rows * cols:
+            look.warnings.append(f"covers {look.pixels / (rows * cols):.0%} of the picture, not one bed")
         if picture is not None and look.pixels:
             _check_evenness(look, mask, picture)
     return looks
@@ -128,6 +132,8 @@ def _check_size(look: Look, rows: int, cols: int) -> None:
         look.failures.append(f"outside the picture of {cols} x {rows} pixels")
     elif look.pixels < MIN_PIXELS:
         look.failures.append(f"too small, needs {MIN_PIXELS} px")
+    if look.region.crosses_itself:
+        look.failures.append("its outline crosses itself: give the corners in their order around it")
 
 
 def _check_evenness(look: Look, mask: NDArray[np.bool_], picture: Picture) -> None:

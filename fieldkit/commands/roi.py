@@ -220,8 +220,9 @@ def _tell_failures(file: Path, name: str) -> None:
 
     config, _ = read_config(file)
     for look in _looks(config) if config else ():
-        if look.region.name == name and look.failures:
-            say(f"  {name}: {look.pixels} px; {'; '.join(look.failures)}; see fieldkit roi check")
+        if look.region.name == name and look.level != "ok":
+            said = "; ".join(look.failures + look.warnings)
+            say(f"  {name}: {look.pixels} px; {said}; see fieldkit roi check")
 
 
 def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldkit.config import Config
+from fieldkit.config.tables import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.errors import ConfigError
 from fieldkit.scene import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
-from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.scene.facets import PICTURE_SHAPE
+from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulated_clock import SimulatedClock
 from fieldkit.site import Region, RegionKind, Site
 from fieldkit.station_files import read_station_file
@@ -43,6 +46,8 @@ def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[Simulat
 def scene_of(config: Config, duration_s: float) -> Scene:
     """The configured scene; every region with a known tilt is a bed of sand that slopes so.
 
+    Beds of the usual field on which no region is drawn yet lie there as well, to be seen before they are.
+
     Raises `ConfigError` where the configuration does not describe one.
     """
     simulation = config.simulation
@@ -54,7 +59,8 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     start_ns = ALAMOSA_NOON_NS
     if simulation.start is not None:
         start_ns = round(simulation.start.timestamp()) * SECOND_NS
-    facets = tuple(_bed(config, region) for region in config.regions)
+    drawn = tuple(_bed(config, region) for region in config.regions)
+    facets = (*drawn, *_undrawn(simulation, drawn))
     faults = tuple(_fault(name) for name in simulation.faults)
     return Scene(
         config.site, _sky(config, simulation.weather), facets, start_ns, duration_s, simulation.seed, faults
@@ -71,15 +77,37 @@ def _bed(config: Config, region: Region) -> Facet:
         vertices=tuple((float(x), float(y)) for x, y in outline),
         tilt_deg=0.0 if math.isnan(region.tilt_deg) else region.tilt_deg,
         azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
+        is_reference=region.kind is RegionKind.REFERENCE,
+    )
+    bed = _of_sand(bed, simulation)
+    if region.name != simulation.foil:
+        return bed
+    return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
+
+
+def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
+    return replace(
+        bed,
         albedo=simulation.albedo,
         emissivity=simulation.emissivity,
         emissivity_broadband=simulation.emissivity,
         depth_m=simulation.sand_depth_m,
-        is_reference=region.kind is RegionKind.REFERENCE,
     )
-    if region.name != simulation.foil:
-        return bed
-    return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
+
+
+def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Facet]:
+    """Beds of the usual field under no region; none where a region lies off it: then the field is another."""
+    usual = {bed.name: _covered(bed) for bed in BEDS}
+    under = [{name for name, mask in usual.items() if (mask & _covered(bed)).any()} for bed in drawn]
+    if all(under):
+        taken = set[str]().union(*under)
+        for bed in BEDS:
+            if bed.name not in taken:
+                yield _of_sand(replace(bed, name=f"undrawn {bed.name}"), simulation)
+
+
+def _covered(bed: Facet) -> NDArray[np.bool_]:
+    return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(PICTURE_SHAPE)
 
 
 def _fault(name: str) -> Fault:

@@ -15,6 +15,7 @@ from typing import Any
 from fieldkit.config.lines import Path
 from fieldkit.config.mistakes import Mistake
 from fieldkit.drivers import registry
+from fieldkit.site import Region, RegionKind
 
 INSTRUMENTS = ("camera", "lux", "thermometer")
 """The tables of instruments that have a name of their own."""
@@ -38,6 +39,15 @@ def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
         yield Mistake((*path, "driver"), f"no driver is called {name!r}; {hint}")
+
+
+def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Regions whose outline crosses itself; a session may have been recorded with one, none is begun."""
+    for path, region in _regions(document):
+        corners = outline(region.get("points_px"))
+        if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
+            said = "the outline crosses itself; give the corners in their order around the region"
+            yield Mistake((*path, "points_px"), said)
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:

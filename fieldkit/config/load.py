@@ -20,7 +20,7 @@ import platformdirs
 from pydantic import ValidationError
 
 from fieldkit.config import lines
-from fieldkit.config.checks import cross_check, unknown_drivers
+from fieldkit.config.checks import cross_check, crossed_outlines, unknown_drivers
 from fieldkit.config.config import Config
 from fieldkit.config.mistakes import ConfigMistakesError, Mistake, explain
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
@@ -75,7 +75,7 @@ def read_config(
             document.add(read_text(file), file)
     for origin, keys, value in (*_from_environment(environment), *_from_settings(settings)):
         document.put(origin, keys, value)
-    return document.check(path, unknown_drivers)
+    return document.check(path, unknown_drivers, crossed_outlines)
 
 
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.pixel_axes import with_axes
 from fieldkit.samples import Frame
 from fieldkit.site import Region
 from fieldkit.views import words
@@ -25,6 +26,7 @@ Colours = NDArray[np.uint8]
 
 WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
+PNG_WIDTH = 960
 OUTLINE = (0, 215, 215)
 """Of regions: occurs nowhere in the palette."""
 
@@ -108,13 +110,18 @@ def outlined(region: Region, shape: tuple[int, int], rows: int, cols: int) -> ND
     return mask.astype(np.bool_)
 
 
-def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = 960) -> bytes:
-    """A PNG file: the picture at a whole multiple of its size near `width`, outlines, names, scale."""
+def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
+    """How many times a picture of `shape` (rows, cols) is enlarged to come near `width`."""
+    return max(1, round(width / shape[1]))
+
+
+def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = PNG_WIDTH) -> bytes:
+    """A PNG file: the picture enlarged near `width`, axes in camera pixels, outlines, names, scale."""
     import cv2
 
     shown = values(frame, info)
     scale = scale_of(shown, unit(info))
-    factor = max(1, round(width / shown.shape[1]))
+    factor = enlargement(shown.shape, width)
     rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
     canvas = np.ascontiguousarray(colours(resized(shown, rows, cols), scale)[:, :, ::-1])
     for region in regions:
@@ -122,8 +129,8 @@ def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width
         for colour, thickness in ((BLACK, 5), (OUTLINE[::-1], 2)):
             cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA)
         _write(canvas, region.name, int(points[:, 0].mean()), int(points[:, 1].mean()))
-    bar = _scale_bar(rows, scale)
-    ok, data = cv2.imencode(".png", np.hstack((canvas, bar)))
+    page = with_axes(canvas, factor)
+    ok, data = cv2.imencode(".png", np.hstack((page, _scale_bar(page.shape[0], scale))))
     assert ok
     return data.tobytes()
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
 from fieldkit.physics.facet import normal
+from fieldkit.pixel_axes import with_axes
 from fieldkit.site import Region
 from fieldkit.slope import SlopeState
 from fieldkit.views.picture import BLACK, WHITE, Colours, on_grid
@@ -46,7 +47,7 @@ def png(
     slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
     subtitle: str = "", *, width: int = 960,
 ) -> bytes:  # fmt: skip
-    """A PNG file: the map at a whole multiple of its size near `width`, outlines, names, legend."""
+    """A PNG file: the map enlarged near `width`, axes in camera pixels, outlines, names, legend."""
     import cv2
 
     full_deg = full_colour_deg(slopes.tilt_deg)
@@ -57,7 +58,7 @@ def png(
     for region in regions:
         _outline(canvas, region, shape)
     under = "   ".join(part for part in (subtitle, how_sure(bounds, regions)) if part)
-    page = _framed(canvas, legend(slopes, full_deg), title, under)
+    page = _framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
     ok, data = cv2.imencode(".png", page[:, :, ::-1])
     assert ok
     return data.tobytes()

@@ -128,7 +128,8 @@ class PlainView:
         """Have the item printed if it is an event or a minute; the first failure ends the printing."""
         if isinstance(item, Frame | Reading | Health):
             return
-        if not isinstance(item, Event) and not any(map(math.isfinite, item.temperature_k.values())):
+        kelvin = [] if isinstance(item, Event) else list(item.temperature_k.values())
+        if kelvin and not any(map(math.isfinite, kelvin)):
             return  # a minute without a picture, such as the last one
         self._lines.put(self._event(item) if isinstance(item, Event) else self._minute(item))
 

@@ -14,6 +14,7 @@ import fieldkit
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError, StorageError
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.pixel_axes import with_axes
 from fieldkit.samples import Frame, is_damaged
 from fieldkit.sessions.datasets import iso_utc
 from fieldkit.sessions.exchange.tiff import PictureTags, write_tiff
@@ -176,6 +177,7 @@ def _draw(
         for colour, thickness in ((_BLACK, 3), (_WHITE, 1)):
             cv2.polylines(image, [corners], True, colour, thickness, cv2.LINE_AA)
         _write(image, region.name, (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
+    image = with_axes(image, factor)
     return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z")])
 
 

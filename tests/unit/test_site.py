@@ -43,3 +43,18 @@ def test_every_edge_moves_inwards_whichever_way_it_was_drawn(
 def test_what_has_no_inside_does_not_shrink(corners: tuple[tuple[float, float], ...]) -> None:
     with pytest.raises(ValueError, match="nothing"):
         region(*corners).shrunk(1.0)
+
+
+@pytest.mark.parametrize(
+    ("corners", "crosses"),
+    [
+        ([(0, 0), (9, 0), (9, 9), (0, 9)], False),
+        ([(0, 0), (9, 9), (9, 0), (0, 9)], True),  # a bow tie
+        ([(0, 0), (9, 0), (4, 5)], False),
+        ([(0, 0), (9, 0), (9, 9), (4, 0), (0, 9)], True),  # touches its own edge
+        ([(0, 0), (9, 0), (9, 9), (5, 2), (0, 9)], False),  # concave
+        ([(0, 0), (0, 0), (9, 0), (9, 9), (0, 9)], False),  # a corner given twice
+    ],
+)
+def test_an_outline_that_crosses_itself_is_seen(corners, crosses):
+    assert Region("b", RegionKind.TARGET, tuple(corners)).crosses_itself is crosses

@@ -10,6 +10,7 @@ from html import escape
 from importlib import metadata
 from pathlib import Path
 
+from fieldkit.pixel_axes import ticks
 from fieldkit.samples import EventKind, Frame
 from fieldkit.sessions.check_clock import awake_offsets_ns
 from fieldkit.site import Region
@@ -19,6 +20,8 @@ from fieldkit.views.report.material import Material
 
 PACKAGES = ("fieldkit", "numpy", "scipy", "astropy", "h5py", "matplotlib")
 QUIET_EVENTS = 200
+_LEFT, _BELOW = 2.2, 1.4
+"""Room for the numbers of the axes, in letters of the picture."""
 _GAPS = (EventKind.GAP, EventKind.LOST)
 
 
@@ -55,11 +58,13 @@ def _picture(material: Material) -> Html:
     outlines = "".join(_outline(region, size) for region in material.regions)
     names = ", ".join(region.name for region in material.regions) or "none"
     svg = (
-        f'<svg viewBox="-0.5 -0.5 {cols} {rows + 2.6 * size}" role="img" xmlns="http://www.w3.org/2000/svg" '
+        f'<svg viewBox="{-0.5 - _LEFT * size:g} {-0.5 - 0.6 * size:g} {cols + (_LEFT + 0.6) * size:g} '
+        f'{rows + (_BELOW + 3.2) * size:g}" role="img" xmlns="http://www.w3.org/2000/svg" '
         f'aria-label="Thermal picture from {scale.text(scale.low)} to {scale.text(scale.high)}; '
         f'regions: {escape(names)}">'
         f'<image x="-0.5" y="-0.5" width="{cols}" height="{rows}" style="image-rendering:pixelated" '
-        f'href="data:image/png;base64,{data}"/>{outlines}{_scale_bar(scale, cols, rows, size)}</svg>'
+        f'href="data:image/png;base64,{data}"/>{_axes(cols, rows, size)}{outlines}'
+        f"{_scale_bar(scale, cols, rows + _BELOW * size, size)}</svg>"
     )
     when = material.when(frame.time_ns, seconds=True)
     zone = words.zone_name(frame.time_ns, material.site)
@@ -67,7 +72,11 @@ def _picture(material: Material) -> Html:
     return element(
         "figure",
         Html(svg),
-        element("figcaption", f"{kind} at {when} ({zone}), as the camera saw it, with the regions."),
+        element(
+            "figcaption",
+            f"{kind} at {when} ({zone}), as the camera saw it, with the regions. "
+            f"The axes count its {cols} x {rows} pixels, as fieldkit roi does.",
+        ),
         class_="picture",
     )
 
@@ -90,7 +99,24 @@ def _outline(region: Region, size: float) -> str:
     )
 
 
-def _scale_bar(scale: picture.Scale, cols: int, rows: int, size: float) -> str:
+def _axes(cols: int, rows: int, size: float) -> str:
+    """Numbers of camera pixels on the left and below, and a faint grid through them."""
+    line = f'stroke="#fff" stroke-opacity="0.35" stroke-width="{0.05 * size:g}"'
+    letters = f'font-size="{size:g}" font-family="sans-serif"'
+    across = "".join(
+        f'<path d="M{x:g} -0.5V{rows - 0.5:g}" {line}/>'
+        f'<text x="{x:g}" y="{rows + 0.9 * size:g}" text-anchor="middle" {letters}>{x}</text>'
+        for x in ticks(cols)
+    )
+    down = "".join(
+        f'<path d="M-0.5 {y:g}H{cols - 0.5:g}" {line}/>'
+        f'<text x="{-0.5 - 0.3 * size:g}" y="{y + 0.35 * size:g}" text-anchor="end" {letters}>{y}</text>'
+        for y in ticks(rows)
+    )
+    return across + down
+
+
+def _scale_bar(scale: picture.Scale, cols: int, rows: float, size: float) -> str:
     """The palette under the picture with its first, middle and last value."""
     steps = picture.palette()[::8]
     width = cols / len(steps)

@@ -242,3 +242,19 @@ def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path
     assert "no calibration 'sand'" in unknown.output
     assert "@sand" not in (tmp_path / "fieldkit.toml").read_text()
     assert roi("edit", "b15", "--offset", "warm").exit_code == 2
+
+
+def test_a_region_over_the_whole_picture_is_doubted():
+    whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
+    (look,) = check_regions([whole], (120, 160))
+    assert look.level == "warn"
+    assert look.warnings == ["covers 100% of the picture, not one bed"]
+
+
+def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
+    tie = ("--points", "6,30", "37,90", "37,30", "6,90")
+    added = roi("add", "flat", "--reference", *tie)
+    assert "its outline crosses itself" in added.stderr
+    checked = roi("check")
+    assert checked.exit_code == 3
+    assert "give the corners in their order" in checked.stdout

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX, ticks, with_axes
 from fieldkit.views import picture
 
 
@@ -76,14 +77,35 @@ def test_outline_shrinks_with_the_picture(regions):
 def test_png_shows_each_bed_in_the_colour_of_its_temperature(frame, streams, regions):
     data = picture.png(frame, streams[0], regions, width=400)
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
-    assert seen.shape == (300, 400 + 110, 3)  # ten for one, and the scale beside it
+    # ten for one, the axes left and below, and the scale beside it
+    assert seen.shape == (300 + BELOW_PX, LEFT_PX + 400 + 110, 3)
     scale = picture.scale_of(picture.values(frame, streams[0]), "°C")
-    for kelvin, (x, y) in ((300.0, (4, 26)), (310.0, (18, 26)), (320.0, (30, 12))):
+    for kelvin, (x, y) in ((300.0, (4, 26)), (310.0, (18, 26)), (320.0, (31, 12))):
         expected = picture.colours(np.array([[kelvin - 273.15]]), scale)[0, 0]
-        assert seen[y * 10 + 5, x * 10 + 5] == pytest.approx(expected, abs=1)
+        assert seen[y * 10 + 5, LEFT_PX + x * 10 + 5] == pytest.approx(expected, abs=1)
 
 
 def test_bare_png_is_a_pixel_for_a_pixel(frame, streams):
     scale = picture.Scale(0.0, 50.0, "°C")
     data = picture.bare_png(frame, streams[0], scale)
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape == (30, 40, 3)
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [(40, [0, 5, 10, 15, 20, 25, 30, 35]), (120, [0, 20, 40, 60, 80, 100]), (640, [*range(0, 640, 100)])],
+)
+def test_axes_have_round_numbers_of_camera_pixels(length, expected):
+    assert ticks(length) == expected
+
+
+def test_the_grid_passes_through_the_pixels_whose_numbers_stand_beside_it():
+    black = np.zeros((120 * 6, 160 * 6, 3), np.uint8)
+    framed = with_axes(black, 6)
+    inside = framed[: 120 * 6, LEFT_PX:, 0]
+    assert np.flatnonzero(inside[1] > 0).tolist() == [x * 6 + 3 for x in range(0, 160, 20)]
+    assert np.flatnonzero(inside[:, 1] > 0).tolist() == [y * 6 + 3 for y in range(0, 120, 20)]
+    # letters stand below the picture at each of them, and to its left
+    below, left = framed[120 * 6 : 120 * 6 + 20, LEFT_PX:, 0] < 255, framed[: 120 * 6, :LEFT_PX, 0] < 255
+    assert all(below[:, x * 6 : x * 6 + 6].any() for x in range(20, 160, 20))
+    assert all(left[max(0, y * 6 - 6) : y * 6 + 12].any() for y in range(0, 120, 20))

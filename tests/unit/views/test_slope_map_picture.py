@@ -6,6 +6,7 @@ import pytest
 
 from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.pixel_axes import LEFT_PX
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeState
 from fieldkit.views import slope_map_picture
@@ -83,7 +84,7 @@ def test_two_slopes_are_hatched_over_their_colour(regions):
         for state in (SlopeState.OK, SlopeState.NOT_RESOLVED)
     )
     assert sure.shape == doubtful.shape
-    corner = slice(70, 160), slice(0, 200)  # above the regions, below the title
+    corner = slice(64 + 14, 64 + 110), slice(LEFT_PX + 14, LEFT_PX + 125)  # within a cell of the grid
     assert not (sure[corner] == 0).all(axis=-1).any()
     dark = (doubtful[corner] == 0).all(axis=-1)
     assert 0.05 < dark.mean() < 0.3
@@ -98,7 +99,7 @@ def test_outlines_and_names_are_drawn(regions):
     changed = (plain != drawn).any(axis=-1)
     for region in regions:
         x, y = np.mean(region.vertices, axis=0) * 24 + 12
-        assert changed[64 + round(y), round(x)]
+        assert changed[64 + round(y), LEFT_PX + round(x)]
     assert not changed[:64].any()
 
 

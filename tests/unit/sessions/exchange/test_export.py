@@ -16,6 +16,7 @@ import pytest
 
 from fieldkit.errors import ConfigError, SessionError
 from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.samples import Event, EventKind, Frame, Reading
 from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.exchange.mcap_out import export_mcap
@@ -272,9 +273,10 @@ def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: P
 def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> None:
     (path,) = export_pngs(session, tmp_path, every=FRAMES)
     image = cv2.imread(str(path))
-    assert image.shape == (24 * 20 + 36, 640, 3)
+    assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
     first = HEADER.regions[0].vertices[0]
     x, y = (int((one + 0.5) * 20) for one in first)
+    x += LEFT_PX
     assert image[y, x + 40].min() > 200  # the outline's upper edge
     assert image[y + 7, x + 4].max() < 20  # beside the name
     (film,) = export_mp4(session, tmp_path)
@@ -295,8 +297,8 @@ def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Pat
     writer.close()
     with open_session(tmp_path / "cooling.h5") as session:
         first, second, *_ = export_pngs(session, tmp_path)
-    colours = [cv2.imread(str(path))[16 * 20, 22 * 20].tolist() for path in (first, second)]
-    same = cv2.imread(str(first))[21 * 20, 22 * 20].tolist()
+    colours = [cv2.imread(str(path))[16 * 20, LEFT_PX + 22 * 20].tolist() for path in (first, second)]
+    same = cv2.imread(str(first))[21 * 20, LEFT_PX + 22 * 20].tolist()
     assert colours[0] != same  # 30 000 and 29 900 counts in one picture
     assert colours[0] != colours[1]
 
