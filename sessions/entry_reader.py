@@ -31,7 +31,7 @@ from fieldkit.sessions.layout import (
     exact_time_ns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stored import column_dataset, columns_of, members, stored_here, whole_rows
+from fieldkit.sessions.stored import column_dataset, columns_of, link_of, members, stored_here, whole_rows
 from fieldkit.sessions.time_map import TimeStep, mapped_event, mapped_health
 from fieldkit.slope import SlopeEstimate
 
@@ -108,7 +108,7 @@ class EntryReader:
             group = self.group("integrity")
             return {
                 column.name: column_dataset(group, column)[:]
-                if column.name in group or column.name != "columns_crc32"
+                if column.name != "columns_crc32" or link_of(group, column.name) is not None
                 else column.unknown(len(self.header.streams))
                 for column in columns
             }

@@ -191,11 +191,14 @@ class Session(EntryReader):
     def columns_are_sealed(self, stream: str) -> bool:
         """Whether a stream's columns, all but its pictures, are those that were sealed.
 
-        False also of a session sealed by a version that kept no checksum of them.
+        False also of a session sealed by a version that kept no checksum of them, or whose seal is damaged.
         """
         if self.state not in ("sealed", "recovered"):
             return False
-        sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
+        try:
+            sealed = self.integrity()["columns_crc32"][list(self.streams).index(stream)]
+        except SessionError:
+            return False
         return bool(sealed) and int(sealed) == self._reader(stream).columns_crc32()
 
     def kelvin(self, start: int = 0, stop: int | None = None, **options: Any) -> NDArray[np.float64]:

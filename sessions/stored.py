@@ -31,15 +31,23 @@ def stored_here(group: h5py.Group, path: str) -> Any:
     """What a path leads to within this very file; raises `SessionError` where there is nothing, or a link."""
     found: Any = group
     for name in path.split("/"):
-        if found.__class__ is h5py.Dataset or found.get(name, getlink=True).__class__ is not h5py.HardLink:
+        if found.__class__ is h5py.Dataset or link_of(found, name).__class__ is not h5py.HardLink:
             raise SessionError(f"{path} is missing, or points somewhere else")
         try:
             found = found[name]
-        except (KeyError, OSError) as error:
+        except (KeyError, OSError, RuntimeError) as error:
             raise SessionError(f"{path} cannot be read: {error}") from error
     if found.__class__ is h5py.Dataset and (found.is_virtual or found.external):
         raise SessionError(f"{found.name} does not hold its data itself")
     return found
+
+
+def link_of(group: h5py.Group, name: str) -> object:
+    """What a name of a group is, None if it has none; raises `SessionError` where the group is damaged."""
+    try:
+        return group.get(name, getlink=True)
+    except RuntimeError as error:
+        raise SessionError(f"{group.name} cannot be read: {error}") from error
 
 
 def members(group: h5py.Group) -> Iterator[tuple[str, Any]]:
@@ -70,7 +78,7 @@ def columns_of(
     group: h5py.Group, columns: Iterable[Column], *, salvage: bool = False
 ) -> dict[str, h5py.Dataset]:
     """The datasets of those columns that the file has: an older version has some, a newer one more."""
-    there = [column for column in columns if group.get(column.name, getlink=True) is not None]
+    there = [column for column in columns if link_of(group, column.name) is not None]
     if not there:
         raise SessionError(f"{group.name} has none of its columns")
     return {column.name: column_dataset(group, column, salvage=salvage) for column in there}

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import IncompleteError, IntegrityError
+from fieldkit.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.samples import Frame, Quality, Reading
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
@@ -249,3 +249,30 @@ def test_a_table_that_is_gone_does_not_stop_the_others(
         written = {path.stem.removeprefix("field-") for path in caught.value.files}
         assert {"lux", "thermometer", "events"} <= written
         assert all(path.exists() for path in caught.value.files)
+
+
+def spoil_group(name: str) -> Callable[[Path], None]:
+    """One bit in the object header of a group: HDF5 opens it, and cannot read what is in it."""
+
+    def change(path: Path) -> None:
+        with h5py.File(path, "r") as file:
+            place = h5py.h5o.get_info(file[name].id).addr
+        data = bytearray(path.read_bytes())
+        data[place + 40] ^= 4
+        path.write_bytes(data)
+
+    return change
+
+
+def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., Session]) -> None:
+    with damaged() as session:
+        whole = session.region_series()
+    with damaged(spoil_group("integrity")) as session:
+        assert not session.columns_are_sealed("camera")
+        assert np.array_equal(session.region_series().mean_k, whole.mean_k)
+
+
+@pytest.mark.parametrize("name", ["regions", "camera", "lux"])
+def test_a_damaged_group_is_explained(damaged: Callable[..., Session], name: str) -> None:
+    with pytest.raises(SessionError, match="is damaged"), damaged(spoil_group(name)) as session:
+        session.region_series()
