@@ -12,6 +12,7 @@ Sources: both makers' manuals, and public programs that read such files.
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -49,7 +50,8 @@ def read_table(path: Path, encoding: str) -> Table:
             raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
         text = path.read_text(encoding=encoding)
         dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
-        lines = [row for row in csv.reader(text.splitlines(), dialect) if any(cell.strip() for cell in row)]
+        ended = io.StringIO(text, newline="")  # `str.splitlines` would end lines at U+2028 and its like too
+        lines = [row for row in csv.reader(ended, dialect) if any(cell.strip() for cell in row)]
     except UnicodeDecodeError as error:
         raise ConfigError(
             f"{path} is not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",

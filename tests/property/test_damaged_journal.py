@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import random
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from fieldkit.samples import Event, EventKind
+from fieldkit.sessions import brick_thread
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
@@ -41,11 +44,15 @@ class Damage:
 
 @dataclass(frozen=True)
 class Recorded:
-    """An interrupted recording of `frames` samples of each of the first two streams."""
+    """An interrupted recording of `frames` samples of each of the first two streams.
+
+    `needs_file` where the journal has given pictures to the session file for good.
+    """
 
     folder: Path
     header: SessionHeader
     frames: int
+    needs_file: bool = False
 
     @property
     def path(self) -> Path:
@@ -72,13 +79,40 @@ def interrupted(folder: Path, shape: tuple[int, int], frames: int, part_bytes: i
     return Recorded(folder, head, frames)
 
 
-@pytest.fixture(
-    scope="module",
-    params=[((24, 32), 60, 10**9), ((24, 32), 60, 60_000), ((300, 512), 6, 10**9)],
-    ids=["one part", "several parts", "large pages"],
-)
+def long_interrupted(folder: Path) -> Recorded:
+    """A recording whose first parts have gone; what must stay of them lies in a database without a log."""
+    head = header((24, 32))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(brick_thread, "JOURNAL_BYTES", 60_000)
+        writer = SessionWriter(folder / "a.h5", head, CountedClock())
+        writer._journal.part_bytes = 30_000
+        for seq in range(120):
+            for info in head.streams[:2]:
+                writer.append(sample(info, seq))
+        deadline = time.monotonic() + 60
+        while writer._journal.full_parts and writer._journal.part_path(1).exists():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        assert not writer._journal.part_path(1).exists()
+        writer._bricks.stop()
+        writer._bricks.join()
+        writer._bricks._keeper._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        writer.abandon()
+    (folder / "a.h5.journal" / "reserve").unlink()
+    return Recorded(folder, head, 120, needs_file=True)
+
+
+KINDS: dict[str, Callable[[Path], Recorded]] = {
+    "one part": partial(interrupted, shape=(24, 32), frames=60, part_bytes=10**9),
+    "several parts": partial(interrupted, shape=(24, 32), frames=60, part_bytes=60_000),
+    "large pages": partial(interrupted, shape=(300, 512), frames=6, part_bytes=10**9),
+    "first parts gone": long_interrupted,
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
 def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return interrupted(tmp_path_factory.mktemp("interrupted"), *request.param)
+    return KINDS[request.param](tmp_path_factory.mktemp("interrupted"))
 
 
 def recovered_and_lost(recording: Recorded, copy: Path, damage: Damage, *, with_file: bool) -> None:
@@ -86,7 +120,7 @@ def recovered_and_lost(recording: Recorded, copy: Path, damage: Damage, *, with_
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(recording.folder, copy)
     path = copy / "a.h5"
-    if not with_file:
+    if not with_file and not recording.needs_file:
         path.unlink()
     victim = journal_path(path) / damage.file
     victim.write_bytes(damage.done_to(victim.read_bytes()))
@@ -125,7 +159,7 @@ def every(recording: Recorded) -> Iterator[Damage]:
 
 
 def test_recovered_and_reported_lost_is_what_was_written(recording: Recorded, tmp_path: Path) -> None:
-    for n, damage in enumerate(some(recording, 24)):
+    for n, damage in enumerate(some(recording, 20)):
         recovered_and_lost(recording, tmp_path / "copy", damage, with_file=n % 4 == 3)
 
 

@@ -138,3 +138,11 @@ def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None
     foreign = read_log(written(tmp_path, text), "x")
     assert foreign.streams[0].channels == ("bed", "Temp 12", "Temp 13")
     assert readings(foreign)[0].time_ns == 1_778_547_600_000_000_000  # 2026-05-12T01:00:00Z
+
+
+@pytest.mark.parametrize("separator", ["\u2028", "\x85"])
+def test_a_line_separator_in_a_cell_ends_no_row(tmp_path: Path, separator: str) -> None:
+    """As pasted into a note from a web page."""
+    rows = f"time,T [C],note\n2026-05-12 10:00:00,20.5,wind{separator}picks up\n2026-05-12 10:01:00,20.6,\n"
+    table = read_table(written(tmp_path, rows), "utf-8")
+    assert [row[1] for row in table.rows] == ["20.5", "20.6"]
