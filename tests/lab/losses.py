@@ -32,8 +32,8 @@ def skipped(numbers: Sequence[int]) -> int:
 def first_without_loss(attempt: Callable[[], tuple[T, int]], tries: int = 5) -> T:
     """What the first attempt without a loss gave; an attempt gives its result and what it lost.
 
-    The emulator itself drops isochronous packets when it gets no processor for a fifth of a second; fieldkit
-    would lose every time.
+    The emulator itself drops isochronous packets when it gets no processor for a while; an attempt may ask
+    less of it than the one before, for fieldkit would lose every time.
     """
     losses = []
     for _ in range(tries):

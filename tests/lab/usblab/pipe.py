@@ -50,7 +50,8 @@ class Pipe:
     ) -> None:
         self._camera, self._faults, self._count, self._send = camera, faults, count, send
         self._requests: deque[tuple[int, int]] = deque()  # bulk requests: id, length
-        self._waiting: deque[deque[bytes]] = deque()  # pictures not yet sent, in pieces
+        self._waiting: deque[bytes] = deque()  # pictures of which nothing is sent yet
+        self._pieces: deque[bytes] = deque()  # what is left of the one that is being sent
         self._clock = PictureClock(camera.shape.rate_hz)
         self._last = b""
         self._iso: IsoPace | None = None
@@ -63,6 +64,7 @@ class Pipe:
     def restart(self) -> None:
         """A stream begins or ends: what was under way is forgotten."""
         self._waiting.clear()
+        self._pieces.clear()
         self._clock.start(time.monotonic())
 
     def start_packets(self, burst: int) -> None:
@@ -106,38 +108,43 @@ class Pipe:
         if not (faults.stuck and self._last):
             self._last = self._camera.picture(time.monotonic())
         count.pictures += 1
-        pieces = self._cut(self._last)
-        if len(self._waiting) >= PENDING_PICTURES:
+        if len(self._waiting) + bool(self._pieces) >= PENDING_PICTURES:
             self._waiting.pop()
-            count.sums.pop()
             count.overwritten += 1
-        self._waiting.append(deque(pieces))
-        count.sums.append(zlib.crc32(self._last))
+        self._waiting.append(self._last)
+
+    def _has_data(self) -> bool:
+        """Whether there is a piece to send; the next picture is cut only now.
+
+        Each that is cut toggles the frame id, and a driver drops a picture with the id of the one before.
+        """
+        if not self._pieces and self._waiting:
+            picture = self._waiting.popleft()
+            self._count.sums.append(zlib.crc32(picture))
+            self._pieces.extend(self._cut(picture))
+        return bool(self._pieces)
 
     def _cut(self, picture: bytes) -> list[bytes]:
         """A picture as it goes over the cable, every n-th one short if that is the fault."""
-        faults, count = self._faults, self._count
-        short = faults.short_every and count.pictures % faults.short_every == 0
+        short_every = self._faults.short_every
+        short = short_every and len(self._count.sums) % short_every == 0
         return self._camera.transfer(picture[: len(picture) // 2] if short else picture)
 
     def _answer_requests(self) -> None:
-        while self._requests and self._waiting:
+        while self._requests and self._has_data():
             id, length = self._requests.popleft()
-            payload = self._waiting[0].popleft()
+            payload = self._pieces.popleft()
             self._answer(id, Status.OK, payload[:length])
             if len(payload) > length:
-                self._waiting[0].appendleft(payload[length:])
-            else:
-                self._waiting.popleft()
+                self._pieces.appendleft(payload[length:])
 
     def _send_packets(self, pace: IsoPace) -> None:
         """What the service intervals that have passed carry: data, nothing at all, or empty packets."""
         for _ in range(pace.owed(time.monotonic())):
-            if not pace.carries_a_packet(bool(self._waiting)):
+            has_data = self._has_data()
+            if not pace.carries_a_packet(has_data):
                 continue
-            data = self._waiting[0].popleft() if self._waiting else b""
-            if self._waiting and not self._waiting[0]:
-                self._waiting.popleft()
+            data = self._pieces.popleft() if has_data else b""
             status = Status.STALL if self._faults.stall else Status.OK
             data = b"" if status else data
             head = redir.ISO_HEADER.pack(self._camera.shape.endpoint.address, status, len(data))

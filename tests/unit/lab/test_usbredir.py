@@ -143,6 +143,19 @@ def test_short_pictures_and_stalls_can_be_had(cable):
     assert answer.body[1] == 4
 
 
+def test_the_frame_id_toggles_from_picture_to_picture_also_where_one_was_replaced(cable):
+    """By UVC 1.1, 2.4.3.2.2, it does with each frame; Linux drops a frame with the id of the one before."""
+    port, qemu = start_stream(cable)
+    ids = []
+    for number in range(4):
+        overwritten = port.count.overwritten
+        while port.count.overwritten == overwritten:
+            qemu.control(0x80, 0, 0, 0, length=2)
+        ids.append(read_picture(qemu, 1 + 100 * number)[1] & 1)
+        assert len(port.count.sums) == number + 1
+    assert ids in ([0, 1, 0, 1], [1, 0, 1, 0])
+
+
 def test_a_host_that_does_not_read_loses_pictures_not_memory(cable):
     port, qemu = start_stream(cable)
     while port.count.overwritten < 2:

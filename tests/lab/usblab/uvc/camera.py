@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from usblab.uvc import descriptors, payload
 from usblab.uvc.descriptors import CameraShape
@@ -86,6 +86,11 @@ class UvcCamera:
         """The camera gets its current: no stream yet, and uptime counts from here."""
         self.power_on_s = time_s
         self.streaming = False
+
+    def slow_down(self) -> None:
+        """Half the picture rate from the next plugging on, for a computer that is too busy for the whole."""
+        self.shape = replace(self.shape, interval_100ns=2 * self.shape.interval_100ns)
+        self._configuration = descriptors.configuration(self.shape)
 
     def picture(self, time_s: float) -> bytes:
         """The picture taken at a time, in the size and format the host chose."""
