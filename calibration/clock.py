@@ -39,8 +39,8 @@ ALIKE_NS = 300e9
 """Readings nearer than this err alike."""
 LEVEL_SD_DEG = 0.5
 """Of a bubble level on a meter's case."""
-HAZE_SD_PER_H = 0.004
-"""Drift of k, which is 0.04 per unit of Linke turbidity: a tenth of a unit an hour."""
+HAZE_SD = 0.006
+"""Half of the change of k, 0.04 per unit of Linke turbidity, in a session: 0.3 units from first to last."""
 LAW_SD = 0.008
 """How far light bends away from the law per factor e of air mass: lumens per watt of sun and sky differ.
 
@@ -190,15 +190,15 @@ class _Light:
         gain = np.linalg.pinv(np.column_stack([per_second, np.ones_like(mass), -mass]))[0]
         alike = max(1.0, used.sum() * ALIKE_NS / np.ptp(self.time_ns[used]))
         east_north = gain @ (sun[:, :2] / sun[:, 2:])
-        hours = (self.time_ns[used] - self.time_ns[used][0]) / 3.6e12
+        elapsed = np.interp(self.time_ns[used], self.time_ns[used][[0, -1]], [-1.0, 1.0])
         level = float(np.radians(LEVEL_SD_DEG) * np.hypot(*east_north))
-        haze = HAZE_SD_PER_H * float(gain @ (hours * mass))
+        haze = HAZE_SD * float(gain @ (elapsed * mass))
         place = np.interp(mass, [mass.min(), mass.max()], [-1.0, 1.0])
         law = LAW_SD * float(np.log(mass.max() / mass.min()) * (gain @ place**2))
         noise = scatter * float(np.sqrt(alike) * np.linalg.norm(gain))
         return (
             Contribution("scatter of the light", scatter, "1", "A", noise),
             Contribution("level of the meter", LEVEL_SD_DEG, "deg", "B", level),
-            Contribution("haze that changes", HAZE_SD_PER_H, "1/h", "B", haze),
+            Contribution("haze that changes", HAZE_SD, "1", "B", haze),
             Contribution("law of a clear sky", LAW_SD, "1", "B", law),
         )

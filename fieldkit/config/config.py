@@ -110,7 +110,7 @@ class Config:
         """How direct sunlight is worked out from the light meter."""
         from fieldkit.physics.irradiance import IrradianceModel
 
-        values = self.tables.irradiance.model_dump(exclude={"measures", "stream"})
+        values = self.tables.irradiance.model_dump(exclude={"measures", "stream", "factor_sd"})
         return IrradianceModel(kind=values.pop("model"), factor=values.pop("factor") or NAN, **values)
 
     def surface_parameters(self) -> SurfaceParameters:
@@ -142,11 +142,21 @@ class Config:
             measures=self.tables.irradiance.measures,
             reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_0_K,
             offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
+            emissivity_sd=self.tables.surface.emissivity_sd,
+            own_emissivity_sd={
+                region.name: region.emissivity_sd for region in self.tables.region if region.emissivity_sd
+            },
+            factor_sd=self._relative_factor_sd(),
             conductivity_sd=slab.pop("conductivity_sd"),
             capacity_sd=slab.pop("capacity_sd"),
             slab=Slab(**slab),
             **values,
         )
+
+    def _relative_factor_sd(self) -> float:
+        """Relative standard uncertainty of the light meter's factor; zero where another model is used."""
+        table = self.tables.irradiance
+        return table.factor_sd / table.factor if table.model == "calibrated" and table.factor else 0.0
 
     def to_toml(self) -> str:
         """Every value in force as TOML, without comments: what a session keeps of its configuration."""

@@ -24,16 +24,16 @@ class _Key(NamedTuple):
     """A key that takes references: the kind of record, and the key that gets its uncertainty."""
 
     kind: str
-    uncertainty: Path | None = None
+    uncertainty: Path
 
 
 KEYS: Mapping[Path, _Key] = {
-    ("surface", "emissivity"): _Key("emissivity"),
-    ("irradiance", "factor"): _Key("irradiance"),
+    ("surface", "emissivity"): _Key("emissivity", ("surface", "emissivity_sd")),
+    ("irradiance", "factor"): _Key("irradiance", ("irradiance", "factor_sd")),
     ("estimator", "scale"): _Key("surface", ("estimator", "scale_sd")),
 }
 REGION_KEYS: Mapping[str, _Key] = {
-    "emissivity": _Key("emissivity"),
+    "emissivity": _Key("emissivity", ("region", "emissivity_sd")),
     "offset_k": _Key("uniformity", ("estimator", "offset_sd_k")),
 }
 
@@ -61,8 +61,7 @@ def resolve(document: Mapping[str, Any], path: FilePath) -> tuple[dict[str, Any]
             mistakes.append(Mistake(place, f"{error.message}; {error.fix}" if error.fix else error.message))
             continue
         _put(values, place, value)
-        if key.uncertainty is not None:
-            _put(values, key.uncertainty, uncertainty)
+        _put(values, key.uncertainty, uncertainty)
         used[_name(values, place)] = {"reference": given, "file": file.name, **as_document(record)}
     if used:
         values["calibration"] = used
@@ -95,7 +94,10 @@ def _places(values: Mapping[str, Any]) -> Iterator[tuple[Path, _Key, str]]:
     for index, region in enumerate(regions if isinstance(regions, list) else ()):
         if isinstance(region, dict):
             name = str(region.get("name", ""))
-            yield from ((("region", index, key), kind, name) for key, kind in REGION_KEYS.items())
+            for key, kind in REGION_KEYS.items():
+                table, sd = kind.uncertainty
+                sd_place = (table, index, sd) if table == "region" else kind.uncertainty
+                yield ("region", index, key), kind._replace(uncertainty=sd_place), name
 
 
 def _typed(carried: Any) -> list[str]:
@@ -105,16 +107,22 @@ def _typed(carried: Any) -> list[str]:
     return [name for name, record in carried.items() if not isinstance(record, dict) or "kind" not in record]
 
 
-def _still_used(values: Mapping[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
-    """Records that the document carries already, without those whose value was replaced since."""
-    by_name = {_name(values, place): (place, region) for place, _, region in _places(values)}
-    kept = {}
-    for name, record in carried.items():
-        place, region = by_name.get(name, ((), ""))
-        if place:
-            value = record.get("values", {}).get(region, record.get("value"))
-            if _get(values, place) == value:
-                kept[name] = record
+def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
+    """Records that the document carries already, without those whose value was replaced since.
+
+    The uncertainty of a record that is not kept is taken out of `values` too.
+    """
+    by_name = {_name(values, place): (place, key, region) for place, key, region in _places(values)}
+    known = {name: (record, *by_name[name]) for name, record in carried.items() if name in by_name}
+    kept = {
+        name: record
+        for name, (record, place, _, region) in known.items()
+        if _get(values, place) == record.get("values", {}).get(region, record.get("value"))
+    }
+    in_use = {by_name[name][1].uncertainty for name in kept}
+    for name, (record, _, key, _) in known.items():
+        if name not in kept and key.uncertainty not in in_use:
+            _forget(values, key.uncertainty, record.get("standard_uncertainty"))
     return kept
 
 
@@ -134,6 +142,13 @@ def _get(values: Any, place: Path) -> Any:
         else:
             return None
     return values
+
+
+def _forget(values: dict[str, Any], place: Path, value: Any) -> None:
+    """Take a key out if it has this value."""
+    table = _get(values, place[:-1])
+    if isinstance(table, dict) and value is not None and table.get(place[-1]) == value:
+        del table[place[-1]]
 
 
 def _put(values: dict[str, Any], place: Path, value: float) -> None:

@@ -115,6 +115,9 @@ class IrradianceTable(Table):
         default=None,
         description='W/m2 per unit of the reading, for calibrated; or "@name"',
     )
+    factor_sd: float = Field(
+        default=0.0, ge=0, description="standard uncertainty of factor; a record brings its own"
+    )
     mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
         default="horizontal", description="how the light meter, or that of gti, is mounted"
     )
@@ -137,6 +140,9 @@ class SurfaceTable(Table):
     albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
     emissivity: float = Field(
         default=0.90, gt=0, le=1, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
+    )
+    emissivity_sd: float = Field(
+        default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
     emissivity_broadband: Annotated[float, Field(gt=0, le=1)] | None = Field(
         default=None,
@@ -295,6 +301,9 @@ class RegionTable(Table):
         examples=[0.93],
         default=None,
         description='in the camera\'s band, where it differs from surface.emissivity; or "@name"',
+    )
+    emissivity_sd: float = Field(
+        default=0.0, ge=0, lt=1, description="standard uncertainty of it; a record brings its own"
     )
     offset_k: float = Field(
         default=0.0,

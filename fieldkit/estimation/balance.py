@@ -18,6 +18,7 @@ Temperatures in kelvin, fluxes in W/m2 of heat, minutes in rows, regions in colu
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -48,8 +49,8 @@ class Rows:
     deviation by the stated noise; `per_kelvin` (n, m), how y grows with the target's
     temperature; `per_w_m2` (n,), how it grows with a difference of sunlight on the bed;
     `doubts` (p, n, m), how it moves with one standard deviation of each thing that is only
-    known so well: offset between regions and its drift, exchange with the air, and with the full model
-    conductivity and heat capacity of the layer.
+    known so well: offset between regions and its drift, exchange with the air, with the full model
+    conductivity and heat capacity of the layer, and emissivities with a stated uncertainty.
     `reference` (3,) is the mean normal of the references. NaN where a minute says nothing.
     """
 
@@ -69,6 +70,7 @@ def rows(
     targets: NDArray[np.int64],
     normals: FloatArray,
     settings: EstimatorSettings,
+    moved_k: Iterable[FloatArray] = (),
 ) -> Rows:
     """Rows of the minutes from index `first` of the history on.
 
@@ -85,6 +87,8 @@ def rows(
         Unit normals of the references, shape (len(references), 3).
     settings
         Surface, model and noise.
+    moved_k
+        Temperatures (n, regions) were one thing that shifts them a standard uncertainty higher, for each.
     """
     kept = np.isfinite(history.temperature_k[first:, references]).any(axis=0)
     kept |= not kept.any()  # none measured: all of them, whose mean is NaN without a warning
@@ -104,6 +108,13 @@ def rows(
         rise = conducted(history.minute, over, settings.slab)
         doubts += [conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
         amplification = _smoothed_kernel(settings.slab)
+    for moved in moved_k:
+        other, other_base = moved[:, targets], moved[:, references[kept]]
+        shift = _lost(other, settings) - np.mean(_lost(other_base, settings), axis=1, keepdims=True) - heat
+        if settings.model == "full":
+            further = other - np.mean(other_base, axis=1, keepdims=True)
+            shift += conducted(history.minute, further, settings.slab) - rise
+        doubts.append(shift)
     scale = (beam * settings.scale)[:, np.newaxis]
     noise = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(kept.sum())))
     direct = steepness + amplification[0]

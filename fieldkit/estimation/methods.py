@@ -92,7 +92,8 @@ class _Problem:
         doubts = self.rows.doubts[:, used, self.index]
         summed = with_doubts(self.lamps, self.y, self.weights[used], doubts)
         left_out = PAPER_SCALE_SD if settings.model == "paper" else 0.0
-        return DoubtfulMisfit(summed, self.rows.reference, math.hypot(settings.scale_sd, left_out))
+        scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, left_out)
+        return DoubtfulMisfit(summed, self.rows.reference, scale_sd)
 
     @property
     def freedom(self) -> int:

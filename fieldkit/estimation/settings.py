@@ -29,7 +29,9 @@ class EstimatorSettings:
     kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty
     (irradiance, albedo), `exchange_sd` the relative one of the exchange with the air;
     `offsets_k` are calibrated offsets of regions (measured minus true against the
-    reference), `offset_sd_k` theirs and `drift_sd_k_per_h` how steady they are. All this
+    reference), `offset_sd_k` theirs and `drift_sd_k_per_h` how steady they are. `emissivity_sd` is the
+    standard uncertainty of the surface's emissivity in the camera's band, `own_emissivity_sd` those of
+    regions with one of their own, `factor_sd` the relative one of a calibrated light meter's factor. All this
     goes into the likelihood region, and with the paper's model so does `PAPER_SCALE_SD` for
     what that model leaves out. The fields after them belong to the full model: the slab
     under the surface and the relative uncertainty of its conductivity and heat capacity,
@@ -59,6 +61,9 @@ class EstimatorSettings:
     exchange_sd: float = 0.15
     offsets_k: Mapping[str, float] = field(default_factory=dict)
     offset_sd_k: float = 0.25
+    emissivity_sd: float = 0.0
+    own_emissivity_sd: Mapping[str, float] = field(default_factory=dict)
+    factor_sd: float = 0.0
     drift_sd_k_per_h: float = 0.10
     slab: Slab = field(default_factory=Slab)
     conductivity_sd: float = 0.20

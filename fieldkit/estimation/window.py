@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fieldkit.estimation import quality
 from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.estimation.balance import Rows, rows
+from fieldkit.estimation.band_emissivity import moved_temperatures
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.drift import RECENT_MINUTES, drifts_k
 from fieldkit.estimation.methods import Solution, solution
@@ -79,7 +80,8 @@ class Window:
         if last and field.references.size and field.targets.size:
             true = without_offsets(self.past, field.regions, settings)
             beds = field.references, field.targets, field.reference_normals
-            self.rows = rows(true, self.first, *beds, settings)
+            moved = moved_temperatures(true.temperature_k, field.regions, settings)
+            self.rows = rows(true, self.first, *beds, settings, moved)
 
     def estimate(self, index: int) -> SlopeEstimate:
         """Slope of the target `index`."""

@@ -74,6 +74,32 @@ def brightness_temperature_k(
     return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
 
 
+def kelvin_per_emissivity(
+    temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
+) -> FloatArray:
+    """Change of the temperature worked out from one reading per unit of the emissivity assumed.
+
+    ``(M(T_reflected) - M(T)) / (e M'(T))``: negative where the surface is warmer than what it mirrors.
+
+    Parameters
+    ----------
+    temperature_k
+        Temperature of the surface, any shape. [K]
+    emissivity
+        Of the camera's band, in (0, 1], broadcastable. [-]
+    reflected_k
+        Band temperature of what the surface mirrors. [K]
+
+    Returns
+    -------
+    Same shape. [K]
+    """
+    kelvin = np.asarray(temperature_k, np.float64)
+    steepness = band_radiance(kelvin + 0.5) - band_radiance(kelvin - 0.5)
+    excess = band_radiance(reflected_k) - band_radiance(kelvin)
+    return np.asarray(excess / (_checked(emissivity) * steepness))
+
+
 def _checked(emissivity: ArrayLike) -> FloatArray:
     values = np.asarray(emissivity, np.float64)
     if not np.all((values > 0.0) & (values <= 1.0)):

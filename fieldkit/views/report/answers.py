@@ -58,7 +58,13 @@ def likelihood_words(material: Material) -> str:
     parts = [f"noise of {settings.noise_k:g} K"]
     if settings.offset_sd_k > 0:
         parts.append(f"an offset between regions of {settings.offset_sd_k:g} K")
-    doubts = {"an irradiance scale": settings.scale_sd, "an exchange with the air": settings.exchange_sd}
+    sds = {settings.emissivity_sd, *settings.own_emissivity_sd.values()} - {0.0}
+    parts += [f"an emissivity of ±{sd:.3f}" for sd in sorted(sds)]
+    doubts = {
+        "an irradiance scale": settings.scale_sd,
+        "a light meter's factor": settings.factor_sd,
+        "an exchange with the air": settings.exchange_sd,
+    }
     if settings.model == "full":
         doubts |= {
             "a conductivity of the sand": settings.conductivity_sd,

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.band_emissivity import difference_k
 from fieldkit.estimation.bins import MINUTE_NS
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics import sky
@@ -31,7 +32,8 @@ class BedBudget:
     The four terms are what the paper's model takes for direct light and is not, in W/m2 of
     eq. (6); positive ones make the bed look more turned to the sun than it is.
     `w_m2_per_degree` is how direct light on the bed changes with its tilt; `noise_deg` half
-    the width of the likelihood region.
+    the width of the likelihood region. `emissivity_k` is the standard uncertainty of bed minus reference
+    by calibrated emissivities, `factor_sd` the relative one of a calibrated light meter.
     """
 
     name: str
@@ -43,6 +45,8 @@ class BedBudget:
     kelvin_per_degree: float
     noise_deg: float
     tilt_deg: float
+    emissivity_k: float = 0.0
+    factor_sd: float = 0.0
 
     @property
     def left_out_w_m2(self) -> float:
@@ -89,6 +93,8 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
         _median(bed.kelvin_per_degree),
         _median(np.where(bed.is_answer, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
         tilt,
+        _median(_of_emissivity(columns, bed, settings)),
+        settings.factor_sd,
     )
 
 
@@ -116,6 +122,14 @@ def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> 
     down, emissivity = settings.longwave_down_w_m2, settings.surface.emissivity_broadband
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
     return emissivity * (sky.longwave_on_facet(down, ground, cos_tilt) - down)
+
+
+def _of_emissivity(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:
+    """Standard uncertainty of bed minus reference by their emissivities, kelvin."""
+    if not columns.references:
+        return np.zeros(columns.time_ns.size)
+    seen = columns.temperature_k[bed.region.name], columns.reference_k
+    return difference_k(*seen, bed.region, columns.references[0], settings)
 
 
 def _stored(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:

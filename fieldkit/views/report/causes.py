@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -61,7 +61,19 @@ def cause_rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
             *(f"±{words.number(abs(b.of_scale(SCALE)), 1)}°" for b in budgets),
         ]
     )
-    return found
+    return [*found, *_calibrated(budgets)]
+
+
+def _calibrated(budgets: Sequence[BedBudget]) -> Iterator[list[object]]:
+    """Rows of what calibration records leave uncertain, one standard uncertainty of each."""
+    causes: dict[str, Callable[[BedBudget], tuple[float, str]]] = {
+        "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
+        "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
+    }
+    for name, of in causes.items():
+        cells = [of(one) for one in budgets]
+        if any(degrees for degrees, _ in cells):
+            yield [name, *(f"±{words.number(abs(degrees), 1)}° ({amount})" for degrees, amount in cells)]
 
 
 def _degrees(found: BedBudget, term_w_m2: float) -> str:

@@ -50,15 +50,17 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "scale_sd = 0.02\nexchange_sd = 0.2\noffset_sd_k = 0.1\ndrift_sd_k_per_h = 0.3\n"
         'sky = "isotropic"\nground_albedo = 0.3\nlongwave_down_w_m2 = 250\ndiffuse_fraction = 0.2\n'
         "[surface]\nalbedo = 0.3\nemissivity = 0.91\nemissivity_broadband = 0.92\n"
-        "reflected_temperature_c = -20\n"
+        "reflected_temperature_c = -20\nemissivity_sd = 0.02\n"
         "[air]\nheat_capacity_j_kg_k = 1005\ndensity_kg_m3 = 1.0\nexchange_m_s = 0.02\n"
         '[irradiance]\nmeasures = {sun = "ghi"}\nstream = "sun"\n'
-        'model = "calibrated"\nfactor = 0.0091\nmounting = "in-plane"\nplane_tilt_deg = 5\n'
+        'model = "calibrated"\nfactor = 0.0091\nfactor_sd = 0.00091\nmounting = "in-plane"\n'
+        "plane_tilt_deg = 5\n"
         'plane_azimuth_deg = 180\ndiffuse = "erbs"\npar_fraction = 1.0\nefficacy_lm_w = 110\n'
         "diffuse_fraction = 0.1\n"
         "[slab]\ndepth_m = 0.05\nconductivity_w_m_k = 0.3\nheat_capacity_j_m3_k = 1.5e6\n"
         "conductivity_sd = 0.3\ncapacity_sd = 0.05\n"
         '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
+        "emissivity = 0.93\nemissivity_sd = 0.03\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
     ).estimator_settings()
     assert given == EstimatorSettings(
@@ -84,6 +86,9 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         exchange_sd=0.2,
         offsets_k={"flat": -0.2},
         offset_sd_k=0.1,
+        emissivity_sd=0.02,
+        own_emissivity_sd={"flat": 0.03},
+        factor_sd=pytest.approx(0.1),
         drift_sd_k_per_h=0.3,
         slab=Slab(0.05, 0.3, 1.5e6),
         conductivity_sd=0.3,

@@ -48,6 +48,8 @@ def test_a_reference_is_the_newest_records_value_and_brings_its_uncertainty(fold
     assert settings.irradiance.factor == 0.0091
     assert (settings.offsets_k, settings.offset_sd_k) == ({"b15": 0.31}, 0.04)
     used = config.calibrations()
+    assert settings.emissivity_sd == 0.01
+    assert settings.factor_sd == pytest.approx(0.01 / 0.0091)
     assert set(used) == {"surface.emissivity", "estimator.scale", "irradiance.factor", "b15.offset_k"}
     assert used["surface.emissivity"].date.day == 11
 
@@ -81,7 +83,22 @@ def test_a_session_is_read_again_under_another_record_or_number(folder):
     assert other.calibrations()["surface.emissivity"].date.day == 10
     number = config_from_text(stored, session, settings=["surface.emissivity=0.95"])
     assert number.calibrations() == {}
+    assert other.estimator_settings().emissivity_sd == 0.01
+    assert number.estimator_settings().emissivity_sd == 0.0  # the record's went with its value
     assert changed_config(other, ["surface.albedo=0.3"]).calibrations() == other.calibrations()
+
+
+def test_a_region_with_a_record_of_its_own_has_its_own_uncertainty(folder):
+    own = REGIONS.replace('offset_k = "@cardboard"', 'emissivity = "@sand"')
+    settings = load(folder, own).estimator_settings()
+    assert settings.own_emissivity_sd == {"b15": 0.01}
+    assert settings.emissivity_sd == 0.0
+
+
+def test_a_light_meters_uncertainty_counts_only_where_its_factor_does(folder):
+    text = '[irradiance]\nmodel = "{}"\nfactor = "@roof"\n'
+    assert load(folder, text.format("eq10")).estimator_settings().factor_sd == 0.0
+    assert load(folder, text.format("calibrated")).estimator_settings().factor_sd > 0.0
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,14 @@ import pytest
 from scipy.optimize import brentq
 
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_angles, sun_vectors
 from fieldkit.samples import Quality
 from fieldkit.site import Region, RegionKind, Site
 from fieldkit.slope import SlopeEstimate, SlopeState
 from fieldkit.views.report.budget import budget
+from fieldkit.views.report.causes import cause_rows
 from fieldkit.views.report.series import series
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
@@ -121,3 +123,26 @@ def test_offset_scale_and_noise_in_degrees(make_minute):
     assert found.of_offset(0.35) == pytest.approx(1.0)
     assert found.of_scale(0.1) == pytest.approx(1.5)
     assert found.noise_deg == pytest.approx(1.25)
+
+
+def test_what_calibrations_leave_uncertain_has_rows_of_its_own_in_degrees(make_minute):
+    """A kelvin between bed and reference over 0.35 K per degree; 3 % of 15 degrees."""
+    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
+    minute = minute_of(make_minute, bed, NOON_NS)
+    columns = series([minute], (FLAT, bed))
+    settings = replace(SETTINGS, emissivity_sd=0.02, factor_sd=0.03)
+    found = budget(columns, columns.beds[0], settings)
+    warm, base = (minute.temperature_k[name] for name in ("bed", "flat"))
+    seen = [
+        surface_temperature_k(brightness_temperature_k(kelvin, 0.90, 233.15), 0.92, 233.15)
+        for kelvin in (warm, base)
+    ]
+    expected_k = abs((seen[0] - warm) - (seen[1] - base))
+    assert found.emissivity_k == pytest.approx(expected_k, rel=0.1)
+    rows = {str(row[0]): str(row[1]) for row in cause_rows([found])}
+    degrees = found.emissivity_k / 0.35
+    assert rows["emissivity as calibrated"] == f"±{degrees:.1f}° ({found.emissivity_k:.2f} K)"
+    assert rows["light meter as calibrated"].endswith("° (3.0%)")
+    assert float(rows["light meter as calibrated"][1:4]) == pytest.approx(0.45, abs=0.051)
+    plain = cause_rows([budget(columns, columns.beds[0], SETTINGS)])
+    assert not any("calibrated" in str(row[0]) for row in plain)

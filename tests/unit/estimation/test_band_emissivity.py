@@ -1,0 +1,102 @@
+"""What is only known of an emissivity widens the region by what it is in kelvin, over kelvin per degree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.band_emissivity import difference_k, moved_temperatures
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.radiance import (
+    brightness_temperature_k,
+    kelvin_per_emissivity,
+    surface_temperature_k,
+)
+from fieldkit.physics.surface import SurfaceParameters, surface_temperature
+from fieldkit.site import Region, RegionKind
+
+CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
+FLAT, BED = Region("flat", RegionKind.REFERENCE, CORNERS), Region("b15", RegionKind.TARGET, CORNERS)
+TAPE = replace(BED, name="tape", emissivity=0.95)
+
+
+def test_the_published_sensitivity():
+    """At 45 °C and 0.90: -0.63 K per hundredth under a sky of -40 °C, -0.25 K under 20 °C."""
+    assert 0.01 * kelvin_per_emissivity(318.15, 0.90, 233.15) == pytest.approx(-0.63, abs=0.01)
+    assert 0.01 * kelvin_per_emissivity(318.15, 0.90, 293.15) == pytest.approx(-0.25, abs=0.02)
+
+
+def test_regions_of_one_emissivity_move_together_and_one_of_its_own_alone():
+    settings = EstimatorSettings(emissivity_sd=0.01, own_emissivity_sd={"tape": 0.02})
+    kelvin = np.array([[295.0, 305.0, 305.0]])
+    common, own = moved_temperatures(kelvin, (FLAT, BED, TAPE), settings)
+    seen = brightness_temperature_k(kelvin, 0.90, settings.reflected_temperature_k)
+    again = surface_temperature_k(seen, 0.91, settings.reflected_temperature_k)
+    assert common[0, :2] == pytest.approx(again[0, :2], abs=0.02)
+    assert common[0, 2] == 305.0
+    assert own[0, :2].tolist() == [295.0, 305.0]
+    assert own[0, 2] < 305.0 - 0.8
+
+
+def test_nothing_moves_where_no_uncertainty_is_stated():
+    assert list(moved_temperatures(np.full((3, 2), 300.0), (FLAT, BED), EstimatorSettings())) == []
+
+
+def slopes(yard, **more):
+    """The slopes after an hour, no other systematic uncertainty stated but the paper model's own."""
+    settings = EstimatorSettings(
+        azimuth="known", exchange_sd=0.0, drift_sd_k_per_h=0.0, conductivity_sd=0.0, capacity_sd=0.0,
+        **{"scale_sd": 0.0, "offset_sd_k": 0.0, **more},
+    )  # fmt: skip
+    estimator = Estimator(yard.site, yard.beds, yard.streams, settings)
+    for sample in yard.samples(60):
+        estimator.add(sample)
+    return {one.region: one for one in estimator.finish()[-1].estimates}
+
+
+def half_width(found):
+    return (found.tilt_high_deg - found.tilt_low_deg) / 2.0
+
+
+def with_its_own_emissivity(yard):
+    yard.beds = tuple(replace(bed, emissivity=0.90) if bed.name == "b17" else bed for bed in yard.beds)
+    return yard
+
+
+@pytest.mark.parametrize("model", ["paper", "full"])
+def test_a_beds_own_uncertain_emissivity_costs_what_an_offset_of_its_kelvin_costs(yard, model):
+    bed_k = surface_temperature(800.0 * 0.8, 400.0, 303.15, SurfaceParameters())  # some 640 W/m2 on it
+    kelvin = 0.004 * abs(float(kelvin_per_emissivity(bed_k, 0.90, 233.15)))
+    yard = with_its_own_emissivity(yard)
+    alone, uncertain, offset = (
+        slopes(yard, model=model, **more)
+        for more in ({}, {"own_emissivity_sd": {"b17": 0.004}}, {"offset_sd_k": kelvin})
+    )
+    assert half_width(uncertain["b08"]) == pytest.approx(half_width(alone["b08"]), abs=1e-9)
+    assert uncertain["b17"].tilt_deg == pytest.approx(alone["b17"].tilt_deg, abs=1e-9)
+    assert half_width(uncertain["b17"]) > 1.5 * half_width(alone["b17"])
+    assert half_width(uncertain["b17"]) == pytest.approx(half_width(offset["b17"]), rel=0.1)
+
+
+def test_an_emissivity_that_all_regions_share_mostly_cancels(yard):
+    alone, shared = (half_width(slopes(yard, emissivity_sd=sd)["b17"]) for sd in (0.0, 0.01))
+    own = half_width(slopes(with_its_own_emissivity(yard), own_emissivity_sd={"b17": 0.01})["b17"])
+    assert alone < shared < alone + 0.5 * (own - alone)
+
+
+def test_the_price_in_kelvin_is_that_of_the_difference_to_the_reference():
+    settings = EstimatorSettings(emissivity_sd=0.02)
+    both = difference_k(np.array([305.0, 295.0]), np.array([295.0, 295.0]), BED, FLAT, settings)
+    each = 0.02 * kelvin_per_emissivity([305.0, 295.0], 0.90, settings.reflected_temperature_k)
+    assert both == pytest.approx([abs(each[0] - each[1]), 0.0], abs=1e-9)
+    alone = difference_k(
+        np.array([305.0]), np.array([295.0]), TAPE, FLAT, replace(settings, own_emissivity_sd={"tape": 0.02})
+    )
+    assert alone[0] > both[0]
+
+
+def test_a_light_meters_factor_is_as_much_a_scale_as_any(yard):
+    one, other = (slopes(yard, **more)["b17"] for more in ({"factor_sd": 0.05}, {"factor_sd": 0.0}))
+    assert half_width(one) > half_width(other)
+    assert one.tilt_high_deg == slopes(yard, factor_sd=0.03, scale_sd=0.04)["b17"].tilt_high_deg
