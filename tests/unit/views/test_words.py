@@ -130,3 +130,22 @@ def test_what_inclinometer_and_compass_said(tilt, azimuth, said):
 def test_bad_events_say_so_without_colour():
     event = Event(EventKind.DISK, 0, 0, "disk full", severity=Severity.ERROR)
     assert words.told(event) == "ERROR: disk full"
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "said"),
+    [
+        (2.0, 340.0, 12.0, "2 ±22"),
+        (350.0, 345.0, 20.0, "350 ±30"),
+        (350.0, 345.0, 380.0, "350 ±30"),
+        (-5.0, 340.0, 10.0, "-5 ±15"),
+    ],
+)
+def test_an_azimuth_region_across_north_is_as_wide_as_it_is(value, low, high, said):
+    found = words.azimuth(estimate(azimuth_deg=value, azimuth_low_deg=low, azimuth_high_deg=high))
+    assert found == said
+
+
+def test_noise_is_the_larger_half_of_its_own_region():
+    noisy = estimate(tilt_deg=15.0, noise_tilt_low_deg=14.8, noise_tilt_high_deg=15.7)
+    assert words.noise(noisy) == "±0.7°"
