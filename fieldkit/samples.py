@@ -15,6 +15,8 @@ from typing import Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.numbered import NumberedEnum
+
 NO_COUNTER = -(2**63)
 """Stands for "the device has no clock or counter of its own" in int64 columns."""
 
@@ -92,7 +94,7 @@ def is_showable(flags: int) -> bool:
     return (flags & _UNSHOWABLE_BITS) == 0
 
 
-class Severity(enum.IntEnum):
+class Severity(NumberedEnum):
     """How loudly an event should be told."""
 
     INFO = 0
@@ -100,7 +102,7 @@ class Severity(enum.IntEnum):
     ERROR = 2
 
 
-class EventKind(enum.IntEnum):
+class EventKind(NumberedEnum):
     """What can happen in a session; the numbers are stored in the file."""
 
     START = 0

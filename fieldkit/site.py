@@ -6,13 +6,14 @@ azimuth of the surface normal from north, clockwise.
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fieldkit.numbered import NumberedEnum
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,7 @@ def known_zone(name: str) -> ZoneInfo | None:
 _Point = NDArray[np.float64]  # (x, y)
 
 
-class RegionKind(enum.IntEnum):
+class RegionKind(NumberedEnum):
     """What a region is for; the numbers are stored in the session file."""
 
     REFERENCE = 0

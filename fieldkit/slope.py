@@ -6,18 +6,18 @@ from north, clockwise; both in degrees.
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.numbered import NumberedEnum
 from fieldkit.samples import Quality
 
 NAN = float("nan")
 
 
-class SlopeState(enum.IntEnum):
+class SlopeState(NumberedEnum):
     """What may be said about a slope; the numbers are stored in the session file."""
 
     OK = 0

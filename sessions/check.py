@@ -18,11 +18,12 @@ from fieldkit.sessions.check_clock import clock_findings
 from fieldkit.sessions.check_streams import stream_findings
 from fieldkit.sessions.check_sun import sun_findings
 from fieldkit.sessions.findings import Finding
-from fieldkit.sessions.layout import entry_columns, journal_path
+from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
 from fieldkit.site import RegionKind
 
+_COPY = "take another copy of the session; its numbers may not mean what they did"
 _QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGION}
 
 
@@ -35,10 +36,11 @@ def check(path: str | Path) -> list[Finding]:
         return [Finding("fail", "file", error.message, error.fix or "")]
     with session:
         findings: list[Finding] = []
-        for look in (_state, integrity_findings, _streams, _events, clock_findings, sun_findings, _regions):
+        sealed = (_state, integrity_findings, _objects)
+        for look in (*sealed, _streams, _events, clock_findings, sun_findings, _regions):
             try:
                 findings.extend(look(session))
-            except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
+            except Exception as error:  # whatever stands in the file, the other looks go on
                 findings.append(Finding("fail", "file", f"damaged: {error}", f"fieldkit recover {path}"))
         return findings
 
@@ -69,9 +71,37 @@ def integrity_findings(session: Session) -> Iterator[Finding]:
             yield Finding(
                 "fail", name, f"{len(stored)} samples, sealed with {sealed['count'][place]}, or others"
             )
-    for place, name in enumerate(entry_columns(session.header)):
-        if table_crc32(session, name) != sealed["table_crc32"][place]:
+    for name, crc32 in session.sealed_tables().items():
+        if table_crc32(session, name) != crc32:
             yield Finding("fail", name, "the table is not as it was sealed")
+
+
+def _objects(session: Session) -> Iterator[Finding]:
+    """Everything that gives the numbers their meaning, against the digests taken when it was sealed."""
+    if session.state not in ("sealed", "recovered"):
+        return
+    if session.format_version == (1, 0):
+        text = "sealed by an older version of fieldkit: its header and attributes are under no checksum"
+        yield Finding("ok", "header", text)
+        return
+    sealed = session.sealed_objects()
+    if not sealed:
+        yield Finding("fail", "header", "the digests it was sealed with are gone", _COPY)
+        return
+    reasons = {path: _changed(session, path, digest) for path, digest in sealed.items()}
+    for path, reason in reasons.items():
+        if reason:
+            yield Finding("fail", path, reason, _COPY)
+    if not any(reasons.values()):
+        yield Finding("ok", "header", f"{len(sealed)} objects are as they were sealed")
+
+
+def _changed(session: Session, path: str, digest: str) -> str:
+    """What is wrong with an object, in words."""
+    try:
+        return "" if session.object_digest(path) == digest else "it is not as it was sealed"
+    except Exception as error:  # whatever HDF5 makes of damaged bytes
+        return f"it cannot be read: {error}"
 
 
 def _streams(session: Session) -> Iterator[Finding]:

@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,12 +19,14 @@ from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.errors import StorageError
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
-from fieldkit.sessions.layout import encode_text
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.sessions.time_map import TimeStep
+from fieldkit.sessions.stored import columns_of
+from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
 STEP_NS = 1_000_000_000
 TOLERANCE_NS = 2_000_000_000
+_REASON = h5py.string_dtype("utf-8", 256)
 _TRUSTED = ("gps", "ptp", "ntp", "phone")
 
 
@@ -158,13 +162,19 @@ def _add_steps(path: Path, steps: Sequence[TimeStep]) -> None:
         group = file["time_map"]
         old = group["time"].shape[0]
         version = int(group["version"][:].max(initial=0)) + 1
-        rows = {
-            "mono_ns": [step.mono_ns for step in steps],
-            "add_ns": [step.add_ns for step in steps],
-            "version": [version] * len(steps),
-            "reason": [encode_text(step.reason, 256) for step in steps],
-            "time": [time.time_ns() // 1000] * len(steps),
-        }
-        for name, values in rows.items():
+        rows = _rows(steps, version)
+        for name in columns_of(group, TIME_MAP_COLUMNS):  # an older file has no room for the checksum
             group[name].resize((old + len(steps),))
-            group[name][old:] = values
+            group[name][old:] = rows[name]
+
+
+def _rows(steps: Sequence[TimeStep], version: int) -> dict[str, NDArray[Any]]:
+    """The columns of a new version of the time map."""
+    columns: dict[str, NDArray[Any]] = {
+        "time": np.full(len(steps), time.time_ns() // 1000, np.int64),
+        "mono_ns": np.array([step.mono_ns for step in steps], np.int64),
+        "add_ns": np.array([step.add_ns for step in steps], np.int64),
+        "version": np.full(len(steps), version, np.uint16),
+        "reason": np.array([encode_text(step.reason, 256) for step in steps], _REASON),
+    }
+    return {**columns, "crc32": np.array(row_crc32s(columns), np.uint32)}

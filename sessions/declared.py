@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +50,6 @@ def scalar(file: h5py.File, name: str) -> Any:
     return dataset[()]
 
 
-def header_of(path: Path, file: h5py.File) -> SessionHeader:
+def header_of(file: h5py.File) -> SessionHeader:
     """What was declared when the recording began; raises `SessionError` where it is damaged."""
-    try:
-        return SessionHeader.from_json(decode_text(scalar(file, "config/header")))
-    except json.JSONDecodeError as error:
-        raise SessionError(f"{path}: its header is damaged: {error}") from error
+    return SessionHeader.from_json(decode_text(scalar(file, "config/header")))

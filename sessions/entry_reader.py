@@ -21,7 +21,8 @@ from fieldkit.clock import ClockCheck
 from fieldkit.errors import SessionError
 from fieldkit.samples import Event, Health, Quality
 from fieldkit.sessions import tables
-from fieldkit.sessions.declared import explained, header_of, scalar
+from fieldkit.sessions.declared import attribute, explained, header_of, scalar
+from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.layout import (
     INTEGRITY_COLUMNS,
     TIME_MAP_COLUMNS,
@@ -31,8 +32,16 @@ from fieldkit.sessions.layout import (
     exact_time_ns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.sessions.stored import column_dataset, columns_of, link_of, members, stored_here, whole_rows
-from fieldkit.sessions.time_map import TimeStep, mapped_event, mapped_health
+from fieldkit.sessions.stored import (
+    check_size,
+    column_dataset,
+    columns_of,
+    link_of,
+    members,
+    stored_here,
+    whole_rows,
+)
+from fieldkit.sessions.time_map import TimeStep, check_rows, mapped_event, mapped_health
 from fieldkit.slope import SlopeEstimate
 
 
@@ -41,7 +50,7 @@ class EntryReader:
 
     def __init__(self, path: Path, file: h5py.File, *, salvage: bool = False) -> None:
         self.path = path
-        self.header = header_of(path, file)
+        self.header = header_of(file)
         self.anchor_ns = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._file = file
         self._salvage = salvage
@@ -92,8 +101,9 @@ class EntryReader:
     def time_map(self) -> list[TimeStep]:
         """The corrections of the clock in force, written afterwards; usually none."""
         with self._explaining():
-            group = self.group("time_map")
-            columns = {column.name: column_dataset(group, column)[:] for column in TIME_MAP_COLUMNS}
+            datasets = columns_of(self.group("time_map"), TIME_MAP_COLUMNS)
+            columns = {name: dataset[:] for name, dataset in datasets.items()}
+            check_rows(columns)
         newest = columns["version"].max(initial=0)
         rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
         return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
@@ -112,6 +122,31 @@ class EntryReader:
                 else column.unknown(len(self.header.streams))
                 for column in columns
             }
+
+    def sealed_tables(self) -> dict[str, int]:
+        """Checksums of the tables by their names, as sealed."""
+        with self._explaining():
+            tables = _texts(stored_here(self.group("integrity"), "table"))
+        return dict(zip(tables, self.integrity()["table_crc32"].tolist(), strict=True))
+
+    @property
+    def format_version(self) -> tuple[int, int]:
+        """Of the file's format, major and minor."""
+        major, minor = str(attribute(self._file, "fieldkit_format_version")).split(".")[:2]
+        return int(major), int(minor)
+
+    def sealed_objects(self) -> dict[str, str]:
+        """Digests of the file's objects by their paths, as sealed; none in a file of version 1.0."""
+        with self._explaining():
+            group = self.group("integrity")
+            if group.get("object_sha256", getlink=True) is None:
+                return {}
+            paths, digests = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
+            return dict(zip(paths, digests, strict=True))
+
+    def object_digest(self, path: str) -> str:
+        """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
+        return object_digest(self._file, path)
 
     def minutes(self) -> list[MinuteRecord]:
         """What the estimator said while recording, minute by minute."""
@@ -189,3 +224,11 @@ class EntryReader:
 
     def _exact(self, table: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
         return exact_time_ns(table["time"], table["mono_ns"], self.anchor_ns)
+
+
+def _texts(dataset: h5py.Dataset) -> list[str]:
+    """The texts of a dataset; raises `SessionError` where it is none of texts."""
+    check_size(dataset)
+    if dataset.dtype.kind != "S" or dataset.ndim != 1:
+        raise SessionError(f"{dataset.name} holds no texts")
+    return [decode_text(text) for text in dataset[:].tolist()]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError, SessionError
-from fieldkit.site import Region, RegionKind, Site
+from fieldkit.sessions.plain import build
+from fieldkit.site import Region, Site
 
 MAX_VERTICES = 64
 MAX_REGIONS = 256
@@ -45,6 +46,8 @@ class SessionHeader:
         for name in names:
             if not name or name in RESERVED_NAMES or "/" in name or name.startswith("."):
                 raise ValueError(f"{name!r} cannot be the name of a stream")
+        for info in self.streams:
+            _check_stream(info)
         for region in self.regions:
             check_region(region)
 
@@ -63,27 +66,20 @@ class SessionHeader:
 
     @classmethod
     def from_json(cls, text: str) -> SessionHeader:
-        """The header that `to_json` wrote; raises `SessionError` where the text is none."""
+        """The header that `to_json` of any version wrote; raises `SessionError` where the text is none."""
         try:
-            plain = json.loads(text)
-            plain["site"] = Site(**plain["site"])
-            plain["streams"] = tuple(_stream(item) for item in plain["streams"])
-            plain["regions"] = tuple(region_from(item) for item in plain["regions"])
-            return cls(**plain)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            return build(cls, json.loads(text))
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
             raise SessionError(f"the session's header makes no sense: {error}") from error
 
 
-def _stream(plain: dict[str, Any]) -> StreamInfo:
-    tuples = {key: tuple(plain[key]) for key in ("shape", "metadata_shape", "channels")}
-    tuples["measures"] = tuple(plain.get("measures", ()))  # older sessions do not have it
-    return StreamInfo(**{**plain, **tuples})
-
-
-def region_from(plain: dict[str, Any]) -> Region:
-    """A region from its plain (JSON) form."""
-    vertices = tuple((float(x), float(y)) for x, y in plain["vertices"])
-    return Region(**{**plain, "kind": RegionKind(plain["kind"]), "vertices": vertices})
+def _check_stream(info: StreamInfo) -> None:
+    """Raise `ValueError` where no samples could be of a stream as it is declared."""
+    sides = (*info.shape, *(side for side in info.metadata_shape if side))
+    if len(info.shape) not in (1, 2) or min(sides) < 1:
+        raise ValueError(f"stream {info.name!r} is declared with samples of shape {info.shape}")
+    if not (0.0 <= info.rate_hz < math.inf and info.raw_bytes >= 0):
+        raise ValueError(f"stream {info.name!r} is declared with {info.rate_hz} Hz, {info.raw_bytes} bytes")
 
 
 def check_new(header: SessionHeader) -> None:

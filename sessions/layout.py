@@ -23,12 +23,15 @@ from fieldkit.site import RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
 
 FORMAT_NAME = "fieldkit-session"
-FORMAT_VERSION = "1.0"
+FORMAT_VERSION = "1.1"
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
 FILL_COUNT = 65535
 
 RECORDING, SEALED, RECOVERED = 0, 1, 2
 """What `/entry/complete` holds; 0 stands for interrupted as well."""
+
+BRICK_NAMES = ("counts", "metadata_rows")
+"""Datasets of a camera that are cut into bricks."""
 
 MOST_BRICK_BYTES = 268_435_456
 """A brick in memory: eight pictures of 16 million pixels, 64 of two million."""
@@ -187,6 +190,7 @@ TIME_MAP_COLUMNS = (
     Column("mono_ns", "<i8", attributes={"units": "ns", "long_name": "holds from here on"}),
     Column("add_ns", "<i8", attributes={"units": "ns", "long_name": "to be added to the time"}),
     Column("version", "<u2", attributes={"units": "1"}),
+    Column("crc32", "<u4", attributes={"long_name": "CRC-32 of the row's other columns", "units": "1"}),
     Column("reason", "S256"),
 )
 """Corrections of the clock, written afterwards."""

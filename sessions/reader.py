@@ -7,7 +7,9 @@ stay as they were computed.
 
 from __future__ import annotations
 
+import contextlib
 import heapq
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -37,6 +39,12 @@ from fieldkit.site import Region, Site
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+
+log = logging.getLogger(__name__)
+
+_MEANING = ("config/header", "entry/utc_minus_mono_ns")
+_CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: fieldkit check %s"
 
 
 class Session(EntryReader):
@@ -262,8 +270,21 @@ def _session(
         check_format(path, file)
         complete = int(scalar(file, "entry/complete"))
         found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
-        return Session(path, file, state or found, salvage=salvage)
+        session = Session(path, file, state or found, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
         raise explained(path, error) from error
+    if session.state in ("sealed", "recovered"):
+        _warn_where_changed(session)
+    return session
+
+
+def _warn_where_changed(session: Session) -> None:
+    """Warn where what all numbers depend on is not as it was sealed; `check` looks at all the rest."""
+    with contextlib.suppress(SessionError, OSError, RuntimeError, KeyError, ValueError):
+        sealed = session.sealed_objects()
+        known = [path for path in _MEANING if path in sealed]
+        changed = [path for path in known if session.object_digest(path) != sealed[path]]
+        if changed:
+            log.warning(_CHANGED, session.path, " and ".join(changed), session.path)

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from fieldkit.clock import ClockCheck
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
-from fieldkit.samples import Event, EventKind, Frame, Health, Quality, Reading, Sample, Severity, StreamHealth
-from fieldkit.sessions.header import region_from
+from fieldkit.samples import Event, Frame, Health, Quality, Reading, Sample
+from fieldkit.sessions.plain import build
 from fieldkit.site import Region
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.slope import SlopeEstimate
 
 _STAMPS = struct.Struct("<qqqqqHd")
 _STAMP_COLUMNS = np.dtype(
@@ -76,27 +76,9 @@ def encode_entry(entry: Entry) -> tuple[str, str]:
 def decode_entry(kind: str, body: str) -> Entry:
     """The entry that `encode_entry` wrote; raises `SessionError` where it is none."""
     try:
-        return _entry(kind, json.loads(body))
-    except (KeyError, TypeError, ValueError) as error:
+        return build(_KINDS[kind], json.loads(body))
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise SessionError(f"a journal entry of kind {kind!r} makes no sense: {error}") from error
-
-
-def _entry(kind: str, plain: dict[str, Any]) -> Entry:
-    if kind == "event":
-        enums = {"kind": EventKind(plain["kind"]), "severity": Severity(plain["severity"])}
-        return Event(**{**plain, **enums})
-    if kind == "health":
-        return Health(**{**plain, "streams": tuple(StreamHealth(**item) for item in plain["streams"])})
-    if kind == "minute":
-        estimates = tuple(_estimate(item) for item in plain["estimates"])
-        return MinuteRecord(**{**plain, "estimates": estimates, "flags": Quality(plain["flags"])})
-    if kind == "region":
-        return RegionRecord(region_from(plain["region"]), int(plain["time_ns"]))
-    return ClockCheck(**plain) if kind == "clock" else _KINDS[kind](**plain)
-
-
-def _estimate(plain: dict[str, Any]) -> SlopeEstimate:
-    return SlopeEstimate(**{**plain, "state": SlopeState(plain["state"]), "flags": Quality(plain["flags"])})
 
 
 def sample_bytes(sample: Sample) -> tuple[memoryview, memoryview]:

@@ -28,8 +28,9 @@ from fieldkit.sessions.layout import TIME_MAP_COLUMNS, brick_shape, entry_column
 from fieldkit.sessions.reader import Session, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 from fieldkit.sessions.salvage_file import LooseChunks, StoredSamples
-from fieldkit.sessions.stored import column_dataset, whole_rows
+from fieldkit.sessions.stored import columns_of, whole_rows
 from fieldkit.sessions.tally import Tally
+from fieldkit.sessions.time_map import check_rows, row_crc32s
 from fieldkit.sessions.written import read_written
 
 _KINDS: tuple[type[Entry], ...] = (RegionRecord, Event, ClockCheck, Health, MinuteRecord)
@@ -213,11 +214,16 @@ def _key(entry: Entry) -> tuple[object, ...]:
 def _time_map(session: Session) -> dict[str, NDArray[Any]]:
     """The columns of the corrections; a part of them would be a wrong map: raises `SessionError`."""
     group, end = session.group("time_map"), session.path.stat().st_size
-    columns = [(column, column_dataset(group, column)) for column in TIME_MAP_COLUMNS]
-    length = max(dataset.shape[0] for _, dataset in columns)
-    if any(len(whole_rows(dataset, column.row_bytes, end)) < length for column, dataset in columns):
+    datasets = columns_of(group, TIME_MAP_COLUMNS)
+    length = max(dataset.shape[0] for dataset in datasets.values())
+    row_bytes = {column.name: column.row_bytes for column in TIME_MAP_COLUMNS}
+    if any(len(whole_rows(dataset, row_bytes[name], end)) < length for name, dataset in datasets.items()):
         raise SessionError(f"the {length} corrections of the clock are lost: apply them again")
-    return {column.name: dataset[:] for column, dataset in columns} if length else {}
+    if not length:
+        return {}
+    columns = {name: dataset[:] for name, dataset in datasets.items()}
+    check_rows(columns)
+    return {**columns, "crc32": np.array(row_crc32s(columns), np.uint32)}
 
 
 def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:

@@ -24,6 +24,7 @@ from fieldkit.sessions.datasets import (
     put_text,
     set_attributes,
 )
+from fieldkit.sessions.digests import DIGEST_CHARS, object_paths
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.layout import (
@@ -66,6 +67,7 @@ def _tree(file: h5py.File, identity: Identity) -> None:
     _config(file, header)
     _integrity(file, header)
     _time_map(file)
+    _digests(file)
 
 
 def _root_attributes(file: h5py.File, identity: Identity) -> None:
@@ -247,6 +249,17 @@ def _integrity(file: h5py.File, header: SessionHeader) -> None:
     attach(group, crc, "table")
     verified = group.create_dataset("journal_verified", data=np.uint8(0), track_order=True)
     set_attributes(verified, {"long_name": "1: every sample was compared with the journal when sealing"})
+
+
+def _digests(file: h5py.File) -> None:
+    """Room for the digests of all objects, these two included; last, when everything else is there."""
+    group = file["integrity"]
+    paths = [*object_paths(file), "integrity/object", "integrity/object_sha256"]
+    put_scale(group, "object", labels(paths, max(len(path.encode()) for path in paths)))
+    empty = labels([""] * len(paths), DIGEST_CHARS)
+    digests = group.create_dataset("object_sha256", data=empty, track_order=True)
+    set_attributes(digests, {"long_name": "SHA-256 over what a reader gets of the object, hexadecimal"})
+    attach(group, digests, "object")
 
 
 def _time_map(file: h5py.File) -> None:

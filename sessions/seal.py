@@ -21,6 +21,7 @@ from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.stored import check_size
 from fieldkit.sessions.stream_reader import StreamReader
 
 _THREADS, _BLOCK = 2, 1024
@@ -57,6 +58,7 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
     }
     written = {f"integrity/{name}": values for name, values in columns.items() if expected}
     write_in_place(path, {**written, "integrity/table_crc32": table_crcs, "integrity/journal_verified": 1})
+    write_in_place(path, {"integrity/object_sha256": _digests(path)})
     write_in_place(path, {"entry/complete": state})  # last, one byte: the session is complete or it is not
     sync(path.parent)
     return SealReport(path, counts, path.stat().st_size, sum(counts.values()))
@@ -85,11 +87,19 @@ def crc_of_crcs(crc32s: NDArray[np.uint32]) -> int:
 
 
 def table_crc32(session: Session, name: str) -> int:
-    """CRC-32 over the columns of a table, in their order."""
+    """CRC-32 over the columns that the file has of a table, whichever version they are of, in their order."""
     crc = 0
-    for values in session.table(name).values():
-        crc = zlib.crc32(np.ascontiguousarray(values).tobytes(), crc)
+    for dataset in session.datasets(name).values():
+        if dataset.maxshape[:1] == (None,):  # the others are scales, and the masks of the regions
+            check_size(dataset)
+            crc = zlib.crc32(dataset[:].tobytes(), crc)
     return crc
+
+
+def _digests(path: Path) -> list[str]:
+    """The digests of the objects that a session file says it has."""
+    with open_session(path) as session:
+        return [session.object_digest(name) for name in session.sealed_objects()]
 
 
 def _verified(session: Session, stream: str, expected: Iterable[int]) -> int:

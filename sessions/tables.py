@@ -168,7 +168,7 @@ def _json(data: Mapping[str, Any]) -> bytes:
 
 def events_from(table: Table, time_ns: NDArray[np.int64]) -> list[Event]:
     """The events of a table."""
-    details = [json.loads(decode_text(data) or "{}") for data in table["data"]]
+    details = [_details_from(decode_text(data)) for data in table["data"]]
     return [
         Event(
             EventKind(int(table["kind"][n])), int(table["mono_ns"][n]), int(time_ns[n]),
@@ -177,6 +177,17 @@ def events_from(table: Table, time_ns: NDArray[np.int64]) -> list[Event]:
         )
         for n in range(len(time_ns))
     ]  # fmt: skip
+
+
+def _details_from(text: str) -> dict[str, Any]:
+    """Details of an event; text that is none, or ends at no time, as it is."""
+    try:
+        details = json.loads(text or "{}")
+    except (ValueError, RecursionError):
+        return {"unreadable": text}
+    ends = details.get("end_ns", 0) if isinstance(details, dict) else None
+    is_time = isinstance(ends, int) and abs(ends) < 2**63
+    return details if is_time else {"unreadable": text}
 
 
 def health_from(table: Table, time_ns: NDArray[np.int64], streams: tuple[str, ...]) -> list[Health]:

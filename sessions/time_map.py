@@ -6,12 +6,15 @@ of several versions in a file the newest holds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.errors import SessionError
 from fieldkit.samples import Event, Health, Sample
 
 _FOREVER_NS = 2**63 - 1
@@ -24,6 +27,18 @@ class TimeStep:
     mono_ns: int
     add_ns: int
     reason: str
+
+
+def row_crc32s(columns: Mapping[str, NDArray[Any]]) -> list[int]:
+    """CRC-32 of every row of a time map as stored, over its columns in order but for the checksum itself."""
+    others = [values for name, values in columns.items() if name != "crc32"]
+    return [zlib.crc32(b"".join(cell.tobytes() for cell in row)) for row in zip(*others, strict=False)]
+
+
+def check_rows(columns: Mapping[str, NDArray[Any]]) -> None:
+    """Raise `SessionError` where a row of a time map is not as written; older maps have no checksum."""
+    if "crc32" in columns and row_crc32s(columns) != columns["crc32"].tolist():
+        raise SessionError("the corrections of the clock are damaged", fix="take another copy of the session")
 
 
 def added_ns(steps: Sequence[TimeStep], mono_ns: int) -> int:

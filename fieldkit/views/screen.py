@@ -249,7 +249,7 @@ def _events(latest: Latest, count: int) -> RenderableType:
 def _event(event: Event, latest: Latest) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(words.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
-    return text.append(words.told(event), _SEVERITY_STYLE[event.severity])
+    return text.append(words.told(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
 
 
 def _progress(latest: Latest) -> RenderableType:

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from datetime import UTC, datetime, tzinfo
 
 from fieldkit.samples import Event, EventKind, Severity
-from fieldkit.site import Region, RegionKind, Site, known_zone
+from fieldkit.site import Region, Site, known_zone
 from fieldkit.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
 
 UNKNOWN = "–"
@@ -91,7 +91,7 @@ def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
     """
     if estimate.state is SlopeState.FLAT:
         return f"flat within {number(estimate.tilt_high_deg, 1)}°"
-    words = _STATES[estimate.state]
+    words = _STATES.get(estimate.state) or estimate.state.name.lower()  # a newer version's has no words
     other = second_branch(estimate) if second else ""
     return f"{words}, or {other}" if other else words
 
@@ -106,7 +106,7 @@ def second_branch(estimate: SlopeEstimate) -> str:
 def told(event: Event) -> str:
     """An event's text with how bad it is in front, for where there is no colour; a mark is named as one."""
     mark = "mark " if event.kind is EventKind.MARK else ""
-    return _LOUDNESS[event.severity] + mark + said(event)
+    return _LOUDNESS.get(event.severity, "warning: ") + mark + said(event)
 
 
 def said(event: Event) -> str:
@@ -133,7 +133,7 @@ def given_slope(region: Region) -> str:
 
 def kind(region: Region) -> str:
     """``reference`` or ``target``."""
-    return "reference" if region.kind is RegionKind.REFERENCE else "target"
+    return region.kind.name.lower()
 
 
 def zone(site: Site) -> tzinfo:

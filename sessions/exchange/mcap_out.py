@@ -164,7 +164,8 @@ def _picture(frame: Frame) -> dict[str, Any]:
 
 def _event(event: Event) -> dict[str, Any]:
     return {
-        "level": _LEVELS[event.severity], "message": event.text, "name": event.stream, "file": "", "line": 0,
+        "level": _LEVELS.get(event.severity, 3), "message": event.text, "name": event.stream,
+        "file": "", "line": 0,
         "mono_ns": event.mono_ns, "kind": event.kind.name.lower(), "data": dict(event.data),
     }  # fmt: skip
 

@@ -19,6 +19,7 @@ from fieldkit.sessions.exchange.pictures_out import export_pngs, export_tiffs
 from fieldkit.sessions.exchange.tables_out import export_tables
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.older import as_version_1_0
 from tests.harness.recording import CountedClock, fill, header
 
 HEADER = header((24, 32))
@@ -158,21 +159,15 @@ def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
     assert np.flatnonzero(series.flags & BAD).tolist() == [5]
 
 
-def unseal_columns(path: Path) -> None:
-    """As a version without this checksum has left it."""
-    with h5py.File(path, "r+") as file:
-        del file["integrity/columns_crc32"]
-
-
 def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
     damaged: Callable[..., Session],
 ) -> None:
-    with damaged(unseal_columns) as session:
+    with damaged(as_version_1_0) as session:
         assert not session.columns_are_sealed("camera")
         assert not (session.region_series().flags & BAD).any()
         path = session.path
     assert [one for one in check(path) if one.level == "fail"] == []
-    with damaged(unseal_columns, flip("camera/flags", 5, 4)) as session:
+    with damaged(as_version_1_0, flip("camera/flags", 5, 4)) as session:
         assert np.flatnonzero(session.region_series().flags & BAD).tolist() == [5]
 
 

@@ -1,0 +1,97 @@
+"""Digests of the objects of a session file: all that gives its numbers their meaning is sealed under them.
+
+An object is a group or a dataset. Its digest is SHA-256 over what a reader gets of it (names of members,
+type, shape, values, scales, attributes), not over how HDF5 lays it out. Three kinds of values are left out:
+pictures, each of which has a checksum of its own; the corrections of the clock, which are added after the
+seal and have a checksum per row; and what sealing itself writes last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from hashlib import sha256
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fieldkit.sessions.layout import BRICK_NAMES
+from fieldkit.sessions.stored import check_size, members, stored_here
+
+ROOT = "/"
+DIGEST_CHARS = 64
+NOT_YET = {"entry/complete", "integrity/object_sha256"}
+"""Written after the digests were taken."""
+
+_LATER = "time_map/"
+_REFERENCES = {"DIMENSION_LIST", "REFERENCE_LIST"}  # places in this very file
+_BLOCK_BYTES = 1_048_576
+
+
+def object_paths(group: h5py.Group, path: str = "") -> Iterator[str]:
+    """Paths of a group and of all that is in it; raises `SessionError` at a link out of the file."""
+    yield path or ROOT
+    for name, node in members(group):
+        inside = f"{path}/{name}" if path else name
+        if isinstance(node, h5py.Group):
+            yield from object_paths(node, inside)
+        else:
+            yield inside
+
+
+def object_digest(file: h5py.File, path: str) -> str:
+    """The digest of one object, in hexadecimal.
+
+    Raises `SessionError` where there is none, or it claims what is not there; `OSError`, `RuntimeError` or
+    `KeyError` where HDF5 cannot read it.
+    """
+    node = file if path == ROOT else stored_here(file, path)
+    digest = sha256()
+    for part in _attributes(node):
+        digest.update(part)
+    for part in _members(node) if isinstance(node, h5py.Group) else _data(node, path):
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _attributes(node: h5py.Group | h5py.Dataset) -> Iterator[bytes]:
+    for name in sorted(set(node.attrs) - _REFERENCES):
+        value = np.asarray(node.attrs[name])
+        yield _described(f"@{name}", value)
+        yield value.tobytes()
+
+
+def _members(group: h5py.Group) -> Iterator[bytes]:
+    for name in sorted(group):
+        yield _framed(name)
+
+
+def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
+    """What a dataset is and holds; of one that grows after the seal, without how long it is."""
+    grows = path.startswith(_LATER)
+    yield _described("", dataset if not grows else np.empty(dataset.shape[1:], dataset.dtype))
+    for axis in dataset.dims:
+        for scale in axis.values():
+            yield h5py.h5ds.get_scale_name(scale.id) + b"\0"
+    if not (grows or path in NOT_YET or path.rsplit("/", 1)[-1] in BRICK_NAMES):
+        yield from _values(dataset)
+
+
+def _values(dataset: h5py.Dataset) -> Iterator[bytes]:
+    check_size(dataset)
+    if not dataset.ndim:
+        yield np.asarray(dataset[()]).tobytes()
+        return
+    row_bytes = max(1, dataset.dtype.itemsize * int(np.prod(dataset.shape[1:])))
+    step = max(1, _BLOCK_BYTES // row_bytes)
+    for start in range(0, len(dataset), step):
+        yield dataset[start : start + step].tobytes()
+
+
+def _described(name: str, value: Any) -> bytes:
+    return _framed(f"{name} {value.dtype.str} {tuple(value.shape)}")
+
+
+def _framed(text: str) -> bytes:
+    """Text after which no other can begin."""
+    return text.encode(errors="surrogateescape") + b"\0"

@@ -1,0 +1,179 @@
+"""Everything that gives the numbers of a session their meaning is sealed, and `check` names what changed."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.sessions.check import check
+from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions.datasets import LIBVER
+from fieldkit.sessions.exchange.imported import Foreign
+from fieldkit.sessions.exchange.merged import merge
+from fieldkit.sessions.findings import worst
+from fieldkit.sessions.in_place import write_in_place
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.time_map import TimeStep
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.older import as_version_1_0
+from tests.harness.recording import CountedClock, fill, header, sample
+
+
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    clock, path = CountedClock(), tmp_path_factory.mktemp("sealed") / "field.h5"
+    writer = SessionWriter(path, header((24, 32)), clock)
+    fill(writer, 12, clock)
+    writer.close()
+    return path
+
+
+@pytest.fixture
+def path(sealed: Path, tmp_path: Path) -> Path:
+    shutil.copy(sealed, tmp_path)
+    return tmp_path / sealed.name
+
+
+def failed(path: Path) -> list[str]:
+    """What `check` calls damaged."""
+    return [one.what for one in check(path) if one.level == "fail"]
+
+
+def flip(path: Path, dataset: str, within: int, bit: int) -> None:
+    """Turn one bit of a value that lies at one place of the file."""
+    with h5py.File(path) as file:
+        place = file[dataset].id.get_offset() + within
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def header_place(path: Path, text: bytes) -> int:
+    with h5py.File(path) as file:
+        return int(file["config/header"][()].index(text))
+
+
+def test_moved_site_is_named_and_said_when_the_session_is_opened(
+    path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    place = header_place(path, b"35.558675")
+    flip(path, "config/header", place + 1, 2)  # 35 becomes 31 degrees
+    assert failed(path) == ["config/header"]
+    with caplog.at_level(logging.WARNING), open_session(path) as session:
+        assert session.site.latitude_deg == 31.558675
+    assert "config/header changed after it was sealed" in caplog.text
+
+
+def test_other_scale_is_named(path: Path) -> None:
+    place = header_place(path, b'"scale": 0.01')
+    flip(path, "config/header", place + len(b'"scale": 0.0'), 1)  # 0.01 becomes 0.03 K per count
+    assert failed(path) == ["config/header"]
+
+
+@pytest.mark.parametrize(
+    "dataset",
+    [
+        "entry/site/latitude", "entry/utc_minus_mono_ns", "entry/start_time", "entry/instrument/lux/driver",
+        "calibration/camera/coefficients", "config/session_toml", "regions/mask", "integrity/first_time",
+        "estimates/region", "camera/y",
+    ],
+)  # fmt: skip
+def test_each_changed_value_is_named(path: Path, dataset: str) -> None:
+    flip(path, dataset, 0, 0)
+    assert dataset in failed(path)
+
+
+def test_changed_attribute_is_named(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file["camera/counts"].attrs["scale_factor"] = 0.03  # what xarray makes kelvin of
+    assert failed(path) == ["camera/counts"]
+
+
+def test_exchanged_axes_are_named(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        counts = file["camera/counts"]
+        counts.dims[1].detach_scale(file["camera/y"])
+        counts.dims[1].attach_scale(file["regions/y"])
+        file["regions/y"].attrs["NAME"] = np.bytes_("z")
+    assert "camera/counts" in failed(path)
+
+
+def test_object_that_is_gone_or_was_added_is_named(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        del file["entry/user/name"]
+        file["camera/more"] = 1
+    assert set(failed(path)) == {"entry/user", "entry/user/name", "camera"}
+
+
+def test_digests_are_of_what_is_read_not_of_where_it_lies(path: Path) -> None:
+    before = path.read_bytes()
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        for name in ("time", "counts"):
+            file["camera"][name].attrs["passing"] = "x" * 300
+            del file["camera"][name].attrs["passing"]
+        file["site_of_the_old_header"] = file["config/header"][()]
+        del file["site_of_the_old_header"]
+    assert path.read_bytes() != before
+    assert failed(path) == []
+
+
+def test_corrections_after_the_seal_leave_it_whole_and_are_under_checksums(path: Path) -> None:
+    apply_time_map(path, [TimeStep(0, 10**9, "gps")])
+    apply_time_map(path, [TimeStep(0, 2 * 10**9, "gps again")])
+    assert failed(path) == []
+    with h5py.File(path) as file:
+        place = file["time_map/add_ns"].id.get_chunk_info(0).byte_offset + 8 + 5
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1  # eighteen minutes more
+    path.write_bytes(data)
+    assert any("corrections of the clock are damaged" in one.text for one in check(path))
+
+
+def test_recovered_and_merged_sessions_are_sealed_the_same_way(path: Path, tmp_path: Path) -> None:
+    data = bytearray(path.read_bytes())
+    data[11] = 1  # as if its writer had been killed
+    path.write_bytes(data)
+    recover(path)
+    assert failed(path) == []
+    logger = replace(header().streams[1], name="logger")
+    with open_session(path) as session:
+        readings = [sample(logger, n, time_ns=session.start_ns + n) for n in range(3)]
+        merge(session, Foreign((logger,), readings), tmp_path / "m.h5", "log.csv")
+    assert failed(tmp_path / "m.h5") == []
+
+
+def test_file_without_its_digests_does_not_pass_for_an_older_one(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        del file["integrity/object_sha256"]
+    assert "header" in failed(path)
+
+
+def test_session_of_version_1_0_checks_as_before(path: Path) -> None:
+    now = [(one.level, one.what, one.text) for one in check(path) if one.what != "header"]
+    as_version_1_0(path)
+    findings = check(path)
+    assert [(one.level, one.what, one.text) for one in findings if one.what != "header"] == now
+    (note,) = (one for one in findings if one.what == "header")
+    assert note.level == "ok"
+    assert "under no checksum" in note.text
+    apply_time_map(path, [TimeStep(0, 10**9, "gps")])
+    with open_session(path) as session:
+        assert session.time_map() == [TimeStep(0, 10**9, "gps")]
+        assert len(list(session.samples())) == 18
+    write_in_place(path, {"entry/complete": 0})
+    recover(path)
+    assert worst([one for one in check(path) if one.what in ("state", "header", "camera")]) != "fail"
+    with open_session(path) as session:
+        assert session.time_map() == [TimeStep(0, 10**9, "gps")]
+
+
+def test_column_that_came_later_does_not_break_an_older_seal(path: Path) -> None:
+    as_version_1_0(path, without=("clock/suspended_ns", "estimates/noise_tilt_low_deg"))
+    assert failed(path) == []
