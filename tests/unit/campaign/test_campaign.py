@@ -6,11 +6,15 @@ import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.campaign.campaign import full_key
+from fieldkit.commands import main
+from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.config.schema import known_keys
 from fieldkit.errors import ConfigError, SessionError
+from fieldkit.sessions.reader import open_session
 
 
 @pytest.fixture
@@ -110,3 +114,32 @@ def test_importing_fieldkit_loads_nothing_of_it():
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
     )
+
+
+def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folder, sessions, tmp_path):
+    with open_session(sessions[0]) as session:
+        begin = session.start_ns // 10**9
+    log = tmp_path / "sun.csv"
+    log.write_text("time,DNI [W/m2]\n" + "".join(f"{begin + 30 * row},900\n" for row in range(22)))
+    arguments = [
+        "import",
+        str(log),
+        "--as",
+        "sun",
+        "--into",
+        str(sessions[0]),
+        "-o",
+        str(tmp_path / "both.h5"),
+    ]
+    made = CliRunner().invoke(main, [*arguments, "-C", str(folder)])
+    assert made.exit_code == 0, made.output
+    assert "slopes now take their light from sun (dni), not lux" in made.output
+    assert 'irradiance.stream = "lux"' in made.output
+    with open_session(tmp_path / "both.h5") as both:
+        for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
+            estimator = estimator_for(both, config_for(both, [f"irradiance.stream={stream!r}"]))
+            minutes = list(minutes_of(both, estimator))
+            assert minutes[5].irradiance_model.startswith(label)
+            assert (minutes[5].irradiance_w_m2 == 900.0) == (not stream)
+    checked = CliRunner().invoke(main, ["check", str(tmp_path / "both.h5")])
+    assert "slopes come out the same" in checked.output
