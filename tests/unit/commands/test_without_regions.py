@@ -140,7 +140,7 @@ def test_a_field_of_other_beds_has_no_others(undrawn):
 def test_the_newest_session_is_the_one_that_began_last_whatever_its_name(session):
     log = session.parent.parent / "later.csv"
     log.write_text("time,lux [lx]\n2025-01-05T10:10:10+11:00,80000\n2025-01-05T10:10:40+11:00,80100\n")
-    later = session.parent / "a.h5"
+    later = session.parent / "0.h5"
     made = fieldkit("import", log, "-C", session.parent.parent, "-o", later)
     assert made.exit_code == 0, made.output
     shown = json.loads(fieldkit("show", "-C", session.parent.parent, "--json").stdout)
