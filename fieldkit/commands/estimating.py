@@ -5,12 +5,11 @@ The configuration is the one the session keeps of itself, or the campaign's pres
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from fieldkit.campaign.sources import config_for, regions_for
 from fieldkit.config import Config
-from fieldkit.device import StreamInfo
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.sessions.reader import Session
 from fieldkit.site import Region
@@ -26,13 +25,10 @@ __all__ = [
 ]
 
 
-def estimator_for(
-    session: Session, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
-) -> Estimator:
-    """A fresh estimator for a session's streams, or for some of them."""
+def estimator_for(session: Session, config: Config, *, present: bool = False) -> Estimator:
+    """A fresh estimator for a session's streams."""
     regions = regions_for(session, config, present=present)
-    chosen = tuple(streams or session.streams.values())
-    return Estimator(config.site, regions, chosen, config.estimator_settings())
+    return Estimator(config.site, regions, tuple(session.streams.values()), config.estimator_settings())
 
 
 def minutes_of(session: Session, estimator: Estimator) -> Iterator[Minute]:

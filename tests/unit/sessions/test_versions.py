@@ -1,0 +1,178 @@
+"""Sessions of other minor versions are read, and no shape of a header ends in a stack trace."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.commands import check as check_verb
+from fieldkit.commands import estimate, export, ls, report, show
+from fieldkit.samples import Event, EventKind, Severity
+from fieldkit.sessions.check import check
+from fieldkit.sessions.datasets import LIBVER, put_columns, put_rows
+from fieldkit.sessions.layout import SEALED, Column
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.seal import seal
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.site import RegionKind
+from fieldkit.slope import SlopeEstimate, SlopeState
+from tests.harness.recording import CountedClock, fill, header
+
+NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)
+
+
+def run(module: Any, *words: object) -> Result:
+    return CliRunner().invoke(module.command, [str(word) for word in words])
+
+
+def rewritten(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """The header with something else in it, and the session sealed with that."""
+    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+        plain = json.loads(file["config/header"][()])
+        change(plain)
+        text = json.dumps(plain).encode()
+        del file["config/header"]
+        file["config"].create_dataset(
+            "header", data=np.array(text, h5py.string_dtype("utf-8", len(text))), track_order=True
+        )
+    with open_session(path) as session:
+        checksums = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
+    seal(path, checksums, SEALED)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 10, clock)
+    now = clock.mono_ns()
+    time_ns = clock.to_utc_ns(now)
+    writer.event(Event(NEW_KIND, now, time_ns, "the drone came back", "camera", Severity(9), {"height": [1]}))
+    writer.minute(time_ns, [SlopeEstimate(time_ns, "b05", NEW_STATE, 5.0, 180.0, model="next")])
+    writer.close()
+    return tmp_path / "field.h5"
+
+
+@pytest.fixture
+def newer(path: Path) -> Path:
+    """A session of version 1.9: other kinds, states and fields, a column, a table and a group more."""
+    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+        file.attrs["fieldkit_format_version"] = np.bytes_("1.9")
+        for group, column in (("events", Column("weight", "<f8")), ("lux", Column("humidity", "<f4"))):
+            put_columns(file[group], [column])
+            put_rows(file[group], {column.name: np.ones(len(file[group]["time"]))})
+        file.create_group("weather", track_order=True)["station"] = 3
+
+    def change(plain: dict[str, Any]) -> None:
+        plain["crew"] = ["two"]
+        plain["site"]["geoid_m"] = 36.7
+        plain["streams"][0]["polarisation"] = "none"
+        plain["regions"][1]["kind"] = 7
+
+    rewritten(path, change)
+    return path
+
+
+def test_kinds_states_and_fields_of_a_newer_version_are_kept(newer: Path) -> None:
+    with open_session(newer) as session:
+        (event,) = (one for one in session.events() if one.kind == 77)
+        assert (event.kind.name, event.severity, event.text) == ("UNKNOWN_77", 9, "the drone came back")
+        (estimate_,) = session.estimates()
+        assert (estimate_.state, estimate_.tilt_deg) == (200, 5.0)
+        assert session.header.regions[1].kind not in (RegionKind.REFERENCE, RegionKind.TARGET)
+        assert len(list(session.samples())) == 16
+    assert [one.text for one in check(newer) if one.level == "fail"] == []
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        (show, ()), (ls, ()), (report, ()), (check_verb, ("--no-estimates",)),
+        (export, ("--to", "csv")), (export, ("--to", "netcdf")), (export, ("--to", "mcap")),
+        (export, ("--to", "png")),
+    ],
+)  # fmt: skip
+def test_session_of_a_newer_version_is_shown_and_exported(
+    newer: Path, verb: Any, options: tuple[str, ...]
+) -> None:
+    result = run(verb, newer.parent if verb is ls else newer, *options)
+    assert result.exit_code == 0, result.output
+    if verb is show:
+        assert "unknown_77" in result.stdout
+
+
+def test_slopes_of_a_newer_version_are_refused_in_words(newer: Path) -> None:
+    result = run(estimate, newer)
+    assert not isinstance(result.exception, TypeError | KeyError | ValueError), result.exception
+
+
+def _set(*keys: str | int, value: Any) -> Callable[[dict[str, Any]], None]:
+    def change(plain: Any) -> None:
+        for key in keys[:-1]:
+            plain = plain[key]
+        plain[keys[-1]] = value
+
+    return change
+
+
+def _nested(depth: int) -> Any:
+    value: Any = 0
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+SHAPES = [
+    _set("site", value=[]), _set("site", value=None), _set("site", "latitude_deg", value="north"),
+    _set("streams", value={}), _set("streams", value=[7]), _set("streams", 0, value=None),
+    _set("streams", 0, "name", value=["camera"]), _set("streams", 0, "shape", value=[24, "32"]),
+    _set("streams", 0, "shape", value=24), _set("streams", 0, "shape", value=[0, 0]),
+    _set("streams", 0, "shape", value=[24, 32, 1]), _set("streams", 0, "scale", value={}),
+    _set("streams", 0, "rate_hz", value=float("nan")), _set("streams", 0, "rate_hz", value=1e308 * 10),
+    _set("streams", 0, "settings", value=[1]), _set("streams", 1, "raw_bytes", value=-5),
+    _set("streams", 2, "channels", value=5), _set("regions", value=3), _set("regions", 0, value=[]),
+    _set("regions", 0, "vertices", value=[[1], [2], [3]]), _set("regions", 0, "kind", value="bed"),
+    _set("regions", 0, "kind", value=-1), _set("regions", 0, "emissivity", value=[]),
+    _set("title", value={}), _set("config_toml", value=[]), _set("regions", value=_nested(40)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("change", SHAPES)
+def test_header_of_another_shape_is_a_finding(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+        plain = json.loads(file["config/header"][()])
+        change(plain)
+        text = json.dumps(plain).encode()
+        del file["config/header"]
+        file["config/header"] = np.array(text, h5py.string_dtype("utf-8", len(text)))
+    (finding,) = check(path)
+    assert (finding.level, finding.what) == ("fail", "file")
+    assert "header makes no sense" in finding.text
+    result = run(show, path)
+    assert result.exit_code != 0
+    assert "header makes no sense" in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    "details", ["[1, 2]", '"text"', "7", "null", "{", '{"end_ns": "noon"}', '{"end_ns": 1e400}', "[" * 900]
+)
+def test_details_of_another_shape_end_nothing(path: Path, details: str) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file["events/data"][-1] = details.encode()
+    assert "events" in [one.what for one in check(path) if one.level == "fail"]
+    for verb, options in ((show, ()), (export, ("--to", "csv")), (report, ())):
+        result = run(verb, path, *options)
+        assert result.exit_code == 0, (verb, result.output, result.exception)
+
+
+def test_settings_of_another_shape_end_no_check(path: Path) -> None:
+    rewritten(path, _set("streams", 0, "settings", value={"emissivity": "shiny", "gain": [[]]}))
+    findings = check(path)
+    assert any(one.what == "camera" for one in findings)
