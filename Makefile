@@ -10,7 +10,7 @@ demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
 
 test: $(VENV)/.test
-	$(RUN) -m pytest -m "not slow" --numprocesses logical --maxprocesses 4 --dist loadfile
+	$(RUN) -m pytest -m "not slow" --numprocesses logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 test-slow: $(VENV)/.test
 	$(RUN) -m pytest -m slow --timeout 3600

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +18,14 @@ import tomlkit
 from fieldkit.campaign.cache import Cache
 from fieldkit.campaign.estimates import Estimates
 from fieldkit.campaign.executors import local
+from fieldkit.campaign.grid import Grid, Parameter
 from fieldkit.campaign.runs import Failure, carried_out, run_of
 from fieldkit.campaign.sources import Source, source_of
+from fieldkit.campaign.summary import Summary
+from fieldkit.campaign.sweep import Sweep, names_of, runs_of
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.config.schema import known_keys
-from fieldkit.errors import ConfigError
+from fieldkit.errors import ConfigError, FieldkitError
 from fieldkit.sessions.reader import Session, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
@@ -82,10 +85,62 @@ class Campaign:
         """The recordings, oldest first."""
         return tuple(CampaignSession(path) for path in sorted(self.config.recordings.glob("*.h5")))
 
+    def sweep(
+        self,
+        parameters: Mapping[str, Sequence[Any]],
+        /,
+        *,
+        sessions: Iterable[CampaignSession] | None = None,
+        jobs: int = 1,
+    ) -> Sweep:
+        """Estimate sessions with every combination of parameters; what was estimated before is cached.
+
+        Parameters
+        ----------
+        parameters
+            Values to try by key, as in `CampaignSession.estimate`:
+            ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``.
+        sessions
+            Of this campaign or of others; all of this one if not given.
+        jobs
+            Processes to work with.
+
+        Raises
+        ------
+        ConfigError
+            For a key or value that no estimate has.
+        """
+        grid = Grid(tuple(_parameter(key, values) for key, values in parameters.items()))
+        failures: dict[Path, FieldkitError] = {}
+        sources: list[Source] = []
+        for session in self.sessions if sessions is None else sessions:
+            try:
+                sources.append(session.source)
+            except FieldkitError as error:
+                failures[session.path] = error
+        summary = Summary(grid, names_of(sources))
+        with local(jobs) as executor:
+            for outcome in carried_out(runs_of(sources, grid), executor, Cache()):
+                if isinstance(outcome, Failure):
+                    failures[outcome.run.source.path] = outcome.error
+                else:
+                    summary.add(outcome)
+        return Sweep(grid, summary.columns(), summary.ranking(), failures)
+
 
 def open_campaign(path: str | Path = ".") -> Campaign:
     """Open the campaign in a folder or around it; raises `ConfigError` where there is none."""
     return Campaign(load_config(find_campaign(Path(path))))
+
+
+def _parameter(name: str, values: Sequence[Any]) -> Parameter:
+    """A key and its values as ``fieldkit.toml`` would have them."""
+    key = name if "." in name else full_key(name)
+    if isinstance(values, str) or not len(values):
+        raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
+    plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
+    written = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
+    return Parameter(key, tuple(dict.fromkeys(written)))
 
 
 def full_key(name: str) -> str:

@@ -70,6 +70,10 @@ VERBS: dict[str, tuple[Row, ...]] = {
 """The verb table, by heading of ``fieldkit --help``."""
 
 
+COMMON = ("-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--no-input")
+"""Options that every verb takes (`fieldkit.commands.common`)."""
+
+
 class VerbTable(click.Group):
     """A click group whose commands come from a table and are imported when they run."""
 
@@ -89,6 +93,18 @@ class VerbTable(click.Group):
         command = importlib.import_module(self.rows[cmd_name].module).command
         assert isinstance(command, click.Command)
         return command
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """The options in front of the verb; one that belongs behind it is told where it goes."""
+        try:
+            return super().parse_args(ctx, list(args))
+        except click.NoSuchOption as error:
+            verb = next((word for word in args if word in self.rows), "VERB")
+            if error.option_name not in COMMON:
+                raise
+            raise click.UsageError(
+                f"{error.option_name} stands behind the verb: fieldkit {verb} {error.option_name} ...", ctx
+            ) from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -88,15 +88,6 @@ def carried_out(runs: Sequence[Run], executor: Executor, failures: Failures) -> 
             yield outcome
 
 
-def names_of(sources: Sequence[Source]) -> dict[Path, str]:
-    """How the tables call each session: by its file's name, or its path where two have the same name."""
-    stems = [source.path.stem for source in sources]
-    return {
-        source.path: stem if stems.count(stem) == 1 else str(source.path)
-        for source, stem in zip(sources, stems, strict=True)
-    }
-
-
 def complain(failures: Failures, paths: Iterable[Path]) -> None:
     """Explain what is wrong with sessions and raise what gives the exit code; of a single one its own."""
     from fieldkit.commands.failure import explain

@@ -27,6 +27,10 @@ BY_HAND_S, RECEIVER_S = 0.5, 0.4
 """Half a second by hand; a receiver's sentences come up to 0.7 s late."""
 
 
+OTHER_DAY_S = 14 * 3600.0
+"""No two time zones differ by more from UTC; beyond it a date is wrong, here or there."""
+
+
 @click.command(cls=common.Verb)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
@@ -79,6 +83,9 @@ def command(
         max(0, found.readings - 1), found.budget,
         sources=() if session is None else (source_of(session),),
     )  # fmt: skip
+    if abs(found.offset_s) > OTHER_DAY_S:
+        days = found.offset_s / 86_400.0
+        common.say(f"warning: that is {days:+.1f} days, more than any zone: check the date of both clocks")
     headline = f"add {found.offset_s:+.1f} ± {found.expanded_s:.1f} s (k=2)   {how}"
     finish(record, config, headline, _next_step(session, gps, name, found))
     if session is not None and is_applied:

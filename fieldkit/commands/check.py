@@ -75,7 +75,9 @@ def _estimates(path: Path) -> list[Finding]:
         if not stored or session.time_map():
             return []
         try:
-            estimator = estimator_for(session, config_for(session))
+            # streams that were imported beside it had no part in what the recording estimated
+            recorded = tuple(info for info in session.streams.values() if info.driver != "import")
+            estimator = estimator_for(session, config_for(session), streams=recorded)
             again = [one for minute in minutes_of(session, estimator) for one in minute.estimates]
         except FieldkitError as error:
             return [Finding("warn", "slopes", f"could not be computed again: {error}", error.fix or "")]

@@ -6,8 +6,10 @@ version; what ``--json`` prints carries ``"schema": 1``.
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,21 +138,34 @@ def say(text: str) -> None:
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
-    click.echo(to_json(document, indent=2))
+    click.echo(_encodable(to_json(document, indent=2)))
 
 
 def print_json_line(document: Mapping[str, Any]) -> None:
     """Print one JSON object on one line, for verbs that go on printing; NaN becomes null."""
-    click.echo(to_json(document, indent=None))
+    click.echo(_encodable(to_json(document, indent=None)))
+
+
+def _encodable(text: str) -> str:
+    """JSON as it is, or with escapes where stdout has not all of its letters: data are never replaced."""
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return "".join(letter if letter.isascii() else json.dumps(letter)[1:-1] for letter in text)
+    return text
 
 
 def console(*, err: bool = False) -> Console:
     """A rich console on stdout (or stderr), plain where it is no terminal or colours are off."""
     from rich.console import Console
 
-    found = Console(
-        stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False
-    )
+    class Piped(Console):
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError(
+                errno.EPIPE, "closed"
+            )  # rich would exit with 1; what it means is decided in `failure`
+
+    found = Piped(stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False)
     if not found.is_terminal:
         found.width = 160  # rows of a table must not be cut in a pipe or a file
     return found

@@ -81,6 +81,7 @@ def _estimate_sessions(
     present: bool,
 ) -> None:
     from fieldkit.campaign.runs import run_of
+    from fieldkit.campaign.sweep import names_of
     from fieldkit.commands import batch
 
     base = None if out is None else batch.base_of(out)
@@ -91,7 +92,7 @@ def _estimate_sessions(
         for outcome in batch.carried_out(runs, executor, failures):
             found[outcome.run.source.path] = outcome.estimates
     sources = [source for source in sources if source.path in found]
-    names = batch.names_of(sources)
+    names = names_of(sources)
     slopes = {names[source.path]: found[source.path] for source in sources}
     if base is not None and slopes:
         about = {

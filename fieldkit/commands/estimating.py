@@ -5,11 +5,12 @@ The configuration is the one the session keeps of itself, or the campaign's pres
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from fieldkit.campaign.sources import config_for, regions_for
 from fieldkit.config import Config
+from fieldkit.device import StreamInfo
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.sessions.reader import Session
 from fieldkit.site import Region
@@ -25,10 +26,13 @@ __all__ = [
 ]
 
 
-def estimator_for(session: Session, config: Config, *, present: bool = False) -> Estimator:
-    """A fresh estimator for a session's streams."""
+def estimator_for(
+    session: Session, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
+) -> Estimator:
+    """A fresh estimator for a session's streams, or for some of them."""
     regions = regions_for(session, config, present=present)
-    return Estimator(config.site, regions, tuple(session.streams.values()), config.estimator_settings())
+    chosen = tuple(streams or session.streams.values())
+    return Estimator(config.site, regions, chosen, config.estimator_settings())
 
 
 def minutes_of(session: Session, estimator: Estimator) -> Iterator[Minute]:

@@ -59,6 +59,7 @@ def _row(path: Path) -> dict[str, Any]:
             length_s = (session.end_ns - session.start_ns) / 1e9
             return {
                 "name": path.name, "state": session.state, "began": local_time(session, session.start_ns),
+                "start": iso_time(session, session.start_ns), "end": iso_time(session, session.end_ns),
                 "length": duration(length_s), "length_s": length_s, "samples": counts, "bytes": size,
                 "title": session.header.title,
             }  # fmt: skip
@@ -74,6 +75,11 @@ def local_time(session: Session, time_ns: int) -> str:
     if not time_ns:
         return ""
     return words.local_time(time_ns, session.site).strftime("%Y-%m-%d %H:%M:%S %Z")
+
+
+def iso_time(session: Session, time_ns: int) -> str | None:
+    """A moment as ISO 8601 with the site's offset; None for none."""
+    return words.local_time(time_ns, session.site).isoformat() if time_ns else None
 
 
 def duration(seconds: float) -> str:

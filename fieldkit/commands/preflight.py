@@ -29,6 +29,8 @@ def preflight(config: Config, tools: Instruments, duration_s: float | None) -> N
     Calibrations that are old or of another instrument are warned of, and radiation that cannot be used.
     """
     _check_regions(config, tools.streams)
+    for name in config.tables.irradiance.measures.keys() - {info.name for info in tools.streams}:
+        common.say(f"warning: irradiance.measures.{name}: no instrument is called {name}")
     for name in Light(tools.streams, config.estimator_settings()).unknown:
         common.say(f"warning: {name}: what it measures is not known, so it is not used; {how_to_state(name)}")
     needed = _bytes_per_second(tools.streams, sampling_of(config))

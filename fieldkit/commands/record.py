@@ -126,8 +126,8 @@ def tell(path: Path, summary: Summary) -> None:
 
 def parse_duration(text: str) -> float:
     """Seconds of ``3h``, ``90m``, ``45s``, ``2h30m`` or ``2h30``; raises `click.UsageError`."""
-    if not text or not re.fullmatch(r"(\d+(\.\d+)?[hms])*((?<!s)\d+(\.\d+)?)?", text):
-        raise click.UsageError(f"{text!r} is no length of time; write one like 3h, 90m, 45s")
+    if not text or not re.fullmatch(r"(\d+(\.\d+)?[hms])+((?<!s)\d+(\.\d+)?)?", text):
+        raise click.UsageError(f"{text!r} is not a valid duration; give it with its unit: 3h, 90m or 45s")
     total, above = 0.0, ""
     for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
         total += float(number) * SECONDS[unit or BELOW[above]]

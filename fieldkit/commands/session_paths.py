@@ -26,7 +26,7 @@ def recordings_folder(ctx: click.Context) -> Path:
 
 
 def sessions_in(folder: Path) -> list[Path]:
-    """The sessions of a folder by name, and so by age; those included of which only the journal is left."""
+    """The sessions of a folder by name; those included of which only the journal is left."""
     names = {path.name for path in folder.glob("*.h5")}
     names |= {path.name.removesuffix(JOURNAL) for path in folder.glob(f"*.h5{JOURNAL}")}
     return [folder / name for name in sorted(names)]
@@ -70,10 +70,22 @@ def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
 
 
 def newest(ctx: click.Context, path: Path | None) -> Path:
-    """The session named, or the campaign's newest; tells if it is interrupted."""
-    found = _resolved(ctx, [path] if path else [])[-1]
+    """The session named, or the campaign's newest by its first sample; tells if it is interrupted."""
+    found = max(_resolved(ctx, [path] if path else []), key=_age)
     offer_recovery([found])
     return found
+
+
+def _age(path: Path) -> tuple[int, int, str]:
+    """When a session began; of two that began together, as on one simulated day, which was written later."""
+    from fieldkit.sessions.reader import open_session
+
+    written_ns = path.stat().st_mtime_ns if path.exists() else 0
+    try:
+        with open_session(path) as session:
+            return session.start_ns, written_ns, path.name
+    except SessionError:  # that it cannot be read is said by whoever opens it for more
+        return 0, written_ns, path.name
 
 
 def meant(ctx: click.Context, given: Path) -> Path:

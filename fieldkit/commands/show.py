@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.commands.common import Verb, options, print_json, print_json_line, say
-from fieldkit.commands.ls import duration, local_time
+from fieldkit.commands.ls import duration, iso_time, local_time
 from fieldkit.commands.session_paths import newest
 from fieldkit.radiation import measured
 from fieldkit.views.words import by_time, said
@@ -57,6 +57,7 @@ def describe(session: Session) -> dict[str, Any]:
             "elevation_m": session.site.elevation_m, "timezone": session.site.timezone,
         },
         "began": local_time(session, session.start_ns), "ended": local_time(session, session.end_ns),
+        "start": iso_time(session, session.start_ns), "end": iso_time(session, session.end_ns),
         "length_s": (session.end_ns - session.start_ns) / 1e9,
         "streams": [_stream(session, name) for name in session.streams],
         "regions": [

@@ -19,6 +19,7 @@ SHOWN = {
     "tilt_sd_usual": "SD usual",
     "tilt_p50": "p50 °",
     "tilt_p90": "p90 °",
+    "tilt_largest": "largest °",
     "paper_tilt_p90": "paper's p90",
     "normal_p90": "normal p90 °",
     "unsolved": "unsolved",

@@ -11,13 +11,10 @@ import click
 
 from fieldkit.commands import common
 from fieldkit.commands.session_paths import resolved
-from fieldkit.errors import ConfigError
 
 if TYPE_CHECKING:
     from fieldkit.campaign.grid import Grid
     from fieldkit.campaign.ranking import Ranking
-    from fieldkit.campaign.runs import Run
-    from fieldkit.campaign.sources import Source
 
 
 @click.command(cls=common.Verb)
@@ -54,6 +51,7 @@ def command(
     """
     from fieldkit.campaign.grid import read_grid
     from fieldkit.campaign.summary import Summary
+    from fieldkit.campaign.sweep import names_of, runs_of
     from fieldkit.commands import batch
 
     grid = read_grid(settings)
@@ -62,7 +60,7 @@ def command(
     sources, failures = batch.look_at(paths, present=present)
     runs = runs_of(sources, grid)
     common.say(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
-    summary = Summary(grid, batch.names_of(sources))
+    summary = Summary(grid, names_of(sources))
     with batch.workers(kind, address, jobs, len(runs)) as executor:
         for outcome in batch.carried_out(runs, executor, failures):
             summary.add(outcome)
@@ -77,19 +75,6 @@ def command(
         written = batch.write_results(base, summary.columns(), about)
         _tell(written, ranking, grid, len(runs))
     batch.complain(failures, paths)
-
-
-def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:
-    """Every session with every set; raises `ConfigError`, also for a key of no effect."""
-    from fieldkit.campaign.runs import run_of
-
-    runs = [run_of(source, one, number) for source in sources for number, one in enumerate(grid.sets)]
-    for parameter in grid.varied if sources else ():
-        tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
-        if tried[0].key == tried[1].key:
-            tables = "surface, air, irradiance, estimator, slab, site"
-            raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
-    return runs
 
 
 def ranking_document(ranking: Ranking, grid: Grid) -> dict[str, Any]:

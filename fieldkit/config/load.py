@@ -28,6 +28,7 @@ from fieldkit.config.tables import Tables
 from fieldkit.errors import ConfigError
 
 FILE_NAME = CAMPAIGN_FILE
+SET = "--set "
 log = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
 
@@ -116,8 +117,17 @@ def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
 
 def _sound(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
     if config is None or mistakes:
-        raise ConfigMistakesError(mistakes, fix=fix)
+        raise ConfigMistakesError(mistakes, fix=_correct([where for where, _ in mistakes]) or fix)
     return config
+
+
+def _correct(origins: Sequence[str]) -> str | None:
+    """What to correct if every mistake was made outside the files."""
+    if all(origin.startswith(SET) for origin in origins):
+        return "correct --set on the command line"
+    if all(origin.startswith(ENVIRONMENT) for origin in origins):
+        return f"correct {', '.join(origins)} in the environment"
+    return None
 
 
 @dataclass
@@ -222,7 +232,7 @@ def _from_settings(settings: Sequence[str]) -> Iterator[tuple[str, list[str], An
         key, equals, text = setting.partition("=")
         if not equals or not key.strip():
             raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.25")
-        yield f"--set {setting}", key.strip().split("."), _value(text)
+        yield f"{SET}{setting}", key.strip().split("."), _value(text)
 
 
 def _value(text: str) -> Any:

@@ -97,6 +97,8 @@ def _say(detail: ErrorDetails, path: Path) -> str:
 
 def _say_unknown(path: Path) -> str:
     typed, meant = str(path[-1]), _meant(path)
+    if meant is None and (qualified := _in_a_table(path)):
+        return f"unknown key; did you mean {qualified}?"
     if meant is None:
         return f"unknown key; known here: {', '.join(known_keys(path[:-1]))}"
     stem = _without_unit(meant)
@@ -111,6 +113,15 @@ def _meant(path: Path) -> str | None:
     typed, known = str(path[-1]).lower(), known_keys(path[:-1])
     same = [key for key in known if _without_unit(key) == _without_unit(typed)]
     return next(iter(same or get_close_matches(typed, known, n=1)), None)
+
+
+def _in_a_table(path: Path) -> str | None:
+    """A key given without its table: ``surface.albedo`` for ``albedo``; the first table that has it."""
+    if len(path) > 1:
+        return None
+    keys = ((table, key) for table in known_keys(()) for key in known_keys((table,)))
+    typed = _without_unit(str(path[0]).lower())
+    return next((f"{table}.{key}" for table, key in keys if _without_unit(key) == typed), None)
 
 
 def _without_unit(key: str) -> str:

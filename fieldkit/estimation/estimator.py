@@ -7,6 +7,7 @@ the last bit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -28,7 +29,8 @@ class Minute:
     """What became known when a minute closed.
 
     Temperatures in kelvin, `illuminance` in lux, `irradiance_w_m2` direct normal by the
-    model named, angles in degrees; NaN where nothing was measured. `notices` are the
+    model named, diffuse light and downward longwave as measured on the horizontal, angles in degrees;
+    NaN where nothing was measured. `notices` are the
     estimator's events: clouds that begin and end, shade, a moved picture, samples too late.
     """
 
@@ -45,6 +47,8 @@ class Minute:
     contact_k: tuple[float, ...]
     flags: Quality
     notices: tuple[Event, ...]
+    diffuse_w_m2: float = math.nan
+    longwave_w_m2: float = math.nan
 
 
 class Estimator:
@@ -99,4 +103,6 @@ class Estimator:
             entry.contact_k,
             entry.flags,
             notices,
+            entry.diffuse_w_m2,
+            entry.longwave_w_m2,
         )

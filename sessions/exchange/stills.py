@@ -165,6 +165,7 @@ def _tiff(path: Path) -> NDArray[np.uint16]:
             f"{path} says that it has more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
         )
     try:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # tags it does not know are no news
         found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # larger than OpenCV allows
         found = None

@@ -249,9 +249,10 @@ def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path)
         assert next(session.samples()).time_ns - recorded == pytest.approx(found["value"] * 1e9, abs=1e9)
 
 
-def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: Path) -> None:
+@pytest.mark.parametrize("days", [0, -18])
+def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: Path, days: int) -> None:
     """The start of the program made it -2 to -14 s wrong, stated as good to a second."""
-    shown = datetime.now(UTC) + timedelta(seconds=90)
+    shown = datetime.now(UTC) + timedelta(days=days, seconds=90)
     command = ["calibrate", "clock", "-C", str(beds), "--told", shown.isoformat(), "--json"]
     keys, terminal = pty.openpty()
     with subprocess.Popen(
@@ -263,7 +264,8 @@ def test_a_phones_time_is_that_of_the_key_press_not_of_the_programs_start(beds: 
         time.sleep(2.0)  # as long as a slow start would take
         pressed = datetime.now(UTC)
         os.write(keys, b" ")
-        out = program.communicate(timeout=500)[0]
+        out, said = program.communicate(timeout=500)
+    assert ("check the date of both clocks" in said) == (days != 0)  # a whole day is a slip of a date
     os.close(keys)
     os.close(terminal)
     found = json.loads(out)

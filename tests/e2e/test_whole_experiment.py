@@ -271,6 +271,27 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
     assert marks == ["the last"]
 
 
+def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> None:
+    """The disk takes samples, which are small, but not the mark; recovery does, once there is room."""
+    config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
+    path = campaign / "recordings" / "no-room.h5"
+    event = SessionWriter.event
+
+    def takes_no_mark(self: SessionWriter, happened: Event) -> None:
+        if happened.kind is EventKind.MARK:
+            raise StorageError("database or disk is full")
+        event(self, happened)
+
+    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=20.0) as tools:
+        patch.setattr(SessionWriter, "event", takes_no_mark)
+        with pytest.raises(StorageError, match="last marks could not be stored") as failed:
+            record_session(config, tools, path, duration_s=20.0, views=[Noting(path)])
+    assert "fieldkit recover" in (failed.value.fix or "")
+    fieldkit("recover", path)
+    with open_session(path) as session:
+        assert [one.text for one in session.events() if one.kind is EventKind.MARK] == ["first"]
+
+
 def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Path) -> None:
     settings = ["simulation.speed=max", 'simulation.faults=["garbled"]']
     config = load_config(campaign / "fieldkit.toml", settings=settings)

@@ -84,14 +84,13 @@ def mutated(draw, records):
 
 
 @pytest.mark.parametrize(("name", "options"), OPTIONS)
-@settings(deadline=None)
 @given(data=st.data())
 def test_any_bytes_give_values_or_reasons(name, options, data):
     check(name, options, data.draw(st.binary(max_size=600) | mutated(golden_of(name))))
 
 
 @pytest.mark.parametrize("name", LARGEST)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(chunks=st.lists(st.integers(1, 40), min_size=1, max_size=20), data=st.data())
 def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
     stream = data.draw(mutated(golden_of(name)))
@@ -135,7 +134,7 @@ def test_boson_frames_survive_their_escapes(sequence, function, payload):
 
 
 @pytest.mark.parametrize("name", FRAMES)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), head=st.binary(max_size=64))
 def test_any_picture_is_decoded_or_rejected(name, seed, head):
     decode, lengths = FRAMES[name]

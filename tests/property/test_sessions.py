@@ -52,7 +52,7 @@ def test_mending_a_superblock_is_done_once(head: bytes, length: int) -> None:
     assert len(once) == 48
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 40), st.sampled_from([1.0, 9.0, 25.0]), st.sampled_from([(24, 32), (7, 11), (1, 1)]))
 def test_session_is_read_back_as_written(
     tmp_path_factory: pytest.TempPathFactory, frames: int, rate_hz: float, shape: tuple[int, int]

@@ -72,7 +72,8 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
     cos_tilt = float(np.cos(np.radians(tilt)))
     in_sun = columns.irradiance_w_m2 > 0
     light = np.where(in_sun, columns.irradiance_w_m2, np.nan)
-    diffuse = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
+    assumed = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
+    diffuse = np.where(np.isnan(columns.diffuse_w_m2), assumed, columns.diffuse_w_m2)
     on_bed = sky.hay_davies_diffuse(
         diffuse,
         light,
@@ -119,7 +120,8 @@ def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatAr
 
 def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> FloatArray:
     """Long wave the bed takes from the ground around instead of from the sky, W/m2 absorbed."""
-    down, emissivity = settings.longwave_down_w_m2, settings.surface.emissivity_broadband
+    measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
+    down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
     return emissivity * (sky.longwave_on_facet(down, ground, cos_tilt) - down)
 

@@ -76,6 +76,8 @@ class Series:
     time_ns: NDArray[np.int64]
     illuminance_lx: FloatArray
     irradiance_w_m2: FloatArray
+    diffuse_w_m2: FloatArray  # as measured, NaN where not
+    longwave_w_m2: FloatArray  # downward, as measured, NaN where not
     irradiance_model: str
     sun: FloatArray
     flags: NDArray[np.int64]
@@ -131,6 +133,8 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
         time_ns=np.array([minute.time_ns for minute in ordered], np.int64),
         illuminance_lx=np.array([minute.illuminance for minute in ordered], np.float64),
         irradiance_w_m2=np.array([minute.irradiance_w_m2 for minute in ordered], np.float64),
+        diffuse_w_m2=np.array([minute.diffuse_w_m2 for minute in ordered], np.float64),
+        longwave_w_m2=np.array([minute.longwave_w_m2 for minute in ordered], np.float64),
         irradiance_model=ordered[-1].irradiance_model if ordered else "",
         sun=normal(zenith, azimuth).reshape(-1, 3),
         flags=np.array([int(minute.flags) for minute in ordered], np.int64),

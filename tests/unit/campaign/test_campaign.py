@@ -1,16 +1,21 @@
 """`fieldkit.open_campaign`: sessions, estimates, pandas and xarray."""
 
+import json
 import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import fieldkit
-from fieldkit.campaign.campaign import full_key
+from fieldkit.campaign.campaign import CampaignSession, full_key
+from fieldkit.commands import main
+from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.config.schema import known_keys
 from fieldkit.errors import ConfigError, SessionError
+from fieldkit.sessions.reader import open_session
 
 
 @pytest.fixture
@@ -110,3 +115,74 @@ def test_importing_fieldkit_loads_nothing_of_it():
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.strip() == "False"
     )
+
+
+def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folder, sessions, tmp_path):
+    with open_session(sessions[0]) as session:
+        begin = session.start_ns // 10**9
+    log = tmp_path / "sun.csv"
+    log.write_text("time,DNI [W/m2]\n" + "".join(f"{begin + 30 * row},900\n" for row in range(22)))
+    arguments = [
+        "import",
+        str(log),
+        "--as",
+        "sun",
+        "--into",
+        str(sessions[0]),
+        "-o",
+        str(tmp_path / "both.h5"),
+    ]
+    made = CliRunner().invoke(main, [*arguments, "-C", str(folder)])
+    assert made.exit_code == 0, made.output
+    assert "slopes now take their light from sun (dni), not lux" in made.output
+    assert 'irradiance.stream = "lux"' in made.output
+    with open_session(tmp_path / "both.h5") as both:
+        for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
+            estimator = estimator_for(both, config_for(both, [f"irradiance.stream={stream!r}"]))
+            minutes = list(minutes_of(both, estimator))
+            assert minutes[5].irradiance_model.startswith(label)
+            assert (minutes[5].irradiance_w_m2 == 900.0) == (not stream)
+    checked = CliRunner().invoke(main, ["check", str(tmp_path / "both.h5")])
+    assert "slopes come out the same" in checked.output
+
+
+def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_path):
+    pd = pytest.importorskip("pandas")
+    found = campaign.sweep({"albedo": np.array([0.20, 0.25]), "estimator.model": ["paper", "full"]})
+    frame = found.to_frame()
+    words = [
+        "--set",
+        "surface.albedo=0.2,0.25",
+        "--set",
+        "estimator.model=paper,full",
+        "-o",
+        str(tmp_path / "x"),
+    ]
+    made = CliRunner().invoke(main, ["sweep", str(folder / "recordings"), *words, "--json"])
+    assert made.exit_code == 0, made.output
+    told = json.loads(made.stdout)["ranking"]
+    written = pd.read_csv(tmp_path / "x.csv", comment="#")
+    assert len(frame) == len(written) == 2 * 4 * 3
+    assert frame["median_abs_error_deg"].tolist() == pytest.approx(
+        written["median_abs_error_deg"].tolist(), nan_ok=True
+    )
+    assert {key: float(value) if key == "surface.albedo" else value for key, value in found.best.items()} == {
+        key: float(value) if key == "surface.albedo" else value for key, value in told["best"].items()
+    }
+    assert found.ranking.left_out_deg == pytest.approx(told["left_out_deg"])
+    assert found.failures == {}
+
+
+def test_a_sweep_from_python_names_what_it_could_not_read_and_goes_on(campaign, tmp_path):
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(b"no session")
+    sessions = [campaign.sessions[0], CampaignSession(broken)]
+    found = campaign.sweep({"albedo": [0.2]}, sessions=sessions)
+    assert list(found.failures) == [broken]
+    assert set(found.columns["session"]) == {campaign.sessions[0].name}
+
+
+def test_a_sweep_over_nothing_or_over_what_no_estimate_has_is_refused(campaign):
+    for parameters in ({"albedo": []}, {"albedo": "0.2"}, {"record.every_s": [1.0, 2.0]}):
+        with pytest.raises(ConfigError):
+            campaign.sweep(parameters)

@@ -94,3 +94,10 @@ def test_an_unknown_option_exits_2():
 def test_a_verb_is_imported_only_when_it_runs():
     table = VerbTable({"Start": (Row("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x")
     assert "Cannot be imported." in CliRunner().invoke(table, ["--help"]).output
+
+
+@pytest.mark.parametrize("option", ["-C", "--json", "--quiet"])
+def test_an_option_of_the_verb_in_front_of_it_is_told_its_place(option):
+    found = CliRunner().invoke(main, [option, ".", "ls"])
+    assert found.exit_code == 2
+    assert f"{option} stands behind the verb: fieldkit ls {option}" in found.stderr

@@ -14,7 +14,7 @@ from fieldkit.site import Site
         ("3h", 10_800.0),
         ("1.5h", 5400.0),
         ("2h30m", 9000.0),
-        ("45", 45.0),
+        ("45s", 45.0),
         # a bare number is of the unit below the one in front of it
         ("1h30", 5400.0),
         ("1m30", 90.0),
@@ -25,9 +25,9 @@ def test_lengths_of_time(text, seconds):
     assert parse_duration(text) == seconds
 
 
-@pytest.mark.parametrize("text", ["", "soon", "1d", "10s30", "-5m", "1.55.5", "3 h"])
+@pytest.mark.parametrize("text", ["", "10", "1.5", "soon", "1d", "10s30", "-5m", "1.55.5", "3 h"])
 def test_what_is_no_length_of_time_is_refused(text):
-    with pytest.raises(click.UsageError, match="is no length of time"):
+    with pytest.raises(click.UsageError, match="is not a valid duration; give it with its unit"):
         parse_duration(text)
 
 

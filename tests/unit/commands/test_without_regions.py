@@ -135,3 +135,18 @@ def test_a_field_of_other_beds_has_no_others(undrawn):
     added = fieldkit("roi", "add", "flat", "-C", undrawn, "--reference", "--rect", "74,2,10,20")
     assert added.exit_code == 0
     assert [facet.name for facet in scene_of(load_config(undrawn / "fieldkit.toml"), 60.0).facets] == ["flat"]
+
+
+def test_the_newest_session_is_the_one_that_began_last_whatever_its_name(session):
+    log = session.parent.parent / "later.csv"
+    log.write_text("time,lux [lx]\n2025-01-05T10:10:10+11:00,80000\n2025-01-05T10:10:40+11:00,80100\n")
+    later = session.parent / "0.h5"
+    made = fieldkit("import", log, "-C", session.parent.parent, "-o", later)
+    assert made.exit_code == 0, made.output
+    shown = json.loads(fieldkit("show", "-C", session.parent.parent, "--json").stdout)
+    assert shown["session"] == str(later)
+    # ISO 8601, with the offset of the campaign's zone, which is of its longitude
+    assert shown["start"] == "2025-01-05T09:10:10+10:00"
+    listed = json.loads(fieldkit("ls", "-C", session.parent.parent, "--json").stdout)["sessions"]
+    assert [one["start"] for one in listed] == ["2025-01-05T09:10:10+10:00", "2024-01-05T09:10:10+10:00"]
+    assert [one["end"] for one in listed] == ["2025-01-05T09:10:40+10:00", "2024-01-05T09:19:40+10:00"]

@@ -246,3 +246,28 @@ def test_a_session_of_another_version_is_read_without_the_keys_nobody_knows_any_
     assert config.surface_parameters().albedo == 0.31
     assert "surface.sparkle" in caplog.text
     assert "forgotten" in caplog.text
+
+
+def test_what_is_wrong_on_the_command_line_is_corrected_there_not_in_the_file(tmp_path):
+    file = tmp_path / "fieldkit.toml"
+    file.write_text("[site]\nlatitude_deg = 35\nlongitude_deg = 139\nelevation_m = 9\n")
+    with pytest.raises(ConfigError, match="got 9") as caught:
+        load_config(file, settings=["surface.albedo=9"], environment={})
+    assert caught.value.fix == "correct --set on the command line"
+    with pytest.raises(ConfigError, match="got 9") as caught:
+        load_config(file, environment={"FIELDKIT_SURFACE__ALBEDO": "9"})
+    assert caught.value.fix == "correct FIELDKIT_SURFACE__ALBEDO in the environment"
+    file.write_text(file.read_text() + "[surface]\nalbedo = 9\n")
+    with pytest.raises(ConfigError, match="got 9") as caught:
+        load_config(file, settings=["surface.emissivity=0.9"], environment={})
+    assert caught.value.fix == f"edit {file}"
+
+
+@pytest.mark.parametrize(
+    ("setting", "meant"), [("albedo=0.3", "surface.albedo"), ("latitude=35", "site.latitude_deg")]
+)
+def test_a_key_without_its_table_is_answered_with_the_whole_one(tmp_path, setting, meant):
+    file = tmp_path / "fieldkit.toml"
+    file.write_text("[site]\nlatitude_deg = 35\nlongitude_deg = 139\nelevation_m = 9\n")
+    with pytest.raises(ConfigError, match=rf"did you mean {meant}\?"):
+        load_config(file, settings=[setting], environment={})

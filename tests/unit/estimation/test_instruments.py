@@ -244,3 +244,17 @@ def test_what_contradicts_the_streams_is_refused_with_the_key_to_set(streams, se
 def test_model_of_a_pyrheliometer_states_what_a_stream_does_not_say():
     direct = EstimatorSettings(irradiance=IrradianceModel(kind="pyrheliometer"))
     assert beam({"sun": 650.0}, radiation("sun"), settings=direct) == pytest.approx(650.0)
+
+
+@pytest.mark.parametrize("start", ["2017-08-30T02:30", "2017-12-11T02:30"])
+def test_a_cloud_before_a_high_or_a_low_noon_sun_is_seen(start):
+    time_ns = int(np.datetime64(start, "ns").astype(np.int64)) + np.arange(0, 1800, 10) * 10**9
+    light = cloudless("horizontal", time_ns)
+    light[60:90] *= 0.6
+    binner = Binner(SITE, (), (StreamInfo("light", "illuminance", "lx", (1,)),), EstimatorSettings())
+    closed = []
+    for at, value in zip(time_ns.tolist(), light.tolist(), strict=True):
+        closed += binner.add(Reading("light", at, at, (value,)))
+    flagged = [bool(entry.flags & Quality.CLOUD) for entry, _ in closed + binner.finish()]
+    assert flagged[:10] == [False] * 10
+    assert all(flagged[10:16])

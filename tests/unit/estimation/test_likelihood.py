@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from fieldkit.estimation.bounds import cramer_rao
 from fieldkit.estimation.choice import choose
@@ -147,3 +148,28 @@ def test_likelihood_region_holds_the_truth_nine_times_in_ten(start, minutes):
     choice = choose(misfit, solve(misfit), 45.0)
     least = np.fmin(choice.misfit, choice.other_misfit)
     assert np.mean(misfit(truths) - least <= NINETY_PERCENT) == pytest.approx(0.90, abs=0.03)
+
+
+@pytest.mark.parametrize(("quantile", "freedom"), [(NINETY_PERCENT, 2), (NINETY_PERCENT_ONE, 1)])
+def test_regions_are_those_of_ninety_per_cent(quantile, freedom):
+    assert quantile == pytest.approx(chi2.ppf(0.90, freedom), abs=5e-4)
+
+
+def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():
+    """The least of misfit + ((kappa - 1) / sd)² over kappa, tried out one by one."""
+    sun, truth = window("2017-08-30T03:00", 21), normal(15.0, 100.0)
+    misfit = Misfit.of_rows(sun, 1.05 * (sun @ (truth - VERTICAL)) + sun[:, 2], 1 / 0.01**2)
+    kappas = np.linspace(-1.0, 3.0, 400_001)
+    for tilt, azimuth in ((15.0, 100.0), (20.0, 90.0), (8.0, 130.0)):
+        bed = normal(tilt, azimuth)
+        tried = misfit(VERTICAL + kappas[:, np.newaxis] * (bed - VERTICAL)) + ((kappas - 1.0) / 0.08) ** 2
+        found = DoubtfulMisfit(misfit, VERTICAL, 0.08)(bed[np.newaxis])
+        assert float(found[0]) == pytest.approx(float(tried.min()), rel=1e-6)
+
+
+def test_a_doubt_of_one_standard_deviation_costs_one():
+    """Rows that are off by just one standard deviation of a known effect: its square is what is left."""
+    sun, truth = window("2017-08-30T03:00", 60), normal(12.0, 200.0)
+    effect = 0.02 * np.sin(np.linspace(0.0, 25.0, 60))
+    summed = with_doubts(sun, sun @ truth + effect, np.full(60, 1e12), effect[np.newaxis])
+    assert float(summed(truth)) == pytest.approx(1.0, rel=1e-3)

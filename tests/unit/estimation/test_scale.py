@@ -131,3 +131,13 @@ def test_split_that_data_do_not_tell_is_called_the_priors():
 def test_identification_refuses_beds_like_the_reference():
     with pytest.raises(CalibrationError, match="differ too little"):
         identify(np.full(9, 300.1), np.full(9, 300.0), np.full(9, 3.0), 0.1, (PAPER.alpha, PAPER.beta))
+
+
+def test_offsets_whose_minutes_are_alike_are_known_less_well_by_what_statistics_says():
+    """Autoregressive noise: the mean's variance grows by (1 + r) / (1 - r) (Bartlett 1935)."""
+    random, r, count, trials = np.random.default_rng(6), 0.6, 400, 300
+    noise = np.zeros((count, trials))
+    for row in range(1, count):
+        noise[row] = r * noise[row - 1] + random.standard_normal(trials)
+    found = offsets_from_uniform(300.0 + noise[100:], np.full(count - 100, 300.0))
+    assert found.offset_sd_k.mean() == pytest.approx(found.offset_k.std(), rel=0.15)

@@ -5,6 +5,7 @@ L 400 W/m2: figures of an independent simulation with the same conditions.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -67,6 +68,44 @@ def test_contours_give_the_errors_of_the_grid(hour, p90, mean):
     assert summary.p90 == pytest.approx(p90, abs=0.13)
     assert summary.mae == pytest.approx(mean, abs=0.04)
     assert summary.unsolved == 0
+
+
+def rows_of_the_page():
+    """The rows of the page's table for Fig. 9, by their name."""
+    page = Path(__file__).parents[3] / "docs" / "explanation" / "paper.md"
+    cells = [
+        line.strip("| \n").split(" | ")
+        for line in page.read_text(encoding="utf-8").splitlines()
+        if "|" in line
+    ]
+    return {row[0]: row[1:] for row in cells}
+
+
+@pytest.mark.parametrize(
+    ("name", "slopes"),
+    [
+        ("contour scoring, ±0.5 W/m², clear sky, slopes on the grid", paper_slopes()),
+        (
+            "the same, 3000 random slopes off the grid (`fieldkit study --slopes 3000`)",
+            random_slopes(3000, 1),
+        ),
+    ],
+)
+def test_the_page_on_the_paper_gives_figure_9_on_the_grid_and_off_it(name, slopes):
+    printed = [float(cell) for cell in rows_of_the_page()[name]]
+    found = [summarise(run_study(slopes, conditions(hour), NOISELESS).tilt_error_deg) for hour in (0, 3, 6)]
+    assert [one.p90 for one in found] == pytest.approx(printed, abs=0.006)
+
+
+def test_a_slope_with_a_twin_is_wrong_by_degrees_where_the_percentiles_say_nothing():
+    """The page's shares, largest error and standard deviations of noiseless unit-norm least squares."""
+    squares = replace(NOISELESS, method="unit-norm")
+    errors = [run_study(paper_slopes(), conditions(hour), squares).tilt_error_deg for hour in (0, 3, 6)]
+    assert [100.0 * np.mean(one > 0.1) for one in errors] == pytest.approx([0.4, 1.3, 0.05], abs=0.06)
+    found = [summarise(one) for one in errors]
+    assert [one.sd_usual for one in found] == pytest.approx([0.13, 0.39, 0.01], abs=0.006)
+    assert max(one.largest for one in found) == pytest.approx(6.7, abs=0.05)
+    assert max(one.p90 for one in found) < 1e-6
 
 
 # 0.1 K on both regions, 20 min, unit-norm: 90th percentile and mean of the tilt error

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fieldkit.device import Device, StreamInfo
 from fieldkit.errors import ConfigError, DeviceLostError, DeviceNotFoundError
@@ -306,3 +307,19 @@ def test_what_a_meter_shows_beside_its_values_is_told_when_it_changes_and_not_to
         (EventKind.MODE, "lux: the meter shows: nothing any more", "INFO"),
     ]
     assert [round((one.mono_ns - start_ns) / S) for one in told] == [5, 65, 125]
+
+
+def test_after_a_pause_bursts_keep_their_minutes_and_make_up_for_none() -> None:
+    """A computer that stood still for four minutes goes on at the next full minute."""
+
+    class Held(Camera):
+        def read(self, timeout_s: float) -> Frame | None:  # type: ignore[override]
+            if 60.0 < (self.clock.mono_ns() - self.start_ns) / S < 61.0:
+                self.clock.sleep(245.0)
+            return super().read(timeout_s)
+
+    sampling = Sampling(every_s=60.0, burst_frames=2, shutter_before_burst=False)
+    samples, _, start_ns = run(Held, same_unless_unplugged, 500.0, sampling)
+    bursts = [(one.mono_ns - start_ns) / S for one in samples[::2]]
+    assert np.diff(bursts[3:]).tolist() == pytest.approx([60.0] * (len(bursts) - 4))
+    assert len(bursts) <= 6

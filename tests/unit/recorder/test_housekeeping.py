@@ -97,3 +97,19 @@ def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path: Path) ->
     with open_session(tmp_path / "a.h5") as session:
         since_ns = session.stream("lux").column("mono_ns")[0]
         assert [(check.mono_ns - since_ns) // S for check in session.clock_checks()] == [0, 60, 61]
+
+
+def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path: Path) -> None:
+    with SimulatedClock(START_NS) as clock:
+        writer = SessionWriter(tmp_path / "a.h5", header(), clock)
+        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12)
+        lags = []
+        for late_ms in ((30, 5), ()):
+            for late in late_ms:
+                house.arrived(sample(LUX, 0, clock.mono_ns() - late * 1_000_000))
+            findings = house.look()
+            assert findings is not None
+            lags.append(findings.health.lag_ms)
+            clock.sleep(1.0)
+        writer.close()
+    assert lags == [30.0, 0.0]

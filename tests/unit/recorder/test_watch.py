@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import pytest
+
 from fieldkit.clock import ClockCheck
 from fieldkit.errors import StorageError
 from fieldkit.recorder.watch import ClockWatch, DiskWatch, FlagWatch, GarbleWatch, StorageWatch
@@ -92,3 +94,12 @@ def test_pictures_pause_after_an_error_of_storing_and_what_was_left_out_is_told(
     assert at_end.text == "1 picture left out after an error of storing: again, hours later"
     assert not watch.failed(StorageError("once more, a day later"), 9999 * S)
     assert watch.failed(StorageError("and once more"), 10_001 * S)
+
+
+@pytest.mark.parametrize(("step_s", "told"), [(0.4, False), (0.6, True), (-0.6, True), (3.0, True)])
+def test_a_step_of_the_system_clock_of_half_a_second_is_told(step_s: float, told: bool) -> None:
+    watch = ClockWatch()
+    assert list(watch.look(ClockCheck(0, 10**18, 100), 0)) == []
+    events = list(watch.look(ClockCheck(60 * 10**9, 10**18 + round(step_s * 1e9), 100), 0))
+    assert [event.kind for event in events] == [EventKind.CLOCK_STEP] * told
+    assert all(f"{step_s:+.3f} s" in event.text for event in events)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldkit.device import DeviceSettings
@@ -65,14 +65,12 @@ def test_records_are_the_golden_vectors_of_the_protocol_sheets(record, golden):
     assert record == bytes.fromhex(golden)
 
 
-@settings(deadline=None)
 @given(st.floats(-2e5, 4e5))
 def test_driver_reads_back_what_the_light_meter_says(value):
     (read,) = lutron.Lutron().decode(lutron_record(value, "15"), {}).values
     assert read.value == pytest.approx(value, rel=1e-4, abs=0.00501)
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-200.0, 1300.0) | st.just(math.nan), max_size=4))
 def test_driver_reads_back_what_the_thermometer_says(celsius):
     read = [value.value for value in center_309.Center309().decode(center_309_record(celsius), {}).values]
@@ -80,7 +78,6 @@ def test_driver_reads_back_what_the_thermometer_says(celsius):
     np.testing.assert_allclose(read, expected, atol=0.0501)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.0, 2e5))
 def test_spoilt_records_are_shorter_or_whole(seed, value):
     record = lutron_record(value, "15")

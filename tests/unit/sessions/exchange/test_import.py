@@ -407,3 +407,25 @@ def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> Non
     steady, nothing = flag_bunched(lambda: iter(frames[6:]), time_ns[6:].tolist())
     assert not any(frame.quality for frame in steady)
     assert nothing == ()
+
+
+def test_tags_that_opencv_does_not_know_are_no_news(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """TIFF 6.0 by hand: 8 x 4 pixels of 16 bits and a private tag, 65000."""
+    width, height = 8, 4
+    counts = np.arange(width * height, dtype="<u2")
+    short, long = 3, 4
+    tags = [
+        (256, short, width), (257, short, height), (258, short, 16), (259, short, 1), (262, short, 1),
+        (273, long, 8), (277, short, 1), (278, short, height), (279, long, counts.nbytes), (65000, short, 7),
+    ]  # fmt: skip
+    directory = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    head = struct.pack("<2sHI", b"II", 42, 8 + counts.nbytes)
+    body = head + counts.tobytes() + struct.pack("<H", len(tags)) + directory + bytes(4)
+    path = tmp_path / "20260512T120000.tiff"
+    path.write_bytes(body)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_WARNING)
+    found = read_stills(path, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    assert len(list(found.samples)) == 1
+    assert capfd.readouterr().err == ""

@@ -92,6 +92,23 @@ def test_a_flat_bed_leaves_nothing_out(make_minute):
     assert budget(columns, columns.beds[0], SETTINGS).left_out_w_m2 == pytest.approx(0.0, abs=1e-6)
 
 
+def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
+    """No diffuse light, and longwave of a sky as warm as the ground: neither tells a slope from the flat."""
+    bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
+    assumed = [minute_of(make_minute, bed, NOON_NS)]
+    ground = EMISSIVITY * SIGMA * assumed[0].temperature_k["flat"] ** 4
+    warm_sky = ground / EMISSIVITY  # emitted and reflected together are what comes down
+    measured = [replace(assumed[0], diffuse_w_m2=0.0, longwave_w_m2=warm_sky)]
+    before, after = (
+        budget(columns, columns.beds[0], SETTINGS)
+        for columns in (series(minutes, (FLAT, bed)) for minutes in (assumed, measured))
+    )
+    assert before.diffuse_w_m2 > 1.0
+    assert abs(before.longwave_w_m2) > 1.0
+    assert after.diffuse_w_m2 == 0.0
+    assert after.longwave_w_m2 == pytest.approx(0.0, abs=1e-9)
+
+
 def test_w_m2_per_degree_is_the_papers_geometry(make_minute):
     """South 15 degrees, 11 Dec, 12:00, S 800: 9.6 W/m2 per degree; 0.33 degrees cost 0.11 K (30 W/m2/K)."""
     bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)

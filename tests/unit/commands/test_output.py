@@ -1,0 +1,44 @@
+"""Where the output of a verb goes: a pipe that closes, a full disk, a terminal with few letters."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+PLAN = ["plan", "--site", "35.56,139.4,9", "--on", "2026-12-11", "--facet", "5,180"]
+
+
+def started(words, **given):
+    command = [sys.executable, "-m", "fieldkit", *words]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, **given)
+
+
+@pytest.mark.parametrize("words", [PLAN, [*PLAN, "--json"]])
+def test_a_reader_that_had_enough_is_no_error(words):
+    process = started(words, stdout=subprocess.PIPE)
+    process.stdout.close()
+    said = process.communicate(timeout=60)[1].decode()
+    assert process.returncode == 0, said
+    assert "error" not in said
+
+
+@pytest.mark.parametrize("words", [PLAN, [*PLAN, "--json"]])
+def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
+    with open("/dev/full", "wb") as full:
+        process = started(words, stdout=full)
+        said = process.communicate(timeout=60)[1].decode()
+    assert process.returncode == 6
+    assert "error: the output cannot be written: No space left on device" in said
+    assert "mistake in fieldkit" not in said
+
+
+def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypatch):
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    process = started(PLAN, stdout=subprocess.PIPE)
+    printed, said = (part.decode() for part in process.communicate(timeout=60))
+    assert process.returncode == 0, said
+    assert "tilt +-deg" in printed
+    process = started([*PLAN, "--json"], stdout=subprocess.PIPE)
+    document = json.loads(process.communicate(timeout=60)[0].decode("ascii"))
+    assert document["irradiance"] == "S 800 W/m² assumed"  # data are escaped, never replaced

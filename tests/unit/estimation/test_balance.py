@@ -1,0 +1,92 @@
+"""Rows of the least squares: their noise and their doubts, against the paper's Table 1 by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation import balance
+from fieldkit.estimation.balance import Rows, rows
+from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.facet import VERTICAL, normal
+from fieldkit.physics.slab import Slab
+
+MINUTES = 61
+DIRECT_W_M2, REFERENCE_K, TARGET_K = 800.0, 300.0, 310.0
+SIGMA_SB = 5.670374419e-8
+EXCHANGE_W_M2_K = 1000.0 * 1.21 * 0.015  # Table 1: C_p, rho, C_H U
+STEEPNESS = 4.0 * 0.90 * SIGMA_SB * TARGET_K**3 + EXCHANGE_W_M2_K
+ABSORBED = 0.80 * DIRECT_W_M2
+SETTINGS = EstimatorSettings(model="paper", noise_k=0.1, offset_sd_k=0.25, drift_sd_k_per_h=0.4)
+
+
+@pytest.fixture
+def history() -> History:
+    """An hour of three references and a target that are each of one temperature."""
+    minute = 25_000_000 + np.arange(MINUTES)
+    sun = np.tile(normal(40.0, 180.0), (MINUTES, 1))
+    kelvin = np.tile([REFERENCE_K, REFERENCE_K, REFERENCE_K, TARGET_K], (MINUTES, 1))
+    nothing = np.full(MINUTES, np.nan)
+    return History(
+        minute, minute * MINUTE_NS, sun, kelvin, np.full(MINUTES, DIRECT_W_M2), nothing, nothing,
+        np.zeros(MINUTES, np.int64), np.zeros((MINUTES, 4), np.int64),
+    )  # fmt: skip
+
+
+def made(history: History, references: int = 1, **changes: object) -> Rows:
+    normals = np.tile(VERTICAL, (references, 1))
+    settings = replace(SETTINGS, **changes)  # type: ignore[arg-type]
+    return rows(history, 0, np.arange(references), np.array([3]), normals, settings)
+
+
+@pytest.mark.parametrize("references", [1, 3])
+def test_noise_is_that_of_the_target_and_of_the_mean_of_the_references(history, references):
+    expected = 0.1 * np.sqrt(1.0 + 1.0 / references) * STEEPNESS / ABSORBED
+    assert made(history, references).sigma == pytest.approx(np.full((MINUTES, 1), expected), rel=1e-9)
+
+
+def test_light_that_changes_by_a_tenth_in_a_minute_doubles_the_variance():
+    light = np.full(20, 800.0)
+    light[10:] = 880.0
+    found = balance._unsteadiness(light)
+    assert found[5] == 1.0
+    assert found[9] ** 2 == pytest.approx(2.0)
+    assert found[10] ** 2 == pytest.approx(1.0 + (80.0 / 880.0 / 0.1) ** 2)
+    assert found[11] == 1.0
+
+
+def test_an_offset_and_a_drift_in_kelvin_per_hour_are_doubts_in_every_row(history):
+    offset, drift, _ = made(history).doubts[:, :, 0] * ABSORBED / STEEPNESS  # back to kelvin
+    assert offset == pytest.approx(np.full(MINUTES, 0.25))
+    assert drift[-1] - drift[0] == pytest.approx(0.4)  # over one hour
+    assert drift.mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_doubtful_layer_is_the_difference_that_another_layer_would_make(history):
+    warming = replace(
+        history,
+        temperature_k=history.temperature_k + np.outer(np.arange(MINUTES) ** 1.5 / 60.0, [0, 0, 0, 1]),
+    )
+    slab = Slab(depth_m=0.03)
+    full = {"model": "full", "slab": slab, "conductivity_sd": 0.3, "capacity_sd": 0.2}
+    found = made(warming, **full)
+    others = (
+        replace(slab, conductivity_w_m_k=1.3 * slab.conductivity_w_m_k),
+        replace(slab, heat_capacity_j_m3_k=1.2 * slab.heat_capacity_j_m3_k),
+    )
+    for doubt, other in zip(found.doubts[3:, :, 0], others, strict=True):
+        moved = made(warming, **{**full, "slab": other}).y[:, 0] - found.y[:, 0]
+        assert np.abs(moved).max() > 1e-4
+        assert doubt == pytest.approx(moved, abs=1e-12)
+
+
+@pytest.mark.parametrize(("model", "scale"), [("paper", 1.0), ("paper", 1.2)])
+def test_a_row_is_the_papers_eq_6_over_its_light(history, model, scale):
+    found = made(history, model=model, scale=scale)
+    lost = 0.90 * SIGMA_SB * (TARGET_K**4 - REFERENCE_K**4) + EXCHANGE_W_M2_K * (TARGET_K - REFERENCE_K)
+    expected = lost / (ABSORBED * scale) + np.cos(np.radians(40.0))
+    assert found.y == pytest.approx(np.full((MINUTES, 1), expected), rel=1e-9)
+    assert found.per_kelvin == pytest.approx(np.full((MINUTES, 1), STEEPNESS / (ABSORBED * scale)), rel=1e-9)
