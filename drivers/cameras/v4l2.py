@@ -125,7 +125,7 @@ class V4l2Source:
         if number > self._next >= 0 and self._clock.mono_ns() < self._last_ns + OVERTAKEN_NS:
             return None
         heapq.heappop(self._early)
-        if number < self._next:
+        if number < self._next and picture.mono_ns < self._last_ns:
             return replace(picture, error=True)
         self._next, self._last_ns = number + 1, picture.mono_ns
         return picture

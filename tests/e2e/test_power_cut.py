@@ -21,7 +21,7 @@ from tests.harness.faulty_recorder import HEADER, MARKS
 from tests.harness.recording import same, sample
 
 KINDS = ("prefix", "torn at a byte", "torn at a sector", "reordered", "zeroed tail")
-LIMIT_S = 60.0  # about a second on an idle computer
+LIMIT_S = 60.0  # a moment on an idle computer
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from tests.harness.recording import CountedClock, fill, header, same, sample
 
 HEADER = header((24, 32))
 WRITTEN = 90
-LIMIT_S = 60.0  # about a second on an idle computer
+LIMIT_S = 60.0  # a moment on an idle computer
 
 
 @given(st.text(max_size=200), st.integers(4, 64))

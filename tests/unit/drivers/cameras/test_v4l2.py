@@ -164,6 +164,18 @@ def test_a_picture_that_comes_far_too_late_is_an_error_and_none_after_it_is(kern
     ]
 
 
+def test_numbers_that_begin_anew_are_taken_as_they_come(kernel, source):
+    for number, ago_s in ((70, 5), (71, 4), (0, 3), (1, 2)):
+        kernel.deliver(b"picture", number, at=(HostClock().mono_ns() // 1_000_000_000 - ago_s, 0))
+    found = [source.read(1.0) for _ in range(4)]
+    assert [(picture.sequence, picture.error) for picture in found] == [
+        (70, False),
+        (71, False),
+        (0, False),
+        (1, False),
+    ]
+
+
 def test_what_arrived_before_the_camera_was_unplugged_is_not_lost_with_it(kernel, source):
     deliver_now(kernel, 0, 2)
     assert source.read(1.0).sequence == 0
