@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from fieldkit.device import StreamInfo
 from fieldkit.errors import NoAnswerError
 from fieldkit.samples import Reading, Severity, is_usable
 from fieldkit.sessions.exchange.curve_offset import Alignment, Curve, best_offset
@@ -21,11 +22,7 @@ def aligned(session: Session, foreign: Foreign) -> Foreign:
     Raises `NoAnswerError` where no stream of the session determines the offset.
     """
     readings = [sample for sample in foreign.samples if isinstance(sample, Reading)]
-    quantity = foreign.streams[0].quantity
-    start_ns = session.start_ns
-    log = _curve(((one.time_ns, float(np.nanmean(one.values))) for one in readings
-                  if is_usable(one.quality) and np.isfinite(one.values).any()), start_ns)  # fmt: skip
-    name, found = _best_stream(session, quantity, log, start_ns)
+    name, found = _best_stream(session, foreign.streams, readings)
     shift_ns = round(found.offset_s * 1e9)
     moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
     said = (
@@ -38,20 +35,33 @@ def aligned(session: Session, foreign: Foreign) -> Foreign:
     return Foreign(foreign.streams, moved, tuple(remarks), foreign.site)
 
 
-def _best_stream(session: Session, quantity: str, log: Curve, start_ns: int) -> tuple[str, Alignment]:
-    """The curve that determines the offset best."""
+def _best_stream(
+    session: Session, streams: Sequence[StreamInfo], readings: Sequence[Reading]
+) -> tuple[str, Alignment]:
+    """The curve that determines the offset of the log best, whichever of its streams it is of."""
+    start_ns = session.start_ns
     found, refused = [], ""
-    for name, curve in _curves(session, quantity, start_ns):
-        try:
-            found.append((name, best_offset(log, curve)))
-        except NoAnswerError as error:
-            refused = f"{name}: {error.message}"
+    for info in streams:
+        log = _curve(_points(one for one in readings if one.stream == info.name), start_ns)
+        for name, curve in _curves(session, info.quantity, start_ns):
+            try:
+                found.append((name, best_offset(log, curve)))
+            except NoAnswerError as error:
+                refused = f"{name}: {error.message}"
     if not found:
+        quantities = " or ".join(info.quantity for info in streams)
         raise NoAnswerError(
-            f"{session.path} does not tell the log's offset: {refused or f'it has no curve of {quantity}'}",
+            f"{session.path} does not tell the log's offset: {refused or f'it has no curve of {quantities}'}",
             fix="say it: --offset +12s, or --offset 0s",
         )
     return min(found, key=lambda one: one[1].uncertainty_s)
+
+
+def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
+    """Time and mean over the channels of the readings that have one."""
+    for one in readings:
+        if is_usable(one.quality) and np.isfinite(one.values).any():
+            yield one.time_ns, float(np.nanmean(one.values))
 
 
 def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 import re
-import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import tzinfo
+from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import ConfigError
@@ -60,10 +61,11 @@ def read_log(
     offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
     measures: str = "",
 ) -> Foreign:  # fmt: skip
-    """A table as one stream; `offset_ns` is added to its times. Cells without a number become NaN.
+    """A table as a stream for each quantity in it; `offset_ns` is added to its times.
 
-    `measures` is the component of radiation of its columns, where their names do not say it. `zone` is of
-    times that have none, where the table does not say it either.
+    The streams are called `name`, or `name` and the quantity where there are several. Cells without a number
+    become NaN. `measures` is the component of radiation of its columns, where their names do not say it.
+    `zone` is of times that have none, where the table does not say it either.
 
     A date and a time of day in the column after it are taken together, so `time_format` is of both.
 
@@ -75,50 +77,81 @@ def read_log(
     stamps, behind = _stamps(path, rows, time_at)
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
     places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
-    stored, quantity, add, by = _meaning(path, [head[place] for place in places], unit)
+    meant = [_column(path, place, head[place], unit) for place in places]
     refuse = _refuse_points if table.has_decimal_commas else _refuse_commas
     refuse(path, head, rows, places)
-    readings = []
-    for stamp_ns, row in zip(parse_times_ns(stamps, zone, time_format), rows, strict=True):
-        time_ns = plausible_ns(stamp_ns + offset_ns)
-        values = tuple((_number(_cell(row, place), quantity) + add) / by for place in places)
-        raw = ",".join(row).encode()[:255]
-        readings.append(Reading(name, time_ns, time_ns, values, raw))
+    times_ns = [plausible_ns(stamp_ns + offset_ns) for stamp_ns in parse_times_ns(stamps, zone, time_format)]
+    rate_hz = usual_rate_hz(sorted(times_ns))
+    infos = _infos(name, meant, measures, rate_hz)
+    readings = [
+        _reading(info, time_ns, row, [column for column in meant if column.quantity == info.quantity])
+        for info in infos
+        for time_ns, row in zip(times_ns, rows, strict=True)
+    ]
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
-    labels = tuple(_label(head[place]) for place in places)
-    components = ((measures,) * len(labels) if measures else named(labels)) if stored == UNIT else ()
-    info = StreamInfo(
-        name, quantity, stored, (len(places),), channels=labels, measures=components,
-        rate_hz=usual_rate_hz([reading.time_ns for reading in ordered]), driver="import", raw_bytes=255,
-    )  # fmt: skip
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
-    said = f"{path.name}: {len(ordered)} rows{applied}"
-    cells = [cell for row in rows for place in places if (cell := _cell(row, place))]
-    missing = sum(_stands_for_none(_as_number(cell), quantity) for cell in cells)
-    words = [cell for cell in cells if math.isnan(_as_number(cell)) and cell.lower() != "nan"]
+    said = f"{path.name}: {len(rows)} rows{applied}"
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
     warnings = [
-        *_warnings(missing, words, unknown, info.rate_hz if table.averages else 0.0),
-        *_unmeasured(info),
+        *_warnings(*_without_value(rows, meant), unknown, rate_hz if table.averages else 0.0),
+        *chain.from_iterable(map(_unmeasured, infos)),
     ]
-    return Foreign((info,), ordered, ((Severity.INFO, said), *warnings))
+    return Foreign(infos, ordered, ((Severity.INFO, said), *warnings))
 
 
-def _meaning(path: Path, heads: Sequence[str], unit: str) -> tuple[str, str, float, float]:
-    """What `_UNITS` says of the unit that all columns have; raises `ConfigError`."""
-    units = [unit or _unit(head) for head in heads]
-    meanings = [_UNITS.get(unit.lower()) for unit in units]
-    first = meanings[0]
-    if first is not None and len(set(meanings)) == 1:
-        return first
-    alike = [_label(head) for head, meaning in zip(heads, meanings, strict=True) if meaning == first]
-    columns = " ".join(f"--column {shlex.quote(label)}" for label in alike)
-    raise ConfigError(
-        f"{path}: units {', '.join(map(repr, units))}",
-        fix=f"one stream, one unit, such as {columns}"
-        if first
-        else f"one stream, one unit: --unit of {_KNOWN}",
+class _Column(NamedTuple):
+    """A column of a table that counts: its place and label, its stream's unit, and the way there."""
+
+    place: int
+    label: str
+    unit: str
+    quantity: str
+    add: float
+    by: float
+
+
+def _column(path: Path, place: int, head: str, unit: str) -> _Column:
+    """What `_UNITS` says of a column; raises `ConfigError`."""
+    written = unit or _unit(head)
+    meaning = _UNITS.get(written.lower())
+    if meaning is None:
+        raise ConfigError(f"{path}: column {head!r} has the unit {written!r}", fix=f"--unit of {_KNOWN}")
+    return _Column(place, _label(head), *meaning)
+
+
+def _infos(name: str, columns: Sequence[_Column], measures: str, rate_hz: float) -> tuple[StreamInfo, ...]:
+    """A stream for each quantity, in the order of the columns."""
+    quantities = list(dict.fromkeys(column.quantity for column in columns))
+    return tuple(
+        _info(
+            name if len(quantities) == 1 else f"{name}-{quantity}",
+            [column for column in columns if column.quantity == quantity], measures, rate_hz,
+        )
+        for quantity in quantities
+    )  # fmt: skip
+
+
+def _info(name: str, columns: Sequence[_Column], measures: str, rate_hz: float) -> StreamInfo:
+    labels, first = tuple(column.label for column in columns), columns[0]
+    components = ((measures,) * len(labels) if measures else named(labels)) if first.unit == UNIT else ()
+    return StreamInfo(
+        name, first.quantity, first.unit, (len(labels),), channels=labels, measures=components,
+        rate_hz=rate_hz, driver="import", raw_bytes=255,
+    )  # fmt: skip
+
+
+def _reading(info: StreamInfo, time_ns: int, row: Sequence[str], columns: Sequence[_Column]) -> Reading:
+    values = tuple(
+        (_number(_cell(row, column.place), column.quantity) + column.add) / column.by for column in columns
     )
+    return Reading(info.name, time_ns, time_ns, values, ",".join(row).encode()[:255])
+
+
+def _without_value(rows: Sequence[Sequence[str]], columns: Sequence[_Column]) -> tuple[int, list[str]]:
+    """How many cells stand for no value, and those that are not numbers at all."""
+    cells = [(cell, one.quantity) for row in rows for one in columns if (cell := _cell(row, one.place))]
+    missing = sum(_stands_for_none(_as_number(cell), quantity) for cell, quantity in cells)
+    return missing, [cell for cell, _ in cells if math.isnan(_as_number(cell)) and cell.lower() != "nan"]
 
 
 def _place(path: Path, head: Sequence[str], name: str) -> int:

@@ -59,10 +59,12 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     )  # the rows stand at the ends of minutes
 
 
-def test_columns_of_several_units_are_not_mixed_and_those_of_one_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="units 'Deg C', 'DegC', 'W/m") as caught:
-        read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
-    assert (caught.value.fix or "").endswith("--column Tair_Avg --column Tsand_Avg")
+def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
+    foreign = read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
+    assert {info.name: info.channels for info in foreign.streams} == {
+        "tower-temperature": ("Tair_Avg", "Tsand_Avg"),
+        "tower-irradiance": ("SWin_Avg",),
+    }
 
 
 def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.errors import ConfigError
-from fieldkit.sessions.exchange.logs import read_log
+from fieldkit.sessions.exchange.logs import LogColumns, read_log
 
 
 def table(path: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -49,3 +49,33 @@ def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="unknown encoding: klingon") as caught:
         read_log(path, "log", zone=UTC, encoding="klingon")
     assert "cp1252" in (caught.value.fix or "")
+
+
+def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
+    text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s]\n"
+    rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3\n2026-05-12T10:00:00,21.5,68,63.986,850,2\n"
+    foreign = read_log(table(tmp_path / "log.csv", text + rows), "logger", zone=UTC)
+    found = {info.name: (info.quantity, info.unit, info.channels) for info in foreign.streams}
+    assert found == {
+        "logger-temperature": ("temperature", "K", ("bed", "air")),
+        "logger-illuminance": ("illuminance", "lx", ("light",)),
+        "logger-irradiance": ("irradiance", "W m-2", ("dni",)),
+    }
+    assert foreign.streams[2].measures == ("dni",)
+    readings = {name: [one.values for one in foreign.samples if one.stream == name] for name in found}
+    assert readings["logger-temperature"][0] == pytest.approx((294.65, 293.15))
+    assert readings["logger-temperature"][1] == pytest.approx((295.65, float("nan")), nan_ok=True)
+    assert readings["logger-illuminance"] == [pytest.approx((63_986.0,)), pytest.approx((64_100.0,))]
+    assert readings["logger-irradiance"][0] == (850.0,)
+    times = [one.time_ns for one in foreign.samples]
+    assert times == sorted(times)
+    said = [text for _, text in foreign.remarks]
+    assert said[0] == "log.csv: 2 rows"
+    assert "1 cells stand for no value (like -9999 or inf)" in said
+    assert any("left out for their unit: wind [m/s]" in text for text in said)
+
+
+def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,wind [m/s],T [C]\n2026-05-12T10:00:00,3,21\n")
+    with pytest.raises(ConfigError, match=r"column 'wind \[m/s\]' has the unit 'm/s'"):
+        read_log(path, "log", zone=UTC, columns=LogColumns(values=("wind",)))

@@ -111,7 +111,6 @@ def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
         ("date,h,T1 [C]\n2026-05-12,10,3\n2026-05-12,11,3\n", "several rows have the date '2026-05-12'"),
         ("", "cannot be read|no table"),
         ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
-        ("time,T1 [C],L [lx]\n2026-05-12T01:00:00Z,3,4\n", "units 'C', 'lx'"),
         ("time,T1 [C]\n2026-05-12 01:00:00,3\n", "no zone"),
         ("time,T1 [C]\nyesterday,3\n", "not a time"),
         ("time,T1 [furlong]\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
