@@ -225,7 +225,8 @@ def _refuse(source: Source, model: IrradianceModel) -> None:
     if source.measures == UNKNOWN and source.info.quantity == "irradiance":
         raise ConfigError(
             f"{name} is in W/m2, but what it measures is not known, so it cannot serve as sunlight",
-            fix=how_to_state(name),
+            fix=f"{how_to_state(name)}: a level pyranometer, a pyrheliometer, a tilted one, a shaded one, "
+            "a pyrgeometer",
         )
     if source.measures in ("ghi", "gti"):
         raise ConfigError(

@@ -217,6 +217,25 @@ def test_pyrheliometer_stream_replaces_lux(yard):
     assert minute.estimates[2].tilt_deg == pytest.approx(25.0, abs=1.0)
 
 
+def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
+    """Taken for direct irradiance, its readings made a bed of 15 degrees steeper than 45."""
+    from fieldkit.device import StreamInfo
+
+    whole = StreamInfo("whole", "irradiance", "W m-2", (1,), measures=("ghi",))
+    samples = [
+        Reading("whole", s.mono_ns, s.time_ns, (s.values[0] / (0.44 * 4.57 * 54.0),))
+        if s.stream == "lux"
+        else s
+        for s in yard.samples(21)
+    ]
+    minute = run(replace(yard, streams=(yard.streams[0], whole)), samples)[-1]
+    assert minute.irradiance_w_m2 == pytest.approx(800.0, rel=1e-3)
+    assert minute.irradiance_model == "pyranometer, diffuse 15%, horizontal"
+    by_lux = run(yard, yard.samples(21))[-1]
+    for one, other in zip(minute.estimates, by_lux.estimates, strict=True):
+        assert one.tilt_deg == pytest.approx(other.tilt_deg, abs=1e-6)
+
+
 def test_cloud_holds_the_estimate_and_tells_when_it_began_and_ended(yard):
     clouded = replace(yard, clouds=range(25, 31), noise_k=0.02)
     minutes = run(clouded, clouded.samples(50))
