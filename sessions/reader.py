@@ -10,9 +10,10 @@ from __future__ import annotations
 import contextlib
 import heapq
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from fieldkit.device import StreamInfo
 from fieldkit.errors import SessionError
-from fieldkit.samples import Sample
+from fieldkit.samples import Quality, Sample
 from fieldkit.sessions import analysis
 from fieldkit.sessions.analysis import RegionSeries
 from fieldkit.sessions.declared import attribute, check_format, explained, scalar
@@ -141,9 +142,8 @@ class Session(EntryReader):
         return self._recorded(names)
 
     def _recorded(self, names: tuple[str, ...]) -> Iterator[Sample]:
-        return heapq.merge(
-            *(self._reader(name).samples() for name in names), key=lambda sample: sample.mono_ns
-        )
+        streams = (_in_turn(self._reader(name).samples()) for name in names)
+        return (sample for _, sample in heapq.merge(*streams, key=itemgetter(0)))
 
     @property
     def start_ns(self) -> int:
@@ -224,6 +224,18 @@ class Session(EntryReader):
     def to_xarray(self, stream: str) -> xr.Dataset:
         """A stream as an xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
         return analysis.to_xarray(self, stream)
+
+
+def _in_turn(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
+    """Samples with the monotonic times by which streams are merged: of a damaged one, that of the one before.
+
+    Its own may be years away, and all of its stream would wait for the other streams to end.
+    """
+    turn_ns = 0
+    for sample in samples:
+        if not sample.quality & Quality.BAD_CRC:
+            turn_ns = sample.mono_ns
+        yield turn_ns, sample
 
 
 def open_session(path: str | Path) -> Session:

@@ -110,6 +110,15 @@ def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., Se
     assert np.array_equal(pictures, [frame.counts for frame in frames])
 
 
+def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., Session]) -> None:
+    with damaged() as session:
+        order = [(one.stream, one.seq) for one in session.samples()]
+    with damaged(flip("lux/mono_ns", 2, 61)) as session:  # seventy years later
+        others = [(one.stream, one.seq) for one in session.samples() if not one.quality & Quality.BAD_CRC]
+    order.remove(("lux", 2))
+    assert others == order
+
+
 def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., Session]) -> None:
     with damaged() as session:
         for name in session.streams:
