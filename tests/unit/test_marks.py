@@ -168,3 +168,11 @@ def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
     assert len(list(folder.glob("*.json"))) == 2
     assert [event.text for event in marks()] == ["mark 1", "mark 2"]
     assert list(folder.glob("*.json")) == []
+
+
+def test_a_time_without_a_zone_is_not_guessed(folder, clock):
+    drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30"))
+    (event,) = DroppedMarks(folder, clock)()
+    assert event.severity is Severity.WARNING
+    assert "has no time zone" in event.text
+    assert event.time_ns == NOON_NS

@@ -200,3 +200,13 @@ def test_impossible_numbers_are_refused(words):
     done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
     assert done.exit_code == 2
     assert words[0] in done.stderr
+
+
+def test_the_suns_azimuth_over_the_day_is_nrels():
+    solarposition = pytest.importorskip("pvlib.solarposition", reason="pvlib comes with the [lab] extra")
+    pandas = pytest.importorskip("pandas")
+    shown = dict(re.findall(r"^(\d\d:\d\d) +\S+ +(\d+)°", run(*AUGUST, "--zone", "Asia/Tokyo").stdout, re.M))
+    assert len(shown) > 20
+    times = pandas.DatetimeIndex([f"2017-08-30T{at}" for at in shown], tz="Asia/Tokyo")
+    expected = solarposition.get_solarposition(times, 35.558675, 139.395232, altitude=9.0)["azimuth"]
+    assert [int(one) for one in shown.values()] == pytest.approx(expected.to_numpy(), abs=0.6)

@@ -97,14 +97,14 @@ CHANGES = [
 
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_linked_file_stays_a_link_and_keeps_who_may_read_it(file, tmp_path, change):
-    file.chmod(0o600)
+    file.chmod(0o640)
     link = tmp_path / "campaign" / "fieldkit.toml"
     link.parent.mkdir()
     link.symlink_to(file)
     change(link)
     assert link.is_symlink()
     assert file.read_text() != TEXT
-    assert file.stat().st_mode & 0o777 == 0o600
+    assert file.stat().st_mode & 0o777 == 0o640
 
 
 @pytest.mark.parametrize("change", CHANGES)

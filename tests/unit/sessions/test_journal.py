@@ -10,9 +10,12 @@ import pytest
 from fieldkit.clock import ClockCheck
 from fieldkit.errors import SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.sessions import brick_thread, sync_thread
+from fieldkit.sessions.brick_thread import BrickThread
 from fieldkit.sessions.journal import Identity, Journal, Keeper, wal_of
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
+from fieldkit.sessions.sync_thread import SyncThread
 from fieldkit.site import Region, RegionKind
 from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import START_NS, header, same, sample
@@ -165,3 +168,41 @@ def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> N
     shutil.copytree(journal.folder, tmp_path / "copy")
     with JournalReader(tmp_path / "copy") as reader:
         assert len(list(reader.rows())) == stored + 1
+
+
+def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(brick_thread, "JOURNAL_BYTES", 1)
+    journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
+    parts = [part for part, _ in journal.full_parts]
+    assert len(parts) > 2
+    bricks = BrickThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
+    bricks._shorten_journal()
+    assert all(part.exists() for part in parts)  # the file has nothing yet
+    bricks._catch_up(journal.full_parts[0][1])
+    bricks._shorten_journal()
+    assert [part.exists() for part in parts] == [False] + [True] * (len(parts) - 1)
+    bricks.close()
+    journal.close()
+
+
+def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = filled(tmp_path / "journal", 6, part_bytes=10**9)
+    told: list[str] = []
+    asked: list[Path] = []
+
+    def refuse(path: Path) -> None:
+        asked.append(path)
+        raise OSError(5, "Input/output error")
+
+    thread = SyncThread(journal, told.append)
+    monkeypatch.setattr(sync_thread, "sync_data", refuse)
+    thread._sync()
+    assert len(told) == 1
+    assert "did not confirm the last second" in told[0]
+    assert "Input/output error" in told[0]
+    monkeypatch.setattr(sync_thread, "sync_data", asked.append)
+    thread._sync()
+    assert asked == [wal_of(journal.part_path(1))] * 2
+    journal.close()

@@ -6,6 +6,7 @@ import pytest
 
 from fieldkit.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
+from fieldkit.views.regions_table import _region_cells
 
 SECOND_NS = 10**9
 
@@ -89,3 +90,10 @@ def test_time_never_runs_backwards(latest):
     latest.take(Reading("lux", 7, 7, (1.0,)))
     assert latest.time_ns == 9
     assert latest.start_ns == 9
+
+
+def test_a_regions_cells_are_temperature_spread_tilt_azimuth_and_state(latest, make_minute):
+    latest.take(make_minute(0))
+    bed = next(region for region in latest.regions if region.name == "b15")
+    cells = [str(cell) for cell in _region_cells(latest, bed)]
+    assert cells[:5] == ["36.85", "0.20", "15.5 ±2.0", "178 ±12", "0.33"]  # 310 K, spread 0.2 K

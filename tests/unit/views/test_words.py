@@ -149,3 +149,15 @@ def test_an_azimuth_region_across_north_is_as_wide_as_it_is(value, low, high, sa
 def test_noise_is_the_larger_half_of_its_own_region():
     noisy = estimate(tilt_deg=15.0, noise_tilt_low_deg=14.8, noise_tilt_high_deg=15.7)
     assert words.noise(noisy) == "±0.7°"
+
+
+@pytest.mark.parametrize(
+    ("zone", "said"),
+    [
+        ("Asia/Kolkata", "IST, UTC+05:30"),
+        ("Asia/Tokyo", "JST, UTC+09:00"),
+        ("America/St_Johns", "NST, UTC-03:30"),
+    ],
+)
+def test_zones_are_told_to_the_half_hour(zone, said):
+    assert words.zone_name(NEW_YEAR_NS, Site(0.0, 0.0, 0.0, zone)) == said
