@@ -24,9 +24,10 @@ from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.datasets import put_rows
 from fieldkit.sessions.guarded import GuardedFile
+from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import Session, open_interrupted, open_session
 from fieldkit.sessions.salvage import Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import SessionFile
@@ -135,7 +136,7 @@ def _complete(path: Path) -> RecoveryReport | None:
 def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
     kept = crashed_path(path) if path.exists() else None
     fresh = _fresh_path(path)
-    if (report := _made_before(fresh)) is not None:
+    if (report := _made_before(fresh, path)) is not None:
         _take_place(fresh, path, kept)
         return replace(report, path=path, crashed=kept)
     sealed, salvage = _rebuild(path, RECOVERED, kept, notes)
@@ -151,23 +152,33 @@ def _fresh_path(path: Path) -> Path:
     return path.with_name(path.name + ".recovering")
 
 
-def _made_before(fresh: Path) -> RecoveryReport | None:
+def _made_before(fresh: Path, path: Path) -> RecoveryReport | None:
     """The report on the new file where an earlier recovery completed it and only its place was not taken.
 
-    After a power cut that may be all that is left. It is verified once more; one that is not sound is
-    made again.
+    After a power cut that may be all that is left. It is verified once more; one that is not sound, or of
+    another session of that name, is made again.
     """
     try:
         with open_session(fresh) as session:
-            if session.state != "recovered" or any(
-                one.level == "fail" for one in integrity_findings(session)
-            ):
+            is_this = session.session_id in (_session_ids(path) or {session.session_id})
+            is_sound = all(one.level != "fail" for one in integrity_findings(session))
+            if not (session.state == "recovered" and is_this and is_sound):
                 return None
             crc32s = {name: session.stream(name).column("crc32") for name in session.streams}
             report = _told_by(session)
         return replace(report, bytes=seal(fresh, crc32s, RECOVERED).bytes)
     except (SessionError, RuntimeError, ValueError, KeyError, TypeError):
         return None
+
+
+def _session_ids(path: Path) -> set[str]:
+    """Which session it is, as far as its file and its journal still say."""
+    ids = set()
+    with suppress(SessionError), open_interrupted(path) as session:
+        ids.add(session.session_id)
+    with suppress(SessionError), JournalReader(journal_path(path), salvage=True) as journal:
+        ids.add(journal.identity.session_id)
+    return ids
 
 
 def _told_by(session: Session) -> RecoveryReport:

@@ -224,6 +224,18 @@ def test_complete_new_file_of_a_recovery_that_was_cut_off_is_used(tmp_path: Path
         assert session.state == "recovered"
 
 
+def test_new_file_of_another_session_of_that_name_is_not_used(tmp_path: Path) -> None:
+    """As in simulation, where each recording of a day has the same time and name."""
+    path = tmp_path / "a.h5"
+    recorded(path, 30, sealed=False)
+    killed_before_its_place_is_taken(path)
+    path.unlink(missing_ok=True)
+    (tmp_path / "a.h5.crashed").unlink(missing_ok=True)
+    shutil.rmtree(journal_path(path))
+    recorded(path, 20, sealed=False)
+    assert recover(path).counts["camera"] == 20
+
+
 def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, CountedClock())
