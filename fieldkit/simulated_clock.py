@@ -252,7 +252,10 @@ class SimulatedClock:
 
     def _one_step(self) -> None:
         """Whatever comes first: bytes at an instrument, bytes for a driver, a call, a deadline."""
-        if self._hand_over_requests() or self._release_readable() or self._is_held():
+        with self._changed:
+            waited_for = [waiter.fd for waiter in self._waiters.values() if waiter.fd is not None]
+            ready = _readable((*self._watches, *waited_for))
+        if self._hand_over_requests(ready) or self._release_readable(ready) or self._is_held():
             return
         with self._changed:
             calls = [self._calls[0][0]] if self._calls else []
@@ -264,22 +267,23 @@ class SimulatedClock:
         if not self._run_call():
             self._release_due()
 
-    def _hand_over_requests(self) -> bool:
+    def _hand_over_requests(self, ready: set[int]) -> bool:
         """Let instruments hear what has arrived at their end; whether anything had."""
         with self._changed:
-            watches = dict(self._watches)
-        ready = sorted(_readable(watches))
-        for fd in ready:
-            watches[fd]()
-        return bool(ready)
+            heard = [self._watches[fd] for fd in sorted(ready & self._watches.keys())]
+        for hear in heard:
+            hear()
+        return bool(heard)
 
-    def _release_readable(self) -> bool:
+    def _release_readable(self, ready: set[int]) -> bool:
+        """Let go the first by name of those whose bytes are there; whether there was one."""
         with self._changed:
-            readable = _readable(waiter.fd for waiter in self._waiters.values() if waiter.fd is not None)
-            ready = [(one.thread, me) for me, one in self._waiters.items() if one.fd in readable]
-            if not ready:
+            ended = [
+                (waiter.thread, thread) for thread, waiter in self._waiters.items() if waiter.fd in ready
+            ]
+            if not ended:
                 return False
-            waiter = self._waiters.pop(min(ready)[1])
+            waiter = self._waiters.pop(min(ended)[1])
         waiter.readable = True
         waiter.go()
         return True
