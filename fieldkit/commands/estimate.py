@@ -57,7 +57,8 @@ def command(
     """Estimate the slopes of recorded SESSIONS or folders of them, as configured or with --set.
 
     A single table FILE.csv with --site works as well: columns time (ISO 8601 with its zone), reference_k,
-    one NAME_k for each target (or _c), irradiance_w_m2 (direct normal) or illuminance_lx, flags if any.
+    one NAME_k for each target (or _c), irradiance_w_m2 (direct normal), ghi_w_m2 (global horizontal) or
+    illuminance_lx, flags if any.
 
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
     says what made it: code, parameters, checksums of the sessions, command line.

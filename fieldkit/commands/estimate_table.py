@@ -1,8 +1,9 @@
 """``fieldkit estimate table.csv``: read the table and work out its slopes.
 
 Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per target (or
-``_c`` for both), ``irradiance_w_m2`` (direct normal) or ``illuminance_lx``; if there,
-``diffuse_w_m2``, ``longwave_w_m2`` and ``flags``. Empty cells are missing values.
+``_c`` for both), ``irradiance_w_m2`` (direct normal), ``ghi_w_m2`` (global horizontal) or
+``illuminance_lx``; if there, ``diffuse_w_m2``, ``longwave_w_m2`` and ``flags``.
+Empty cells are missing values.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from fieldkit.slope import SlopeEstimate
 
 ZERO_CELSIUS_K = 273.15
 Row = Mapping[str, str | None]
-OTHER_COLUMNS = ("irradiance_w_m2", "illuminance_lx", "diffuse_w_m2", "longwave_w_m2")
+LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
+OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2")
 
 
 def estimate_table(
@@ -95,7 +97,7 @@ def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, f
             ("time", "time" in names),
             ("reference_k (or reference_c)", "reference" in found),
             ("one NAME_k (or NAME_c) per target", len(found) > ("reference" in found)),
-            ("irradiance_w_m2 or illuminance_lx", {"irradiance_w_m2", "illuminance_lx"} & set(names)),
+            ("irradiance_w_m2, ghi_w_m2 or illuminance_lx", set(LIGHT_COLUMNS) & set(names)),
         )
         if not there
     ]

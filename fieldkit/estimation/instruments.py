@@ -242,17 +242,25 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
     if source.measures == "dni":
         return IrradianceModel(kind="file" if model.kind == "file" else "pyrheliometer")
     name = f"{source.info.name} measures {source.measures}"
-    if model.diffuse == "none":
-        raise ConfigError(
-            f'{name}, which contains the light of the sky, but irradiance.diffuse = "none"',
-            fix='irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
-        )
     if source.measures == "ghi":
-        return replace(model, kind="pyranometer", mounting="horizontal")
+        return pyranometer(replace(model, mounting="horizontal"), name)
     if model.mounting == "horizontal":
         raise ConfigError(
             f"{name}, but the plane it lies in is not known",
             fix='irradiance.mounting = "in-plane" with plane_tilt_deg and plane_azimuth_deg, '
             'or "sun-pointing"',
+        )
+    return pyranometer(model, name)
+
+
+def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
+    """The model for global irradiance in W/m2 on the same plane.
+
+    Raises `ConfigError` about `what` is measured, where the model takes no sky light out.
+    """
+    if model.diffuse == "none":
+        raise ConfigError(
+            f'{what}, which contains the light of the sky, but irradiance.diffuse = "none"',
+            fix='irradiance.diffuse = "fraction" or "erbs"; "none" is for a baffled tube',
         )
     return replace(model, kind="pyranometer")

@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.errors import ConfigError
 from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.physics.facet import FloatArray
@@ -27,15 +29,16 @@ from fieldkit.slope import SlopeEstimate
 class TemperatureTable:
     """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2 or lux; NaN where missing.
 
-    Either `irradiance_w_m2` (direct normal) or `illuminance_lx` (as the irradiance model's
-    mounting says) is given. `flags` are `Quality` numbers; rows that are not
-    usable (`fieldkit.samples.UNUSABLE`) are excluded.
+    Either `irradiance_w_m2` (direct normal), `ghi_w_m2` (global horizontal) or `illuminance_lx` (as the
+    irradiance model's mounting says) is given; the first of these is used.
+    `flags` are `Quality` numbers; rows that are not usable (`fieldkit.samples.UNUSABLE`) are excluded.
     """
 
     time_ns: NDArray[np.int64]
     reference_k: FloatArray
     targets_k: Mapping[str, FloatArray]
     irradiance_w_m2: FloatArray | None = None
+    ghi_w_m2: FloatArray | None = None
     illuminance_lx: FloatArray | None = None
     diffuse_w_m2: FloatArray | None = None
     longwave_w_m2: FloatArray | None = None
@@ -73,12 +76,12 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
     time_ns, rows = table.time_ns, table.time_ns.size
     flags = table.flags if table.flags.size else np.zeros(rows, np.int64)
     sun = sun_vectors(time_ns, site, refraction=settings.refraction).reshape(-1, 3)
-    direct = table.irradiance_w_m2
-    if direct is None:
-        lux = table.illuminance_lx if table.illuminance_lx is not None else np.full(rows, np.nan)
-        direct = direct_normal(settings.irradiance, lux, sun, time_ns)
     nothing = np.full(rows, np.nan)
-    columns = [direct, _or(table.diffuse_w_m2, nothing), _or(table.longwave_w_m2, nothing)]
+    columns = [
+        _direct(table, sun, settings),
+        _or(table.diffuse_w_m2, nothing),
+        _or(table.longwave_w_m2, nothing),
+    ]
     columns += [table.reference_k, *table.targets_k.values()]
     values = np.column_stack(columns)
     values[~is_usable(flags)] = np.nan
@@ -98,6 +101,23 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         merged,
         np.zeros((minutes.size, values.shape[1] - 3), np.int64),
     )
+
+
+def _direct(table: TemperatureTable, sun: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Direct normal irradiance (n,), from the column that needs the fewest assumptions."""
+    if table.irradiance_w_m2 is not None:
+        return table.irradiance_w_m2
+    if table.ghi_w_m2 is not None:
+        model = pyranometer(replace(settings.irradiance, mounting="horizontal"), "ghi_w_m2 is global light")
+        diffuse = _or(table.diffuse_w_m2, np.full(table.time_ns.size, np.nan))
+        return direct_normal(model, table.ghi_w_m2, sun, table.time_ns, diffuse)
+    lux = _or(table.illuminance_lx, np.full(table.time_ns.size, np.nan))
+    if settings.irradiance.is_direct:
+        raise ConfigError(
+            f'irradiance.model = "{settings.irradiance.kind}" takes direct light, but the table has lux',
+            fix="omit irradiance.model, or give a column irradiance_w_m2 (direct normal)",
+        )
+    return direct_normal(settings.irradiance, lux, sun, table.time_ns)
 
 
 def _or(column: FloatArray | None, otherwise: FloatArray) -> FloatArray:

@@ -93,13 +93,13 @@ def direct_normal(
     value: ArrayLike,
     sun: ArrayLike,
     time_ns: ArrayLike,
-    diffuse_w_m2: float = float("nan"),
+    diffuse_w_m2: ArrayLike = float("nan"),
 ) -> FloatArray:
     """Direct normal irradiance S (n,), W/m2, from readings (n,) in lux or W/m2.
 
-    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. `diffuse_w_m2` is the measured diffuse
-    horizontal irradiance: taken out of global irradiance in place of the model's share, not of lux, whose
-    efficacy is another for the sky; NaN where not measured. NaN where the cosine on the
+    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. `diffuse_w_m2` (n,) or scalar is the measured
+    diffuse horizontal irradiance: taken out of global irradiance in place of the model's share, not of lux,
+    whose efficacy is another for the sky; NaN where not measured. NaN where the cosine on the
     meter's plane is below 0.2, where the sun is down, and where the reading is NaN.
     """
     reading = np.asarray(value, np.float64)
@@ -109,11 +109,13 @@ def direct_normal(
     cos_plane, view = _plane(model, rays)
     usable = (rays[:, 2] > 0.0) & (cos_plane >= LOWEST_COSINE)
     cos_zenith = np.where(usable, rays[:, 2], np.nan)
-    if model.kind == "pyranometer" and np.isfinite(diffuse_w_m2):
-        beam = np.maximum(reading - diffuse_w_m2 * view, 0.0) / cos_plane
-        return np.where(usable, beam, np.nan)
     top = extraterrestrial(time_ns)
-    return _beam(model, reading, cos_plane, view, cos_zenith, top)
+    beam = _beam(model, reading, cos_plane, view, cos_zenith, top)
+    if model.kind != "pyranometer":
+        return beam
+    sky = np.asarray(diffuse_w_m2, np.float64)
+    freed = np.maximum(reading - sky * view, 0.0) / np.where(usable, cos_plane, np.nan)
+    return np.where(np.isfinite(sky), freed, beam)
 
 
 def _plane(model: IrradianceModel, rays: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -64,6 +64,47 @@ def test_lux_on_the_horizontal_is_as_good(table):
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
 
+def with_light(columns, cells):
+    """The golden table with other columns of light, a cell for each hour."""
+    first, *rows = CASE_1.splitlines()
+    lines = [first.replace("irradiance_w_m2", columns)]
+    return "\n".join(
+        lines + [f"{row.rsplit(',', 1)[0]},{cell}" for row, cell in zip(rows, cells, strict=True)]
+    )
+
+
+def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
+    """800 W/m2 of beam and a sky of 100 W/m2; then one of 15 % of the global light."""
+    sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
+    measured = with_light("ghi_w_m2,diffuse_w_m2", [f"{800 * up + 100:.4f},100" for up in sun_up])
+    (bed,) = estimate_table(table(measured), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+    assumed = with_light("ghi_w_m2", [f"{800 * up / 0.85:.4f}" for up in sun_up])
+    (bed,) = estimate_table(table(assumed), SITE, WHOLE)
+    assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("columns", "model", "complaint"),
+    [
+        (
+            "ghi_w_m2",
+            IrradianceModel(diffuse="none"),
+            "ghi_w_m2 is global light, which contains the light of",
+        ),
+        (
+            "illuminance_lx",
+            IrradianceModel(kind="pyrheliometer"),
+            "takes direct light, but the table has lux",
+        ),
+    ],
+)
+def test_light_that_the_model_does_not_take_is_refused(table, columns, model, complaint):
+    settings = EstimatorSettings(window_s=None, irradiance=model)
+    with pytest.raises(ConfigError, match=complaint):
+        estimate_table(table(with_light(columns, ["500"] * 4)), SITE, settings)
+
+
 def test_leaning_reference_and_known_azimuth(table):
     swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
     (bed,) = estimate_table(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
@@ -93,7 +134,7 @@ def test_two_rows_are_too_few_and_say_so(table):
     ("text", "complaint"),
     [
         ("", "missing columns: time; reference_k"),
-        ("time,reference_k,bed_k\n", "irradiance_w_m2 or illuminance_lx"),
+        ("time,reference_k,bed_k\n", "irradiance_w_m2, ghi_w_m2 or illuminance_lx"),
         ("time,reference_k,irradiance_w_m2\n", "one NAME_k"),
         (CASE_1.splitlines()[0], "no rows"),
         (CASE_1.replace("+09:00", ""), "line 2: time '2017-08-30T12:00:00' is not ISO 8601 with a zone"),
