@@ -28,6 +28,7 @@ from fieldkit.campaign.sources import Source, source_of
 from fieldkit.commands import common
 from fieldkit.errors import ConfigError, FieldkitError, IntegrityError, SessionError, StorageError
 from fieldkit.samples import Quality
+from fieldkit.sessions.exchange.tables_out import as_text
 from fieldkit.site import RegionKind
 
 Columns = Mapping[str, Sequence[Any]]
@@ -210,11 +211,13 @@ def _write_csv(path: Path, columns: Columns) -> None:
     """A header and a row for each place of the columns; what is not known is empty."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+        writer.writerow(map(as_text, columns))
         writer.writerows([_cell(value) for value in row] for row in zip(*columns.values(), strict=True))
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return as_text(value)
     return "" if isinstance(value, float) and math.isnan(value) else value
 
 

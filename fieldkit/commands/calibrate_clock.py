@@ -78,6 +78,7 @@ def command(
         with open_session(session) as opened:
             config, date = config_for(opened), moment(opened)
             found, how = _by_gps(opened, gps) if gps is not None else _by_sun(opened)
+            common.say_damage(opened)
     record = CalibrationRecord(
         "clock", name, date, found.offset_s, found.standard_uncertainty_s, "s", how,
         max(0, found.readings - 1), found.budget,

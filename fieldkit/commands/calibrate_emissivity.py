@@ -160,6 +160,7 @@ def work_out(session: Path, sample: str, given: dict[str, Any], settings: Sequen
         for one in opened.samples():
             gathering.add(one)
         date = moment(opened)
+        common.say_damage(opened)
     readings = gathering.readings()
     if setup.tape is None:
         refuse_shifted_clocks(readings)

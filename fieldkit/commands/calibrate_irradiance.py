@@ -70,6 +70,7 @@ def command(
         minutes, reading = minute_means(opened, meter.name)
         plane, how, diffuse_sd = _reference(opened, config, minutes, pyranometer, pyrheliometer, station)
         date = moment(opened)
+        common.say_damage(opened)
     found = light_factor(reading, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
     model = config.irradiance_model()
     record = CalibrationRecord(

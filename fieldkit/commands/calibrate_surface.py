@@ -71,6 +71,7 @@ def command(
         for _ in minutes_of(opened, estimator):
             pass
         date = moment(opened)
+        common.say_damage(opened)
     chosen = known_beds(estimator, beds, session)
     rows, history = rows_of(estimator)
     scales = {bed: scale_of(rows, index, slope, tilt_sd) for bed, (index, slope) in chosen.items()}

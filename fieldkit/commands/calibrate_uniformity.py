@@ -56,6 +56,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     for path in paths:
         with open_session(path) as session:
             looks.append(look_of(session))
+            common.say_damage(session)
             config, date = config_for(session), moment(session)
             camera = next(info for info in session.streams.values() if info.is_camera)
     found = uniformity(*looks, target_sd_k=target_sd)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fieldkit.config import Config
+    from fieldkit.sessions.reader import Session
 
 JSON_SCHEMA = 1
 
@@ -134,6 +135,13 @@ def say(text: str) -> None:
     """Print a message on stderr, unless ``--quiet``."""
     if not options().quiet:
         click.echo(text, err=True)
+
+
+def say_damage(session: Session) -> None:
+    """Say which samples, of those read so far, do not match their checksum: no result has them."""
+    for name, count in session.damaged.items():
+        what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
+        say(f"warning: {session.path}: {what} and are excluded; fieldkit check lists what is damaged")
 
 
 def print_json(document: Mapping[str, Any]) -> None:

@@ -122,6 +122,7 @@ def report_session(
         config = config_for(session, settings, present=present)
         estimator = estimator_for(session, config, present=present)
         minutes = list(minutes_of(session, estimator))
+        common.say_damage(session)
         with _writing(out):
             write_report(
                 out,

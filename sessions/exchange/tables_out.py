@@ -46,14 +46,14 @@ def _export(
 
 
 def _csv(table: pd.DataFrame, path: Path) -> None:
-    safe = table.rename(columns=_as_text)
+    safe = table.rename(columns=as_text)
     for name in safe:
         if safe[name].dtype.kind == "O":
-            safe[name] = safe[name].map(_as_text)
+            safe[name] = safe[name].map(as_text)
     safe.to_csv(path, date_format="%Y-%m-%dT%H:%M:%S.%fZ", float_format=_NUMBER)
 
 
-def _as_text(cell: str) -> str:
+def as_text(cell: str) -> str:
     """The text of a cell, with an apostrophe before what a spreadsheet would compute."""
     return f"'{cell}" if _FORMULA.match(cell) else cell
 

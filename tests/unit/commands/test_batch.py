@@ -23,3 +23,10 @@ def test_of_several_sessions_it_is_told_how_many_failed(tmp_path: Path) -> None:
     with pytest.raises(SessionError, match="1 of 2 sessions could not be estimated"):
         batch.complain({paths[0]: ConfigError("a mistake")}, paths)
     batch.complain({}, paths)
+
+
+def test_a_spreadsheet_computes_nothing_of_a_table_of_results(tmp_path: Path) -> None:
+    columns = {"region": ["=1+1", "b05"], "tilt_deg": [-1.5, float("nan")]}
+    batch.write_results(tmp_path / "slopes", columns, {})
+    lines = (tmp_path / "slopes.csv").read_text(encoding="utf-8").splitlines()
+    assert lines == ["region,tilt_deg", "'=1+1,-1.5", "b05,"]

@@ -35,7 +35,7 @@ from fieldkit.marks import Mark, drop_mark, marks_folder
 from fieldkit.samples import Severity
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
-from tests.harness.recording import CountedClock, fill, header
+from tests.harness.recording import START_NS, CountedClock, fill, header, sample
 
 
 def run(module: Any, *words: object) -> Result:
@@ -181,6 +181,23 @@ def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, mod
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
     assert f"fieldkit recover {path}" in run(module, path).stderr
     assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
+
+
+def test_calibration_says_which_samples_it_is_made_without(tmp_path: Path) -> None:
+    about = header((24, 32))
+    writer = SessionWriter(tmp_path / "board.h5", about, CountedClock())
+    for number in range(40):
+        now = number * 1_000_000_000
+        writer.append(sample(about.streams[0], number, now, START_NS + now))
+    writer.close()
+    whole = run(calibrate_uniformity, tmp_path / "board.h5")
+    with h5py.File(tmp_path / "board.h5", "r+") as file:
+        file["camera/fpa_temperature"][20] += 1.0
+    done = run(calibrate_uniformity, tmp_path / "board.h5", "--name", "again")
+    assert done.exit_code == 0
+    said = "1 of 40 samples of camera do not match their checksum and are excluded"
+    assert "do not match" not in whole.stderr
+    assert said in done.stderr
 
 
 @pytest.mark.parametrize("kind", ["csv", "netcdf", "mcap", "tiff"])

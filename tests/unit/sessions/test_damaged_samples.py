@@ -280,3 +280,12 @@ def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., Se
 def test_a_damaged_group_is_explained(damaged: Callable[..., Session], name: str) -> None:
     with pytest.raises(SessionError, match="is damaged"), damaged(spoil_group(name)) as session:
         session.region_series()
+
+
+def test_values_leave_a_session_only_with_their_verified_flags() -> None:
+    """The column alone does not say whether its numbers are those that were measured."""
+    top = Path(__file__).resolve().parents[3]
+    files = [path for room in ("fieldkit", "sessions") for path in (top / room).rglob("*.py")]
+    assert len(files) > 150
+    readers = {path.name for path in files if '.column("value"' in path.read_text(encoding="utf-8")}
+    assert readers == {"stream_reader.py"}
