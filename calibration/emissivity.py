@@ -253,7 +253,7 @@ def _shared_effects(
     value = fit.slope
 
     def moved(
-        *, camera_k: FloatArray | float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: float = 0.0
+        *, camera_k: float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: FloatArray | float = 0.0
     ) -> float:
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
         if tape is not None:  # the same camera sees the tape, and the tape mirrors the same
@@ -276,9 +276,10 @@ def _shared_effects(
         shift = moved(reflected_k=shared.reflected_k)
         yield Contribution("reflected temperature", shared.reflected_k, "K", "B", shift)
     if not pairs.follows_the_sky:
-        drift_k = _drift_as_seen_k(pairs, shared.sky_drift_k, band, reflected, fit)
-        effect = _with_the_mirror(moved(camera_k=drift_k), fit)
-        yield Contribution("drift of the sky", shared.sky_drift_k, "K", "B", effect)
+        drift_k = shared.sky_drift_k
+        given = reflected == "fixed"
+        effect = moved(reflected_k=drift_k * _place(pairs)) if given else _of_drift(pairs, drift_k, band, fit)
+        yield Contribution("drift of the sky", drift_k, "K", "B", effect)
     yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
 
 
@@ -288,12 +289,17 @@ def _place(pairs: Pairs) -> FloatArray:
     return np.asarray(away / max(0.5 * pairs.span_k, 1e-9))
 
 
-def _with_the_mirror(effect: float, fit: Line) -> float:
-    """An effect in proportion to the reflectance, which is known no better: s = c (1 - e + s).
+def _of_drift(pairs: Pairs, drift_k: float, band: Band, fit: Line) -> float:
+    """What a sky that drifts as the surface warms does where its temperature is to be found as well.
 
-    A drift that makes the emissivity too large hides itself, since it also makes the mirror too small.
+    The effect c (1 - e) is in proportion to a reflectance that is known no better, so s = c (1 - e + s): a
+    drift that makes the emissivity too large hides itself, since it also makes the mirror too small.
     """
     mirrored = max(1.0 - fit.slope, LEAST_MIRRORED)
+    sky_k = np.full(len(pairs), WARM_SKY_K)
+    per_k = mirrored * _steepness(sky_k, band) / _steepness(pairs.apparent_k, band)
+    seen = replace(pairs, apparent_k=pairs.apparent_k + per_k * drift_k * _place(pairs))
+    effect = _line(seen, "free", band).slope - fit.slope
     return effect / max(1.0 - abs(effect) / mirrored, 0.25)
 
 
@@ -303,14 +309,6 @@ def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contrib
     shift_k = -foil_sd * own / _steepness(pairs.reflected_k, band)
     moved = _line(replace(pairs, reflected_k=pairs.reflected_k + shift_k), "fixed", band)
     return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
-
-
-def _drift_as_seen_k(pairs: Pairs, drift_k: float, band: Band, reflected: Reflected, fit: Line) -> FloatArray:
-    """Change of the camera's temperature where the sky drifts as the surface warms."""
-    mirror_k = pairs.reflected_k if reflected == "fixed" else np.full(len(pairs), WARM_SKY_K)
-    mirrored = max(1.0 - fit.slope, LEAST_MIRRORED)
-    per_k = _steepness(mirror_k, band) / _steepness(pairs.apparent_k, band)
-    return np.asarray(mirrored * per_k * drift_k * _place(pairs))
 
 
 def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:
