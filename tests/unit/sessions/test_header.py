@@ -1,0 +1,31 @@
+"""What a session must not be called and what its streams must not be."""
+
+from __future__ import annotations
+
+import pytest
+
+from fieldkit.device import StreamInfo
+from fieldkit.sessions.header import RESERVED_NAMES, SessionHeader
+from fieldkit.site import Site
+
+SITE = Site(35.0, 139.0)
+
+
+def header(*names: str) -> SessionHeader:
+    return SessionHeader("x", SITE, tuple(StreamInfo(name, "illuminance", "lx", (1,)) for name in names))
+
+
+@pytest.mark.parametrize("name", [*sorted(RESERVED_NAMES), "", "a/b", ".hidden"])
+def test_a_stream_cannot_take_the_name_of_a_table(name: str) -> None:
+    with pytest.raises(ValueError, match="cannot be the name of a stream"):
+        header("lux", name)
+
+
+def test_two_streams_cannot_have_one_name() -> None:
+    with pytest.raises(ValueError, match="two streams have the same name"):
+        header("lux", "lux")
+
+
+def test_a_header_is_the_same_after_json() -> None:
+    made = header("lux", "events2")
+    assert SessionHeader.from_json(made.to_json()).to_json() == made.to_json()
