@@ -210,11 +210,11 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
         return found
     for one in _candidates(sources, settings):
         _refuse(one, settings.irradiance)
-    if settings.light_stream:
-        have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in LIGHT))
+    have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in LIGHT))
+    if settings.light_stream and have:  # pictures alone are worth a look without any light
         raise ConfigError(
             f"irradiance.stream: {settings.light_stream!r} is not a stream of sunlight",
-            fix=f"streams of sunlight: {have or 'none'}",
+            fix=f"streams of sunlight: {have}",
         )
     return None
 

@@ -185,6 +185,7 @@ def test_direct_wins_over_global_over_tilted_over_lux_whatever_came_first():
     for best in range(1, 5):
         assert chosen(*rising[:best], irradiance=tilted) == rising[best - 1].name
     assert chosen(*rising, irradiance=tilted, light_stream="lux") == "lux"
+    assert chosen(light_stream="lux") == ""  # pictures alone
     assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_down"), LUX) == "lux"
     assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_up")) == ""
 
