@@ -98,8 +98,17 @@ def _bed_row(bed: Bed, material: Material) -> list[object]:
         f"{error:+.1f}" if np.isfinite(error) else words.UNKNOWN,
         f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else words.UNKNOWN,
         counted,
-        words.state(last, second=False) if last else "no estimate",
+        _state(answer, last),
     ]
+
+
+def _state(answer: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
+    """The state of the slope that is shown, and of the last minute where that has another."""
+    if last is None:
+        return "no estimate"
+    ended = words.state(last, second=False)
+    shown = words.state(answer, second=False) if answer else ended
+    return shown if shown == ended else f"{shown}; ended as: {ended}"
 
 
 def _found(answer: SlopeEstimate) -> list[object]:

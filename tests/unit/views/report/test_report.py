@@ -191,6 +191,14 @@ def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_m
     assert found.doubts[0] == "b15 ended as: uncertain."
 
 
+def test_the_state_beside_a_slope_is_its_own_and_how_the_bed_ended_too(written, minutes):
+    first, last = minutes[0].estimates[0], minutes[-1].estimates[0]
+    lost = replace(last, state=SlopeState.NO_INTERSECTION, tilt_deg=float("nan"))
+    ended = [*minutes[:-1], replace(minutes[-1], estimates=(lost, *minutes[-1].estimates[1:]))]
+    assert first.region == lost.region
+    assert "uncertain; ended as: no intersection" in Page(written(minutes=ended)).text
+
+
 def test_verdict_without_truth_says_so(make_minute, regions):
     unknown = tuple(replace(region, tilt_deg=float("nan")) for region in regions)
     assert "No true tilts" in verdict(series([make_minute(0)], unknown), [], "sealed").headline
