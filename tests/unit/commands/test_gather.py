@@ -29,7 +29,8 @@ REGIONS = tuple(
     )
 )
 GIVEN: dict[str, Any] = {
-    "region": None, "tape": None, "tape_emissivity": 0.95, "reflected": "foil", "unit": "C", "band": "8-14",
+    "region": None, "tape": None, "tape_emissivity": 0.95, "foil_emissivity": 0.0, "reflected": "foil",
+    "unit": "C", "band": "8-14",
     "camera_emissivity": None, "camera_reflected": 20.0, "distance": 0.0, "air": 20.0, "humidity": 50.0,
     "thermometer": None, "channel": None,
 }  # fmt: skip
