@@ -3,7 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from fieldkit.calibration.band import FLAT, CameraBand, ResponseBand, transmission, without_air
+from fieldkit.calibration.band import (
+    FLAT,
+    CameraBand,
+    ResponseBand,
+    before_camera_settings,
+    transmission,
+    without_air,
+)
 from fieldkit.errors import ConfigError
 from fieldkit.physics.radiance import band_radiance, band_temperature
 
@@ -68,3 +75,10 @@ def test_air_in_between_lets_through_what_flirs_law_says(distance_m):
     second = math.exp(-math.sqrt(distance_m) * (0.01262 - 0.00667 * math.sqrt(water)))
     expected = 1.9 * first + (1.0 - 1.9) * second
     assert transmission(distance_m, air_c + 273.15, humidity) == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_a_camera_corrected_itself_is_undone():
+    """It reported 320 K for an emissivity of 0.9 under 280 K: it saw the brightness of such a surface."""
+    seen = 0.9 * band_radiance(320.0) + 0.1 * band_radiance(280.0)
+    found = float(before_camera_settings(320.0, 0.9, 280.0))
+    assert found == pytest.approx(float(band_temperature(seen)), abs=1e-6)

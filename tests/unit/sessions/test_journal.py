@@ -179,7 +179,10 @@ def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch
     bricks._shorten_journal()
     assert all(part.exists() for part in parts)  # the file has nothing yet
     bricks._catch_up(journal.full_parts[0][1])
+    there_at_sync: list[bool] = []
+    monkeypatch.setattr(bricks.file, "sync", lambda: there_at_sync.append(parts[0].exists()))
     bricks._shorten_journal()
+    assert there_at_sync == [True]  # the file is on the disk before the part is gone
     assert [part.exists() for part in parts] == [False] + [True] * (len(parts) - 1)
     bricks.close()
     journal.close()

@@ -12,9 +12,10 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import ConfigError, RefusedError, SessionError, StorageError
+from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.sessions import brick_thread
+from fieldkit.sessions import seal as seal_module
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
@@ -310,3 +311,16 @@ def test_living_recording_can_be_read_but_not_recovered(tmp_path: Path) -> None:
     with pytest.raises(RefusedError, match="in use"):
         recover(path)
     writer.close()
+
+
+def test_a_file_that_lacks_the_journals_last_sample_is_not_sealed(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", header((24, 32)), clock)
+    fill(writer, 8, clock)
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        crcs = {name: session.stream(name).column("crc32").tolist() for name in session.streams}
+    seal_module.seal(tmp_path / "a.h5", crcs, 1)
+    for name in crcs:
+        with pytest.raises(IntegrityError, match=f"samples of {name} are not those of the journal"):
+            seal_module.seal(tmp_path / "a.h5", {**crcs, name: [*crcs[name], 1]}, 1)
