@@ -1,0 +1,112 @@
+"""What a damaged sample holds reaches no result: damaged this way or that, every command says the same."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import h5py
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.commands import main
+from fieldkit.samples import Quality
+from fieldkit.sessions.check import check
+from fieldkit.sessions.reader import open_session
+
+READINGS = (300, 301, 302)
+Damage = Callable[[Path, int], None]
+
+
+def fieldkit(*words: object) -> str:
+    """What a command says: its results, or that samples were damaged, or too few are left."""
+    done = CliRunner().invoke(main, [str(word) for word in words])
+    assert isinstance(done.exception, SystemExit | None), (words, done.output, done.exception)
+    return _without_hashes(f"exit code {done.exit_code}\n{done.output}")
+
+
+def _without_hashes(text: str) -> str:
+    """Results name the file they are of by its SHA-256."""
+    return re.sub("[0-9a-f]{64}", "", text)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    fieldkit("init", "--simulated", folder)
+    fieldkit("record", "-C", folder, "--for", "12m", "-q", "--set", "simulation.speed=max")
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+def _pictures(path: Path, bit: int) -> None:
+    """A bit within the packed chunk of the second brick."""
+    with h5py.File(path) as file:
+        chunk = file["camera/counts"].id.get_chunk_info_by_coord((9, 0, 0))
+    data = bytearray(path.read_bytes())
+    data[chunk.byte_offset + chunk.size // (2 + bit)] ^= 1 << bit
+    path.write_bytes(data)
+
+
+def _light(path: Path, bit: int) -> None:
+    with h5py.File(path, "r+") as file:
+        for row in READINGS:
+            file["lux/value"][row] = file["lux/value"][row] * (2.0 if bit else 0.5)
+
+
+def _stamps(path: Path, bit: int) -> None:
+    with h5py.File(path, "r+") as file:
+        for row in READINGS:
+            file["lux/device_time"][row] ^= 1 << bit
+
+
+@pytest.mark.parametrize(("damage", "stream"), [(_pictures, "camera"), (_light, "lux"), (_stamps, "lux")])
+def test_no_result_depends_on_how_a_sample_is_damaged(
+    session: Path, tmp_path: Path, damage: Damage, stream: str
+) -> None:
+    said = []
+    for bit in (0, 5):
+        path = session.with_name("damaged.h5")  # of the same campaign, and named the same both times
+        shutil.copy(session, path)
+        damage(path, bit)
+        assert stream in [one.what for one in check(path) if one.level == "fail"]
+        with open_session(path) as opened:
+            bad = [one.seq for one in opened.samples(stream) if one.quality & Quality.BAD_CRC]
+        assert bad == (list(range(9, 18)) if stream == "camera" else list(READINGS))
+        said.append(dict(_results(path, tmp_path / f"bit{bit}")))
+        path.unlink()
+    one, other = said
+    assert one.keys() == other.keys()
+    assert "exit code 7" in one["estimate"]
+    assert '"tilt_deg": ' in one["estimate"]
+    for name in one:
+        assert one[name] == other[name], name
+
+
+def _results(path: Path, out: Path) -> Iterator[tuple[str, object]]:
+    """What every command makes of a session, but for what it says of the damaged rows themselves."""
+    out.mkdir()
+    named = ("--name", out.name, "--json")
+    for name, *words in (
+        ("estimate", "estimate", path, "--json"), ("map", "map", path, "-o", out / "map", "--json"),
+        ("uniformity", "calibrate", "uniformity", path, *named),
+        ("surface", "calibrate", "surface", path, *named),
+    ):  # fmt: skip
+        yield name, fieldkit(*words).replace(str(out), "").replace(out.name, "")
+    fieldkit("report", path, "-o", out / "report.html")
+    yield "report", _without_hashes((out / "report.html").read_text())
+    fieldkit("export", path, "--to", "csv", "-o", out / "csv")
+    for table in sorted((out / "csv").iterdir()):
+        yield f"export {table.name}", _unflagged(table)
+
+
+def _unflagged(table: Path) -> list[str]:
+    """The lines of a table without those that carry the flag."""
+    head, *lines = table.read_text().splitlines()
+    names = head.split(",")
+    if "flags" not in names:
+        return [head, *lines]
+    place = names.index("flags")
+    return [line for line in lines if not int(line.split(",")[place]) & Quality.BAD_CRC]
