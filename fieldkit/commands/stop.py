@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.commands import common
-from fieldkit.commands.running import session_in_progress, silence
+from fieldkit.commands.running import Silence, session_in_progress, silence
 from fieldkit.commands.session_paths import is_interrupted
 from fieldkit.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
@@ -46,18 +46,22 @@ def _stopped(config: Config) -> Path:
     pid = owner(journal_path(path)) if path is not None else None
     if path is None or pid is None:
         raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
-    silent = silence(path)
     os.kill(pid, signal.SIGTERM)
-    if silent is not None:
-        common.say(f"warning: {silent.at(config.site)}")
-        if silent.is_stopped:
-            common.say("it is continued, so that it can seal")
-            os.kill(pid, signal.SIGCONT)
-    deadline = time.monotonic() + PATIENCE_S
+    deadline, silent = time.monotonic() + PATIENCE_S, None
     while is_locked(journal_path(path)):
+        if silent is None and (silent := silence(path)) is not None:
+            _tell(silent, pid, config)
         if time.monotonic() > deadline:
             raise RefusedError(
                 f"process {pid} has not sealed {path.name} within a minute", fix="look at its terminal"
             )
         time.sleep(0.1)
     return path
+
+
+def _tell(silent: Silence, pid: int, config: Config) -> None:
+    """Say since when the recorder does not respond; continue one that was stopped, so that it can seal."""
+    common.say(f"warning: {silent.at(config.site)}")
+    if silent.is_stopped:
+        common.say("it is continued, so that it can seal")
+        os.kill(pid, signal.SIGCONT)

@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
@@ -13,11 +14,12 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.commands import main
+from fieldkit.commands.running import silence
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import owner
 
 RECORDING = """
-import signal, sys, time
+import os, signal, sys, time
 from pathlib import Path
 from fieldkit.marks import marks_folder
 from fieldkit.sessions.writer import SessionWriter
@@ -30,12 +32,14 @@ marks_folder(Path(sys.argv[1])).mkdir()
 signal.signal(signal.SIGTERM, lambda *_: (getattr(writer, sys.argv[2])(), sys.exit()))
 print("recording", flush=True)
 while True:
+    os.utime(marks_folder(Path(sys.argv[1])).parent / "lock")  # as if it wrote, all the time
     time.sleep(0.05)
 """
 
 
 @pytest.fixture
 def campaign(tmp_path, monkeypatch):
+    (tmp_path / "home").mkdir()
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
     folder = tmp_path / "some sand"
     assert CliRunner().invoke(main, ["init", str(folder)]).exit_code == 0
@@ -86,6 +90,8 @@ def stopped(recording):
     path = recording("close")
     pid = owner(journal_path(path))
     os.kill(pid, signal.SIGSTOP)
+    while not silence(path):  # the kernel stops it when it runs next
+        time.sleep(0.01)
     return path, pid
 
 
