@@ -117,7 +117,7 @@ class Framer:
         return self.take(layout)
 
     def discard(self) -> None:
-        """Forget everything received so far: the next record is an answer, which has not waited."""
+        """Forget everything received so far: the next record answers a request and did not wait."""
         self._asked = True
         self.left = self._refused = b""
 
@@ -149,7 +149,7 @@ class Framer:
     def _waited(self, layout: Layout, arrival: Arrival, record: Record) -> bool:
         """Whether a record waited in the port: the wire had no time for it, or two alike came in one chunk.
 
-        An instrument that says one thing after another in one breath has not waited, nor what an adapter
+        Different records that an instrument sends in one burst did not wait, nor what an adapter
         delivers together in its own time.
         """
         before, channels, bunched = self._before

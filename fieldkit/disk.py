@@ -40,7 +40,7 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
     """Wait until no other process changes files of a folder in this way; raises `OSError` without the folder.
 
     The kernel lets go of the lock when its process dies. A network drive may not know locks of folders: there
-    everything is as if nobody else were there.
+    the block runs unlocked.
     """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -289,7 +289,7 @@ class SimulatedClock:
         return True
 
     def _is_held(self) -> bool:
-        """Wait while somebody is busy; whether anybody was."""
+        """Wait while a thread is busy; returns whether one was."""
         unsettled = [settled for settled in tuple(self._holds) if not settled(0.0)]
         for settled in unsettled:
             while not (settled(_CLOSED_AGAIN_S) or self._closed):

@@ -1,7 +1,7 @@
 """Reading a journal, also one whose writer was killed or whose disk lost the last second.
 
 SQLite recovers its own log; with `salvage` what lies behind a tear of it is read as well. What cannot be
-read is named in `damage` and left out, and a sample whose checksum does not match is never handed out.
+read is named in `damage` and skipped, and a sample whose checksum does not match is never returned.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from fieldkit.sessions.reader import open_session
 
 
 def verified_flags(path: Path, stream: str, shape: tuple[int, ...]) -> LazilyIndexedArray:
-    """`Quality` of a stream's samples; the session is opened for each reading, whoever has closed it."""
+    """`Quality` of a stream's samples; each read opens the session anew, which may be closed meanwhile."""
     return LazilyIndexedArray(_VerifiedFlags(path, stream, shape))
 
 

@@ -1,4 +1,4 @@
-"""Dataclasses from their plain (JSON) form, which may come from a newer version, or from anybody."""
+"""Dataclasses from their plain (JSON) form, which may come from a newer version or be hostile."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class Session(EntryReader):
         super().refresh()
 
     def require_finished(self) -> None:
-        """Raise `SessionError` where its journal may still have samples that the file has not."""
+        """Raise `SessionError` where its journal may still hold samples missing from the file."""
         if self.state not in ("sealed", "recovered"):
             fix = "fieldkit stop" if self.state == "recording" else f"fieldkit recover {self.path}"
             raise SessionError(f"{self.path} is {self.state}: its journal may hold more", fix=fix)

@@ -165,7 +165,7 @@ class Salvage:
             yield seq, rows.get(seq)
 
     def entries(self) -> Iterator[Entry]:
-        """Everything that is no sample: from the journal, and from the file what a damaged one has not."""
+        """Everything but samples: from the journal, and from the file what a damaged journal lost."""
         journalled = list(self._journal.entries()) if self._journal is not None else []
         stored = _stored_entries(self._session, self._file_damage) if self._session is not None else []
         found = 0
@@ -203,7 +203,7 @@ def _together(ours: list[Entry], theirs: list[Entry]) -> list[Entry]:
 
 
 def _key(entry: Entry) -> tuple[object, ...]:
-    """What tells an entry from others of its kind, as exactly as the file has it."""
+    """What identifies an entry among others of its kind, in the file's precision."""
     if isinstance(entry, RegionRecord):
         return entry.time_ns // 1000, entry.region.name, entry.region.vertices
     if isinstance(entry, MinuteRecord):

@@ -198,7 +198,7 @@ class _Pages:
 
 
 def _bytes_of(path: Path) -> NDArray[np.uint8]:
-    """A file as bytes, read where they are looked at; none where there is no file."""
+    """A file as bytes, read lazily; empty without a file."""
     try:
         return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.empty(0, np.uint8)
     except OSError:

@@ -143,7 +143,7 @@ class V4l2Source:
             sequence=taken.sequence,
             error=bool(taken.flags & api.FLAG_ERROR),
         )
-        self._call(api.QBUF, taken)  # last: the kernel clears what it told about the picture
+        self._call(api.QBUF, taken)  # last: the kernel then clears the buffer's description
         return picture
 
     def _need_capture(self) -> None:

@@ -174,7 +174,7 @@ class Modbus:
 
 
 def _unit(settings: DeviceSettings) -> int:
-    """The number of the instrument on its line; 0 is for all of them, which nobody answers."""
+    """The number of the instrument on its line; 0 addresses all of them and is never answered."""
     return int(options.number(settings, "unit", 1, (1, HIGHEST_UNIT)))
 
 

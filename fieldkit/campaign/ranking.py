@@ -18,7 +18,7 @@ from fieldkit.campaign.grid import Parameter
 FloatArray = NDArray[np.float64]
 
 OVERFITTED = 1.2
-"""How much larger than the best set's error that of sessions left out of the choice may be."""
+"""How much larger than the best set's error that of sessions excluded from the choice may be."""
 
 TALKATIVE = 0.9
 """Share of the most answers any set gives, below which a set is not ranked."""

@@ -95,7 +95,7 @@ class VerbTable(click.Group):
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """The options in front of the verb; one that belongs behind it is told where it goes."""
+        """The options in front of the verb; for one that belongs behind it, the error says where it goes."""
         try:
             return super().parse_args(ctx, list(args))
         except click.NoSuchOption as error:

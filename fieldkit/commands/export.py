@@ -60,7 +60,7 @@ def command(
 
 def _damage(session: Session, kind: str) -> list[str]:
     """What the export found of samples that are not as they were recorded."""
-    fate = "they are left out" if kind in PICTURE_KINDS else "they are flagged bad_crc"
+    fate = "they are omitted" if kind in PICTURE_KINDS else "they are flagged bad_crc"
     return [
         f"{count} of {session.count(name)} samples of {name} do not match their checksum, {fate}"
         for name, count in session.damaged.items()

@@ -69,7 +69,7 @@ def _say_missing(config: Config, tools: Instruments) -> None:
 
 
 def _say_enlarged(tools: Instruments) -> None:
-    """That a pixel of the file is no pixel of the camera; the axes count the camera's."""
+    """States that the image is enlarged: its axes count the camera's pixels, not the file's."""
     rows, cols = next(info.shape for info in tools.streams if info.is_camera)
     factor = picture.enlargement((rows, cols))
     common.say(f"{cols} x {rows} pixels, enlarged {factor} times; the axes count camera pixels, as roi does")

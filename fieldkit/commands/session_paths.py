@@ -70,7 +70,7 @@ def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
 
 
 def newest(ctx: click.Context, path: Path | None) -> Path:
-    """The session named, or the campaign's newest by its first sample; tells if it is interrupted."""
+    """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
     found = max(_resolved(ctx, [path] if path else []), key=_age)
     offer_recovery([found])
     return found
@@ -84,7 +84,7 @@ def _age(path: Path) -> tuple[int, int, str]:
     try:
         with open_session(path) as session:
             return session.start_ns, written_ns, path.name
-    except SessionError:  # that it cannot be read is said by whoever opens it for more
+    except SessionError:  # reported where it is opened for its content
         return 0, written_ns, path.name
 
 

@@ -139,7 +139,7 @@ class Recorder:
                 log.warning("%s is stuck in a read and was left behind", feed.info.name)
 
     def _finish_events(self) -> None:
-        """What would be told later if the recording went on, and why it does not.
+        """Events that would follow if the recording went on, and why it does not.
 
         Raises `StorageError` if not even now, in the room kept for the end, a mark can be stored: the session
         is then left to recovery, which takes it.

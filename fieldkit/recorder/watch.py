@@ -54,7 +54,7 @@ class FlagWatch:
 
 @dataclass
 class GarbleWatch:
-    """Tells at most once a minute, and at the end, how many records of a stream made no sense."""
+    """Reports at most once a minute, and at the end, how many records of a stream made no sense."""
 
     _seen: dict[str, int] = field(default_factory=dict)
     _told_ns: dict[str, int] = field(default_factory=dict)

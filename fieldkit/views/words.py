@@ -104,7 +104,7 @@ def second_branch(estimate: SlopeEstimate) -> str:
 
 
 def told(event: Event) -> str:
-    """An event's text with how bad it is in front, for where there is no colour; a mark is named as one."""
+    """An event's text with its severity in front, for output without colour; a mark is named as one."""
     mark = "mark " if event.kind is EventKind.MARK else ""
     return _LOUDNESS.get(event.severity, "warning: ") + mark + said(event)
 

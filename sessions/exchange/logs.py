@@ -39,7 +39,7 @@ _KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2"
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
-# with the other mark behind them, or where there are two, there is no doubt that marks are of thousands
+# with the other mark behind them, or where there are two, marks can only be of thousands
 _BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
 _BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
 _ANY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 12.345 may be twelve, or twelve thousand
@@ -220,7 +220,7 @@ def _refuse_points(
 def _warnings(
     missing: int, words: Sequence[str], unknown: Sequence[str], means_hz: float
 ) -> Iterator[tuple[Severity, str]]:
-    """What is told of cells without a value, columns of unknown units, and means stamped late."""
+    """What is reported of cells without a value, columns of unknown units, and means stamped late."""
     if missing:
         yield Severity.WARNING, f"{missing} cells stand for no value (like -9999 or inf)"
     if words:
