@@ -1,9 +1,10 @@
 """What the pages show of the command line, compared with what it prints, and written anew from it.
 
 ``python docs/transcripts.py [PAGE.md ...]`` runs pages and puts the numbers that came into them; a test
-compares. In a block marked ``console`` lines after ``$`` are typed, the others are what is printed,
-on stdout and stderr together. A block marked ``python`` is run, and prints what a ``text`` block right
-after it shows. ``...`` stands for anything. What a page runs, it runs one after the other in an empty folder.
+compares. In a block marked ``console`` lines after ``$`` are typed, with those after ``>`` that follow; the
+others are what is printed, on stdout and stderr together. A block marked ``python`` is run, and prints what a
+``text`` block right after it shows. ``...`` stands for anything. What a page runs, it runs one after the
+other in an empty folder.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def commands(page: Path) -> list[tuple[str, list[str] | None]]:
         if kind == "python":
             found.append((f"python -W error - <<'PYTHON'\n{body}PYTHON", printed.splitlines() or None))
             continue
-        for typed, *shown in re.findall(r"(?ms)^\$ (.*?)\n(.*?)(?=^\$ |\Z)", body):
-            found.append((typed, "".join(shown).splitlines()))
+        for typed, shown in re.findall(r"(?m)^\$ (.*\n(?:> .*\n)*)((?:(?!\$ ).*\n)*)", body):
+            found.append((typed.rstrip("\n").replace("\n> ", "\n"), shown.splitlines()))
     return found
 
 

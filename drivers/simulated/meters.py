@@ -131,7 +131,8 @@ def center_309_record(celsius: ArrayLike) -> bytes:
     probes[: given.size] = given
     is_open = np.isnan(probes)
     record = bytearray(45)
-    record[0], record[1], record[2], record[44] = 0x02, 0x80, 0x80, 0x03
+    # automatic power off (bit 7 of the second status byte) is disabled, as for any long recording
+    record[0], record[1], record[2], record[44] = 0x02, 0x80, 0x00, 0x03
     tenths = np.where(is_open, _OPEN_PROBE, np.rint(10.0 * np.nan_to_num(probes)))
     struct.pack_into(">4h", record, 7, *tenths.astype(int).tolist())
     record[39] = int(np.packbits(is_open, bitorder="little")[0])

@@ -12,6 +12,7 @@ from rich.console import Console
 from fieldkit.commands import main, report
 from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
 from fieldkit.commands.status import latest_of
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.screen import THEMES, snapshot
 
@@ -133,7 +134,7 @@ def test_live_writes_one_picture_with_regions(campaign, tmp_path):
     found = fieldkit("live", "-C", campaign, "--png", png, *FAST)
     assert found.exit_code == 0, found.output
     assert found.stdout.strip() == str(png)
-    assert cv2.imread(str(png)).shape == (720, 960 + 110, 3)
+    assert cv2.imread(str(png)).shape == (720 + BELOW_PX, LEFT_PX + 960 + 110, 3)
 
 
 def test_live_shows_minutes_and_records_nothing(campaign, session):

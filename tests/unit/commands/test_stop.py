@@ -101,7 +101,7 @@ def said_since(text: str) -> str:
 
 def test_a_recorder_that_was_stopped_is_told_with_since_when(campaign, stopped):
     path, pid = stopped
-    newest = max(file.stat().st_mtime for file in journal_path(path).glob("*"))
+    newest = max(file.stat().st_mtime for file in (path, *journal_path(path).glob("*")))
     asked = CliRunner().invoke(main, ["status", "-C", str(campaign)])
     assert asked.exit_code == 0, asked.output
     assert f"process {pid} does not respond" in asked.output
