@@ -22,6 +22,7 @@ from tests.harness.calibration_days import (
     FAST,
     TRUE_EMISSIVITY,
     fieldkit,
+    found_with_damage,
     mean_error_deg,
     record_beds,
     rewritten,
@@ -108,6 +109,12 @@ def test_the_script_on_the_recording_says_the_same_and_names_its_session(
     assert again["sources"] == record["sources"]
     assert again["sources"][0]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     assert (tmp_path / "calibration" / Path(again["record"]).name).exists()
+
+
+def test_no_emissivity_depends_on_how_a_reading_is_damaged(emissivity_day: Path, tmp_path: Path) -> None:
+    command = ("emissivity", "--sample", "dry-sand")
+    halved, doubled = found_with_damage(emissivity_day, tmp_path, "thermometer/value", *command)
+    assert halved == doubled
 
 
 def test_slopes_are_better_with_the_record_than_without(three_beds: Path) -> None:

@@ -31,7 +31,14 @@ from fieldkit.samples import Frame, Sample
 from fieldkit.sessions.exchange.imported import Foreign, write_foreign
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged
-from tests.harness.calibration_days import TRUE_EMISSIVITY, fieldkit, mean_error_deg, record_beds, rewritten
+from tests.harness.calibration_days import (
+    TRUE_EMISSIVITY,
+    fieldkit,
+    found_with_damage,
+    mean_error_deg,
+    record_beds,
+    rewritten,
+)
 from tests.shared_data import shared
 
 
@@ -247,6 +254,16 @@ def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path)
     fieldkit(*command[1:])
     with open_session(wrong) as session:
         assert next(session.samples()).time_ns - recorded == pytest.approx(found["value"] * 1e9, abs=1e9)
+
+
+@pytest.mark.parametrize(
+    "command", [("clock", "--sun"), ("irradiance", "--station", "alamosa-2016-01-01")], ids=" ".join
+)
+def test_no_calibration_depends_on_how_light_is_damaged(
+    three_beds: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    halved, doubled = found_with_damage(three_beds, tmp_path, "lux/value", *command)
+    assert halved == doubled
 
 
 @pytest.mark.parametrize("days", [0, -18])

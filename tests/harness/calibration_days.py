@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 from click.testing import CliRunner, Result
 
 from fieldkit.commands import main
@@ -47,3 +49,18 @@ def rewritten(source: Path, to: Path, change: Callable[[Sample], Sample]) -> Pat
     clockless = (one._replace(mono_ns=one.time_ns) for one in samples)
     write_foreign(to, header, Foreign(header.streams, list(clockless)), str(source))
     return to
+
+
+def found_with_damage(session: Path, folder: Path, dataset: str, *command: str) -> list[dict[str, Any]]:
+    """What a calibration finds where ten readings were halved, and where they were doubled."""
+    found = []
+    for factor in (0.5, 2.0):
+        (folder / f"{factor}").mkdir()
+        copy = folder / f"{factor}" / session.name
+        copy.write_bytes(session.read_bytes())
+        with h5py.File(copy, "r+") as file:
+            middle = len(file[dataset]) // 2
+            file[dataset][middle : middle + 10] = factor * file[dataset][middle : middle + 10]
+        said = json.loads(fieldkit("calibrate", command[0], copy, *command[1:], "--json").stdout)
+        found.append({key: said[key] for key in said.keys() - {"sources", "record"}})
+    return found
