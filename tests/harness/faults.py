@@ -77,7 +77,7 @@ class Faults:
         """The object that is not as it was (the `likely` ones looked at first); empty where all are."""
         try:
             file = self._opened(data)
-        except (OSError, RuntimeError):
+        except (OSError, RuntimeError, ValueError):  # the last where HDF5 gives up after it has begun
             return "the file"
         with file:
             for name in dict.fromkeys((*likely, self._likely, *self.paths)):

@@ -84,6 +84,28 @@ def test_flags_are_counted(tmp_path: Path) -> None:
     assert "1 samples flagged shutter" in said(path, "camera", "ok")
 
 
+def test_frames_lost_on_the_way_are_counted(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    for seq, mono in enumerate(STEADY):
+        frame = sample(CAMERA, seq, mono, clock.to_utc_ns(mono))
+        flag = Quality.DROPPED_BEFORE if seq == 31 else Quality.GOOD
+        writer.append(frame._replace(device_seq=seq + 2 * (seq > 30), quality=flag))
+    writer.close()
+    assert "2 samples were lost before they came here" in said(tmp_path / "a.h5", "camera")
+
+
+def test_light_brighter_than_the_sun_is_not_plausible(tmp_path: Path) -> None:
+    """The brightest sun gives some 130 000 lx."""
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
+    for seq in range(5):
+        reading = sample(LUX, seq, seq * 10**9, clock.to_utc_ns(seq * 10**9))
+        writer.append(reading._replace(values=(300_000.0,)))
+    writer.close()
+    assert "values from 3e+05 to 3e+05 lx are not plausible" in said(tmp_path / "a.h5", "lux")
+
+
 @pytest.mark.parametrize(
     ("kind", "severity", "level"),
     [

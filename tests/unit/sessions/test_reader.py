@@ -19,6 +19,7 @@ from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
+from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header
 
 
@@ -55,6 +56,26 @@ def test_newer_version_asks_for_an_upgrade(path: Path) -> None:
     with pytest.raises(SessionError, match=r"version 2\.0") as caught:
         open_session(path)
     assert "newer fieldkit" in (caught.value.fix or "")
+
+
+def test_a_row_that_only_some_columns_have_is_not_read(path: Path) -> None:
+    with h5py.File(path, "r+", libver=LIBVER) as file:
+        file["camera/seq"].resize((11,))
+    with open_session(path) as session:
+        assert len(session.stream("camera")) == 10
+
+
+def test_the_window_of_an_estimate_begins_when_it_began(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 2, clock)
+    now_ns = clock.to_utc_ns(clock.mono_ns())
+    began_ns = now_ns // 1000 * 1000 - 1_200_000_000_000
+    slope = SlopeEstimate(now_ns, "b05", SlopeState.OK, 5.0, 180.0, window_start_ns=began_ns)
+    writer.minute(now_ns, [slope], 800.0, "clear sky")
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        assert [one.window_start_ns for one in session.estimates()] == [began_ns]
 
 
 def test_older_minor_version_without_a_column_is_read(path: Path) -> None:

@@ -29,6 +29,7 @@ from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.site import Region, RegionKind
+from tests.harness.faults import small_session
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
 
 HEADER = header((24, 32))
@@ -111,7 +112,23 @@ def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: s
     assert len(regions) == 2 * FRAMES
     flat = regions[regions["region"] == "flat"]["temperature [K]"].to_numpy()
     assert flat == pytest.approx(session.region_series().mean_k[:, 0], abs=1e-9)
+    spread = regions[regions["region"] == "flat"]["spread [K]"].to_numpy()
+    inside = session.regions[0].mask((24, 32))
+    assert spread == pytest.approx(session.kelvin()[:, inside].std(axis=1), abs=1e-9)
     assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
+
+
+def test_table_of_slopes_has_both_ends_of_each_region(tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    with open_session(small_session(tmp_path / "field.h5")) as session:
+        paths = {path.stem: path for path in export_tables(session, tmp_path, "csv")}
+    (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
+    assert (row["tilt low [deg]"], row["tilt [deg]"], row["tilt high [deg]"]) == (4.0, 5.1, 6.0)
+    assert (row["azimuth low [deg]"], row["azimuth [deg]"], row["azimuth high [deg]"]) == (
+        170.0,
+        181.0,
+        190.0,
+    )
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
