@@ -77,7 +77,8 @@ def _copy(dataset: h5py.Dataset, file: h5py.File, name: str) -> None:
 def _copy_attributes(source: h5py.Group | h5py.Dataset, target: h5py.Group | h5py.Dataset) -> None:
     for key, value in source.attrs.items():
         if key not in _SCALE_MARKS and np.asarray(value).dtype.kind in _PLAIN_KINDS:
-            target.attrs[key] = value
+            # with its type, which says that text is UTF-8
+            target.attrs.create(key, value, dtype=source.attrs.get_id(key).dtype)
 
 
 def _attach(dataset: h5py.Dataset, file: h5py.File, name: str) -> None:

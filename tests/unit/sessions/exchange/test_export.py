@@ -327,6 +327,8 @@ def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> No
     with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
         assert camera["counts"].sizes == {"time": FRAMES, "y": 24, "x": 32}
         assert camera["counts"].values == pytest.approx(session.kelvin(), abs=1e-9)
+        assert camera.attrs["title"] == HEADER.title
+        assert camera.attrs["session_id"] == session.session_id
 
 
 def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
