@@ -57,7 +57,8 @@ def thermometer(scene):
         (lutron_record(48.21, "16"), "02 34 31 31 36 30 32 30 30 30 30 34 38 32 31 0D"),
         (
             center_309_record([25.3, -5.2, 100.5]),
-            "02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + " 00" * 24 + " 08 00 00 00 00 03",
+            # the golden vector with automatic power off (bit 7 of the third byte) disabled
+            "02 80 00 00 00 00 00 00 FD FF CC 03 ED 7F FF" + " 00" * 24 + " 08 00 00 00 00 03",
         ),
     ],
 )
