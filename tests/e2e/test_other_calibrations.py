@@ -78,6 +78,8 @@ def test_the_light_meters_factor_from_the_station(three_beds: Path) -> None:
     )  # fmt: skip
     assert 1.0 / found["value"] == pytest.approx(109.0, abs=1.5)
     assert found["unit"] == "W/m2/lx"
+    said = fieldkit("calibrate", "irradiance", three_beds, "--station", "alamosa-2016-01-01").output
+    assert f"{1.0 / found['value']:.0f} lm/W" in said
 
 
 def with_logger(session: Path, to: Path, name: str, times_ns: np.ndarray, watts: np.ndarray) -> Path:
@@ -237,6 +239,11 @@ def test_a_receiver_without_a_date_to_be_believed_is_refused(
 ) -> None:
     session = talking(lambda _: nmea(datetime.now(UTC) - timedelta(weeks=weeks), status))
     assert said in " ".join(fieldkit("calibrate", "clock", session, "--gps", "gps", code=8).output.split())
+
+
+def test_a_clock_that_is_right_is_left_as_it_is(three_beds: Path) -> None:
+    said = fieldkit("calibrate", "clock", three_beds, "--sun").output
+    assert "nothing, the offset is within its uncertainty" in " ".join(said.split())
 
 
 def test_the_clock_against_the_sun_and_applied(three_beds: Path, tmp_path: Path) -> None:

@@ -55,6 +55,7 @@ def test_the_pixels_of_a_bed_agree_with_the_estimate_of_its_region(session, mapp
         bed = of_region(mapped, estimate["region"])
         assert bed["states"] == {estimate["state"]: 1.0} == {"uncertain": 1.0}
         assert bed["tilt_deg"] == pytest.approx(estimate["tilt_deg"], abs=1.0)
+        assert bed["tilt_low_deg"] < bed["tilt_deg"] < bed["tilt_high_deg"]
         found = normal(bed["tilt_deg"], bed["azimuth_deg"])
         assert angle_between_deg(found, normal(estimate["tilt_deg"], estimate["azimuth_deg"])) < 1.0
     assert of_region(mapped, "flat")["tilt_deg"] < 1.0

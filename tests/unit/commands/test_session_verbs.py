@@ -215,6 +215,19 @@ def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign: Path,
     assert not isinstance(run(export, path, "--to", "mcap", "--stream", "lux").exception, IntegrityError)
 
 
+def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(
+    campaign: Path, tmp_path: Path
+) -> None:
+    path = campaign / "recordings/20261211T025512Z-a.h5"
+    assert run(export, path, "--to", "csv").exit_code == 0
+    assert list((campaign / "results" / path.stem).glob("*.csv"))
+    alone = tmp_path / "stick" / "a.h5"
+    alone.parent.mkdir()
+    alone.write_bytes(path.read_bytes())
+    assert run(export, alone, "--to", "csv").exit_code == 0
+    assert list((tmp_path / "stick" / "a-export").glob("*.csv"))
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
 def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Path, kind: str) -> None:
     path = campaign / "recordings" / "20261211T025512Z-a.h5"
