@@ -51,7 +51,7 @@ def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
             assert follower.stdout is not None
             for line in follower.stdout:
                 maps.append(json.loads(line)["minutes"])
-                if len(set(maps)) == 2:
+                if len(set(maps)) == 2 and len(set(maps[:-1])) == 1:  # once: the last map may have as many
                     subprocess.run([*PROGRAM, "stop", "-C", tmp_path], capture_output=True, check=True)
             _, errors = follower.communicate()
         _, said = recorder.communicate()
