@@ -16,15 +16,15 @@ from numpy.typing import ArrayLike
 
 from benchmarks.result import Result
 from fieldkit.calibration.emissivity import Shared, fit_emissivity, single_pair
-from fieldkit.errors import CalibrationError
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.scale import scale_from_known_bed
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import band_radiance
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference, surface_temperature
-from fieldkit.site import Site
 from tests.harness.emissivity_days import Day, FreeCase, days, free_days, make_day
 
 DAYS = 1000

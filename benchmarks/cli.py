@@ -10,9 +10,9 @@ from benchmarks.result import Result
 
 ROUNDS = 15
 BARE = "pass"
-LAZY = "from fieldkit.commands import main; main(['--help'], prog_name='fieldkit')"
+LAZY = "from fieldkit.cli import main; main(['--help'], prog_name='fieldkit')"
 EAGER = (
-    "import importlib; from fieldkit.commands import main\n"
+    "import importlib; from fieldkit.cli import main\n"
     "[importlib.import_module(row.module) for row in main.rows.values()]\n"
     "main(['--help'], prog_name='fieldkit')"
 )

@@ -25,14 +25,14 @@ import serial
 from numpy.typing import NDArray
 
 from benchmarks.result import Result
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters import center_309, lutron
 from fieldkit.drivers.meters.center_309 import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.drivers.ports import CHUNK_BYTES
 from fieldkit.drivers.records import Record
-from fieldkit.samples import Reading
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.samples import Reading
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")

@@ -23,13 +23,13 @@ from fieldkit.estimation.bins import MINUTE_NS, History
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.scene import ClearSky, Exchange, Facet
-from fieldkit.scene.curves import World
-from fieldkit.scene.sky import Above
-from fieldkit.site import Site
+from fieldkit.simulation import ClearSky, Exchange, Facet
+from fieldkit.simulation.curves import World
+from fieldkit.simulation.sky import Above
 
 SITE = Site(35.558675, 139.395232, 9.0)
 DAYS = {"30 Aug 2017": ("2017-08-30", 303.0, 4.2), "11 Dec 2017": ("2017-12-11", 284.0, 2.8)}
@@ -49,7 +49,7 @@ class GustySky:
     seed: int
 
     def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
-        """See `fieldkit.scene.sky.Sky`."""
+        """See `fieldkit.simulation.sky.Sky`."""
         still = self.clear.above(time_ns, cos_zenith, site)
         knots = np.arange(time_ns[0], time_ns[-1] + 60 * MINUTE_NS, 4 * MINUTE_NS)
         gusts = 0.15 * np.random.default_rng(self.seed).standard_normal(knots.size)

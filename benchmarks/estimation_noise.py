@@ -21,6 +21,7 @@ from fieldkit.estimation.light import Cusum
 from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.posterior import posterior
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
@@ -30,7 +31,6 @@ from fieldkit.physics.surface import (
     irradiance_per_kelvin,
     surface_temperature,
 )
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 STARTS = {"9 h": "2017-08-30T00:00", "12 h": "2017-08-30T03:00", "15 h": "2017-08-30T06:00"}

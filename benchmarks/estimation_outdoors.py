@@ -19,13 +19,13 @@ from benchmarks.result import Result
 from fieldkit.estimation.bins import MINUTE_NS, History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.scene import Exchange, Facet, MeasuredSky
-from fieldkit.scene.curves import World
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate
+from fieldkit.simulation import Exchange, Facet, MeasuredSky
+from fieldkit.simulation.curves import World
 from fieldkit.weather import Weather, packaged, read_surfrad
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"

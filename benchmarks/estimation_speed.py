@@ -11,16 +11,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from benchmarks.result import Result
-from fieldkit.device import StreamInfo
 from fieldkit.estimation.bins import MINUTE_NS, CameraSums, Outline
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.estimation.slope_map import MapSums
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Reading, Sample
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
-from fieldkit.samples import Frame, Reading, Sample
-from fieldkit.site import Region, RegionKind, Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 START_NS = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))

@@ -31,9 +31,9 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.light import LightWatch
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.samples import Quality
-from fieldkit.scene import Facet
-from fieldkit.slope import SlopeEstimate
+from fieldkit.model.samples import Quality
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.simulation import Facet
 from fieldkit.weather import Weather
 
 SAND = Facet("sand", (), depth_m=0.03)

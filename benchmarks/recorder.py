@@ -19,18 +19,18 @@ import numpy as np
 
 from benchmarks.replayed import PreparedCamera, meters
 from benchmarks.result import Result
-from fieldkit.clock import HostClock
-from fieldkit.device import Device, DeviceSettings, StreamInfo
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.camera import ThermalCamera
 from fieldkit.drivers.cameras.picture import Picture, extremes
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Device, DeviceSettings, StreamInfo
 from fieldkit.recorder import Recorder, Summary
-from fieldkit.scene import sand_slopes
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.simulation import sand_slopes
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 SECONDS = float(os.environ.get("FIELDKIT_BENCH_S", "120"))
 FRAMES = 400

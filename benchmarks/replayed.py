@@ -16,9 +16,9 @@ import tty
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from fieldkit.clock import HostClock
-from fieldkit.device import Buffer
-from fieldkit.errors import DeviceError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceError
 
 SECOND_NS = 1_000_000_000
 

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import HostClock
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Frame
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame
+from fieldkit.model.site import Site
 from fieldkit.sessions.header import SessionHeader
-from fieldkit.site import Site
 
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
 Frames = NDArray[np.uint16]

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
-from fieldkit.clock import HostClock
+from fieldkit.model.clock import HostClock
 from fieldkit.recorder.inbox import room_for
 from fieldkit.sessions.writer import SessionWriter
 

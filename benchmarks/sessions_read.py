@@ -13,14 +13,14 @@ import numpy as np
 
 from benchmarks.result import Result
 from benchmarks.session_data import MEDIUM, SMALL, camera, folder, frame, header, pictures
-from fieldkit.clock import HostClock
-from fieldkit.device import StreamInfo
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import Region, RegionKind
 
 SERIES_FRAMES, THREE_HOURS = 6000, 3 * 3600
 RECOVERY_FRAMES = 9000

@@ -20,8 +20,8 @@ import numpy as np
 
 from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, pictures
-from fieldkit.clock import HostClock
-from fieldkit.device import StreamInfo
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import StreamInfo
 from fieldkit.sessions import bricks, schema
 from fieldkit.sessions.bricks import BrickWriter
 from fieldkit.sessions.datasets import LIBVER, put_bricks

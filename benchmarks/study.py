@@ -26,11 +26,11 @@ from fieldkit.estimation.study import (
     simulated_temperatures,
     summarise,
 )
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import VERTICAL, FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
-from fieldkit.site import Site
 
 Answer = TypeVar("Answer")
 SITE = Site(35.558675, 139.395232, 9.0)

@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.result import Result
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import FloatArray, angle_between_deg
 from fieldkit.physics.sun import astropy_vectors, sun_vectors
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 START_S = 1_504_051_200  # 2017-08-30T00:00Z

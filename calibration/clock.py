@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import air_mass
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 
 LOWEST = 0.15
 """Sine of the sun's elevation (8.6 degrees) below which sky light and horizon decide what a meter reads."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 
 from fieldkit.calibration.record import CalibrationRecord, Instrument
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 
 RANGE_KEYS = ("gain", "range", "range_max_lx")
 """Where streams say which of their ranges is in use."""

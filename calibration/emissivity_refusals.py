@@ -5,7 +5,7 @@ from __future__ import annotations
 from scipy import stats
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 MIN_PAIRS = 3
 MIN_CONTRAST_K = 10.0

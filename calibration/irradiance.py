@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.calibration.line import Points, fit_line
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sky import sky_view

@@ -18,7 +18,7 @@ from typing import Any, Literal, get_args
 import tomlkit
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution
-from fieldkit.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError
 
 Kind = Literal["emissivity", "uniformity", "irradiance", "surface", "clock"]
 SCHEMA = 1

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.band import FLAT, Band
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
 SATURATED_SHARE = 0.25

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.emissivity import Pairs
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
 Times = NDArray[np.int64]

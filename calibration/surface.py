@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 LEAST, MOST = 0.3, 3.0
 LARGEST_UNCERTAINTY = 0.25

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fieldkit.calibration.budget import Contribution, combined
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 LARGEST_OFFSET_K = 3.0
 """Beyond what cameras do between their pixels: then the regions did not see one target."""

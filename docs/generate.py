@@ -12,8 +12,8 @@ from typing import Any
 
 import click
 
-from fieldkit.commands import main
-from fieldkit.commands.common import Options, VerbGroup
+from fieldkit.cli import main
+from fieldkit.cli.common import Options, VerbGroup
 from fieldkit.config import schema
 
 REFERENCE = Path(__file__).parent / "reference"

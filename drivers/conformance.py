@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from fieldkit.clock import Clock
-from fieldkit.device import Device, DeviceSettings, Driver, Found, StreamInfo
 from fieldkit.drivers.records import Decodes
-from fieldkit.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
-from fieldkit.radiation import COMPONENTS, UNIT, UNKNOWN
-from fieldkit.samples import Frame, Reading
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Device, DeviceSettings, Driver, Found, StreamInfo
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.radiation import COMPONENTS, UNIT, UNKNOWN
+from fieldkit.model.samples import Frame, Reading
 
 SECONDS = 10.0
 DEADLINE_S = 0.5

@@ -14,7 +14,7 @@ from collections import deque
 from typing import Any, NamedTuple, Protocol
 
 from fieldkit.drivers.records import Channel, Layout, Record
-from fieldkit.samples import new_tuple
+from fieldkit.model.samples import new_tuple
 
 _CHUNKS_KEPT = 64  # far more than one record is made of
 _REFUSED_KEPT = 4096

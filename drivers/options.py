@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fieldkit.device import DeviceSettings
-from fieldkit.errors import ConfigError
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
 
 
 def refuse_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:

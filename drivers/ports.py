@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.framing import Framer, Stamped
 from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
 from fieldkit.drivers.permission import UDEV_FIX, group_of, permission_fix
 from fieldkit.drivers.records import Layout
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 CHUNK_BYTES = 448
 """More than an adapter holds back at a meter's speed; larger blocks would not be small objects to Python."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 GOOD, NO_VALUE = Quality.GOOD, Quality.NO_VALUE
 """Flags by plain names: looking them up in their class, or combining them, costs more than a reading."""

@@ -15,11 +15,11 @@ from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any, cast
 
-from fieldkit.clock import Clock
-from fieldkit.device import Device, DeviceSettings, Driver, Found
 from fieldkit.drivers.options import for_bytes, refuse_unknown
 from fieldkit.drivers.records import Decoded, Decodes
-from fieldkit.errors import ConfigError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Device, DeviceSettings, Driver, Found
+from fieldkit.model.errors import ConfigError
 
 GROUP = "fieldkit.drivers"
 

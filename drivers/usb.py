@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.identity import UsbIdentity, right_one_fix
 from fieldkit.drivers.permission import permission_fix
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 
 def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIdentity]]:

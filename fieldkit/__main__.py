@@ -1,6 +1,6 @@
 """``python -m fieldkit`` is ``fieldkit``."""
 
-from fieldkit.commands import main
+from fieldkit.cli import main
 
 if __name__ == "__main__":
     main(prog_name="fieldkit")

@@ -1,7 +1,7 @@
 """Axes and a grid in camera pixels around an enlarged picture, so that regions can be read off it.
 
 Shared by every picture that people draw regions by: exports, ``live --png``, maps, the report.
-Coordinates as in `fieldkit.site.Region`: pixel centres at whole numbers.
+Coordinates as in `fieldkit.model.site.Region`: pixel centres at whole numbers.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fieldkit.errors import ConfigError
-from fieldkit.site import Site, zone_by_longitude
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site, zone_by_longitude
 from fieldkit.weather import STATIONS, FloatArray, Weather, half_step_ns, read_surfrad
 
 if TYPE_CHECKING:

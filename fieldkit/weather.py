@@ -5,7 +5,7 @@ of SURFRAD's own daily files, and the command that makes the table from such a f
 
     python -m fieldkit.weather slv16001.dat --station alamosa --out fieldkit/data/alamosa-20160101.csv
 
-Not here: what a sky does to a surface (`fieldkit.scene`) and skies without a file.
+Not here: what a sky does to a surface (`fieldkit.simulation`) and skies without a file.
 
 SURFRAD stamps the *end* of what is averaged, three minutes before 2009 and one since (SURFRAD
 README); `Weather.time_ns` is its *middle*, so that a straight line between two rows passes where
@@ -25,8 +25,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.errors import ConfigError
-from fieldkit.site import Site
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
 
 FloatArray = NDArray[np.float64]
 Rows = list[tuple[str, ...]]

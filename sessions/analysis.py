@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import IntegrityError, SessionError
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import IntegrityError, SessionError
+from fieldkit.model.samples import is_damaged, is_usable
+from fieldkit.model.site import Region
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
-from fieldkit.samples import is_damaged, is_usable
 from fieldkit.sessions.layout import brick_shape
 from fieldkit.sessions.stream_reader import Pictures, StreamReader
-from fieldkit.site import Region
 
 if TYPE_CHECKING:
     import pandas as pd

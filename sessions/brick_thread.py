@@ -15,7 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from fieldkit.samples import Frame
+from fieldkit.model.samples import Frame
 from fieldkit.sessions.journal import Chunk, Identity, Journal, Keeper
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import Entry, Record

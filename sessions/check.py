@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.errors import SessionError
-from fieldkit.samples import EventKind, Severity
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import EventKind, Severity
+from fieldkit.model.site import RegionKind
 from fieldkit.sessions.check_clock import clock_findings
 from fieldkit.sessions.check_streams import stream_findings
 from fieldkit.sessions.check_sun import sun_findings
@@ -21,7 +22,6 @@ from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
-from fieldkit.site import RegionKind
 
 _COPY = "take another copy of the session; its numbers may not mean what they did"
 _QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGION}

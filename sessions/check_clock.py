@@ -14,9 +14,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import ClockCheck
 from fieldkit.disk import one_at_a_time, put_in_place
-from fieldkit.errors import StorageError
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.errors import StorageError
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text

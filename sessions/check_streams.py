@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import NO_COUNTER, Frame, Quality
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.samples import NO_COUNTER, Frame, Quality
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.reader import Session
 from fieldkit.sessions.stream_reader import StreamReader

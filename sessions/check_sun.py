@@ -13,11 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.site import Site
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.reader import Session
-from fieldkit.site import Site
 
 SHIFTS_MIN = np.arange(-14 * 60, 14 * 60 + 1, 30)
 MIN_SPAN_S = 3600.0

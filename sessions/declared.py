@@ -7,7 +7,7 @@ from typing import Any
 
 import h5py
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import FORMAT_NAME, FORMAT_VERSION, decode_text
 from fieldkit.sessions.stored import stored_here

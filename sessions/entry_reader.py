@@ -17,9 +17,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import ClockCheck
-from fieldkit.errors import SessionError
-from fieldkit.samples import Event, Health, Quality
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Event, Health, Quality
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions import tables
 from fieldkit.sessions.declared import attribute, explained, header_of, scalar
 from fieldkit.sessions.digests import object_digest
@@ -42,7 +43,6 @@ from fieldkit.sessions.stored import (
     whole_rows,
 )
 from fieldkit.sessions.time_map import TimeStep, check_rows, mapped_event, mapped_health
-from fieldkit.slope import SlopeEstimate
 
 
 class EntryReader:

@@ -6,10 +6,10 @@ import json
 import math
 from dataclasses import asdict, dataclass
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import ConfigError, SessionError
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.site import Region, Site
 from fieldkit.sessions.plain import build
-from fieldkit.site import Region, Site
 
 MAX_VERTICES = 64
 MAX_REGIONS = 256

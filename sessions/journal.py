@@ -20,8 +20,8 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from fieldkit.disk import sync
-from fieldkit.errors import StorageError
-from fieldkit.samples import Frame, Reading
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
 from fieldkit.sessions.written import Written

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Quality, Sample
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Quality, Sample
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Chunk, Identity, open_part
 from fieldkit.sessions.records import (

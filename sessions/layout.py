@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import NO_COUNTER, EventKind, Quality, Severity
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
+from fieldkit.model.site import RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
-from fieldkit.site import RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 
 FORMAT_NAME = "fieldkit-session"
 FORMAT_VERSION = "1.1"

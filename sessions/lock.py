@@ -10,7 +10,7 @@ import os
 import time
 from pathlib import Path
 
-from fieldkit.errors import RefusedError
+from fieldkit.model.errors import RefusedError
 
 RECORDING = "lock"
 RECOVERY = "recovery.lock"

@@ -22,9 +22,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Quality, Sample
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Quality, Sample
+from fieldkit.model.site import Region, Site
 from fieldkit.sessions import analysis
 from fieldkit.sessions.analysis import RegionSeries
 from fieldkit.sessions.declared import attribute, check_format, explained, scalar
@@ -35,7 +36,6 @@ from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import MendedFile, is_clean
 from fieldkit.sessions.time_map import mapped, mapped_ns
-from fieldkit.site import Region, Site
 
 if TYPE_CHECKING:
     import pandas as pd

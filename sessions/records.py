@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import ClockCheck
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Event, Frame, Health, Quality, Reading, Sample
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.plain import build
-from fieldkit.site import Region
-from fieldkit.slope import SlopeEstimate
 
 _STAMPS = struct.Struct("<qqqqqHd")
 _STAMP_COLUMNS = np.dtype(

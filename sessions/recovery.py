@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fieldkit.disk import put_in_place
-from fieldkit.errors import IntegrityError, RefusedError, SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Severity
+from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.sessions.brick_thread import COMPRESSORS
 from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.check import integrity_findings

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import ClockCheck
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Event, Health, Sample
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Event, Health, Sample
 from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.journal import Identity
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow

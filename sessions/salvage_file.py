@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Quality, Sample
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Quality, Sample
 from fieldkit.sessions.bricks import Tile, corners, unpack
 from fieldkit.sessions.journal import Chunk
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Frame, Sample
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Sample
 from fieldkit.sessions.layout import raw_width
 
 _LOWEST, _HIGHEST = -(2**63), 2**63 - 1

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 
 import fieldkit
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.datasets import (
     LIBVER,
     attach,

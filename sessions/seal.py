@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.disk import sync
-from fieldkit.errors import IntegrityError
-from fieldkit.samples import Quality
+from fieldkit.model.errors import IntegrityError
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.disk import sync
-from fieldkit.samples import Frame, Reading, Sample
+from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.bricks import BrickWriter, PackedBrick, TableWriter
 from fieldkit.sessions.datasets import iso_utc
 from fieldkit.sessions.guarded import GuardedFile, write_new

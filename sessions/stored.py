@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
 from fieldkit.sessions.layout import Column
 
 MOST_CHUNK_BYTES = 16_777_216

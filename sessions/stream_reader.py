@@ -20,9 +20,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import SessionError
-from fieldkit.samples import Frame, Quality, Sample
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.sessions.layout import (
     FILL_COUNT,
     MOST_BRICK_BYTES,

@@ -13,7 +13,7 @@ import io
 import struct
 from pathlib import Path
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import ClockCheck
-from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
 from fieldkit.sessions.layout import (
     ESTIMATE_ANGLES,
@@ -25,8 +27,6 @@ from fieldkit.sessions.layout import (
     entry_columns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 
 Table = Mapping[str, NDArray[Any]]
 Row = dict[str, Any]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from fieldkit.samples import Sample
+from fieldkit.model.samples import Sample
 from fieldkit.sessions.records import sample_bytes, sample_crc32
 
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.errors import SessionError
-from fieldkit.samples import Event, Health, Sample
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Event, Health, Sample
 
 _FOREVER_NS = 2**63 - 1
 

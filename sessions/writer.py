@@ -23,10 +23,12 @@ import uuid
 from collections.abc import Sequence
 from pathlib import Path
 
-from fieldkit.clock import Clock, ClockCheck
 from fieldkit.disk import sync
-from fieldkit.errors import FieldkitError, RefusedError, SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Health, Quality, Sample, Severity
+from fieldkit.model.clock import Clock, ClockCheck
+from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.brick_thread import BrickThread
 from fieldkit.sessions.header import SessionHeader, check_new, check_region
 from fieldkit.sessions.journal import Identity, Journal
@@ -38,8 +40,6 @@ from fieldkit.sessions.sample_check import SampleCheck
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
 from fieldkit.sessions.sync_thread import SyncThread
-from fieldkit.site import Region
-from fieldkit.slope import SlopeEstimate
 
 log = logging.getLogger(__name__)
 

@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.screen import Screen
 from rich.terminal_theme import SVG_EXPORT_THEME
 
-from fieldkit.commands.estimating import config_for, estimator_for
-from fieldkit.samples import Frame, Reading
+from fieldkit.cli.estimating import config_for, estimator_for
+from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, screen

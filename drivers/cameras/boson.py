@@ -14,8 +14,6 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.boson_serial import RUN_FFC, BosonSerial
@@ -25,8 +23,10 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.ports import serial_ports
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import DeviceError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import Quality
 
 WANTED = Wanted(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640, 514), (320, 258)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}

@@ -13,10 +13,10 @@ import binascii
 import struct
 from typing import NamedTuple
 
-from fieldkit.clock import Clock
 from fieldkit.drivers.ports import Line, SerialPort
 from fieldkit.drivers.records import Layout, Record, Rejected, Taken
-from fieldkit.errors import DeviceError, DeviceTimeoutError
+from fieldkit.model.clock import Clock
+from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 
 LINE = Line(921_600)
 START, ESCAPE, END = 0x8E, 0x9E, 0xAE

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fieldkit.clock import Clock
-from fieldkit.device import Buffer, FrameSource, StreamInfo
 from fieldkit.drivers.cameras.picture import Decode, Picture
 from fieldkit.drivers.cameras.watch import Watch
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DecodeError, DeviceError, DeviceTimeoutError
-from fieldkit.samples import NO_COUNTER, Frame, Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Buffer, FrameSource, StreamInfo
+from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
+from fieldkit.model.samples import NO_COUNTER, Frame, Quality
 
 FIRST_PICTURE_S = 5.0
 OPTIONS = ("backend", "accuracy", "latency_s")
@@ -40,7 +40,7 @@ class ThermalCamera:
         self._watch = Watch()
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The next picture, or None; see `fieldkit.device.Device`."""
+        """The next picture, or None; see `fieldkit.model.device.Device`."""
         buffer = self.source.read(timeout_s)
         if buffer is None:
             return None

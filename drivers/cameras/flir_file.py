@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.errors import DecodeError
+from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import Planck, path_transmission, planck_table
 
 MAGIC = (b"FFF\0", b"AFF\0")

@@ -21,14 +21,15 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, FrameSource, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.picture import PLAUSIBLE_K, Picture, decode_frames, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import DeviceError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import Quality
 from fieldkit.physics.camera_laws import (
     HT301_COUNTS,
     ZERO_C,
@@ -37,7 +38,6 @@ from fieldkit.physics.camera_laws import (
     ht301_fpa_c,
     ht301_parameters,
 )
-from fieldkit.samples import Quality
 
 ROWS = 4
 WANTED = Wanted(((0x1514, 0x0001),), "YUYV", ((384, 292), (256, 196), (240, 184), (640, 516)))

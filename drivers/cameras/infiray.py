@@ -20,13 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import options
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.permission import permission_fix
 from fieldkit.drivers.usb import explained, usb_instruments
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
 
 WRITE, READ, VALUE = (0x41, 0x45), (0xC1, 0x44), 0x78
 STATUS, COMMAND, COMMAND_WITH_DATA, DATA, LONG_DATA = 0x0200, 0x1D00, 0x9D00, 0x1D08, 0x1D10

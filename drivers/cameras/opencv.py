@@ -8,13 +8,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from fieldkit.clock import Clock
-from fieldkit.device import Buffer
-from fieldkit.errors import DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 
 
 class OpenCvSource:
-    """A camera by OpenCV, raw; see `fieldkit.device.FrameSource`.
+    """A camera by OpenCV, raw; see `fieldkit.model.device.FrameSource`.
 
     `port` is a video node's path, or elsewhere than on Linux the camera's number. A picture is
     taken by its byte count, never by the shape OpenCV reports: 4.11 returns raw pictures as one row.

@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, infiray
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import DeviceError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import Quality
 
 WIDTH, HEIGHT = 256, 192
 LENGTH = 2 * WIDTH * 2 * HEIGHT

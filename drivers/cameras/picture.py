@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.drivers.records import Decoded, Rejected, Value
+from fieldkit.model.samples import NO_COUNTER, Quality
 from fieldkit.physics.camera_laws import temperature_k
-from fieldkit.samples import NO_COUNTER, Quality
 
 PLAUSIBLE_K = (200.0, 700.0)
 """Scenes outside are a wrong scale, not weather."""

@@ -23,16 +23,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, FrameSource, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import DeviceError
-from fieldkit.samples import new_tuple
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import new_tuple
 
 WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}

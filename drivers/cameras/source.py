@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, FrameSource
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.opencv import OpenCvSource
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
-from fieldkit.errors import DeviceNotFoundError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, FrameSource
+from fieldkit.model.errors import DeviceNotFoundError
 
 
 @dataclass(frozen=True, slots=True)

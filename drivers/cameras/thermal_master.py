@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
 from fieldkit.drivers.cameras.picture import Picture, decode_frames, extremes, words
@@ -29,8 +27,10 @@ from fieldkit.drivers.cameras.thermal_master_bulk import (
 )
 from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.drivers.usb import find_usb
-from fieldkit.errors import DeviceError
-from fieldkit.samples import NO_COUNTER
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import NO_COUNTER
 
 WANTED = Wanted(((0x3474, 0x4281),), "YUYV", ((256, 386),))
 SIZES = ((256, 192), (160, 120))

@@ -15,11 +15,11 @@ import errno
 import struct
 from typing import Any, NamedTuple
 
-from fieldkit.clock import Clock
-from fieldkit.device import Buffer, DeviceSettings
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.usb import explained, pick_usb
-from fieldkit.errors import DeviceError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Buffer, DeviceSettings
+from fieldkit.model.errors import DeviceError
 
 KINDS = {(0x3474, 0x45C2): (160, 120), (0x3474, 0x45A2): (256, 192), (0x3474, 0x45F2): (256, 192)}
 MARKER = struct.Struct("<BBIIH")
@@ -101,7 +101,7 @@ class Assembler:
 
 
 class BulkSource:
-    """A camera without a kernel driver as a `fieldkit.device.FrameSource`; libusb waits by itself."""
+    """A camera without a kernel driver as a `fieldkit.model.device.FrameSource`; libusb waits by itself."""
 
     backend = "pyusb"
 

@@ -15,11 +15,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fieldkit.clock import Clock
-from fieldkit.device import Buffer
 from fieldkit.drivers.cameras import videodev2 as api
 from fieldkit.drivers.permission import permission_fix
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a picture
 OVERTAKEN_NS = 750_000_000
@@ -31,7 +31,7 @@ busy computer finishes its picture after those of the others.
 
 
 class V4l2Source:
-    """A video node that streams one raw format; see `fieldkit.device.FrameSource`.
+    """A video node that streams one raw format; see `fieldkit.model.device.FrameSource`.
 
     `sizes` are (width, height) in order of preference; the first one the camera offers is taken.
     Raises `DeviceNotFoundError` (no such node, or it lacks the format) or `DeviceAccessError`.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import Buffer
 from fieldkit.drivers.cameras.picture import Picture
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.device import Buffer
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 FROZEN_NS = 3_000_000_000  # longer than any shutter correction holds the picture
 SETTLING_NS = 10_000_000_000  # levels creep after a correction

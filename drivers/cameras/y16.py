@@ -10,15 +10,15 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
 from fieldkit.drivers.cameras.picture import Decode, Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.errors import ConfigError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.errors import ConfigError
 
 SIZES = (
     (640, 512),

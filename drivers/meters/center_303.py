@@ -27,14 +27,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.center_309 import LIMITS, open_thermometer, told_model
 from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import find_ports
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.samples import Quality
 
 LENGTH = 8
 CHANNELS = ("T1", "T2")

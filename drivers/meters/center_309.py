@@ -32,8 +32,6 @@ from operator import truediv
 from types import MappingProxyType
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
@@ -49,8 +47,10 @@ from fieldkit.drivers.records import (
     decode_records,
     skip_to,
 )
-from fieldkit.errors import DeviceNotFoundError
-from fieldkit.samples import NO_COUNTER, Quality, new_tuple
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceNotFoundError
+from fieldkit.model.samples import NO_COUNTER, Quality, new_tuple
 
 LENGTH = 45
 LINE = Line(9600)

@@ -15,14 +15,14 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Framer, Stamped
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
-from fieldkit.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 16_384
 PORT = 2947

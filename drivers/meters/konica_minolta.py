@@ -21,15 +21,15 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
-from fieldkit.errors import DeviceError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DeviceError, DeviceTimeoutError
+from fieldkit.model.samples import Quality
 
 SHORT, LONG = 14, 32
 LINE = Line(9600, 7, "E")

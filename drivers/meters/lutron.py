@@ -30,8 +30,6 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
@@ -47,8 +45,10 @@ from fieldkit.drivers.records import (
     decode_records,
     skip_to,
 )
-from fieldkit.errors import DecodeError
-from fieldkit.samples import NO_COUNTER, new_tuple
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import DecodeError
+from fieldkit.model.samples import NO_COUNTER, new_tuple
 
 LENGTH = 16
 LINE = Line(9600)

@@ -12,14 +12,14 @@ from functools import reduce
 from operator import and_, or_
 from typing import NamedTuple
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, StreamInfo
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port, Stamped
 from fieldkit.drivers.meters.units import TO_SI
 from fieldkit.drivers.records import NO_VALUE, Channel, Layout
-from fieldkit.errors import DecodeError, DeviceTimeoutError
-from fieldkit.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, StreamInfo
+from fieldkit.model.errors import DecodeError, DeviceTimeoutError
+from fieldkit.model.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
 
 FIRST_RECORD_S = 5.0
 ANSWER_S = 1.0
@@ -80,7 +80,7 @@ class Meter:
         return self._port.framer.rejected + self._foreign
 
     def read(self, timeout_s: float) -> Reading | None:
-        """The next reading, or None; see `fieldkit.device.Device`."""
+        """The next reading, or None; see `fieldkit.model.device.Device`."""
         asking = self._asking
         if asking is None:
             found = self._port.read(self._layout, timeout_s)

@@ -13,8 +13,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
@@ -22,7 +20,9 @@ from fieldkit.drivers.meters.modbus_map import RegisterMap, load_map, packaged
 from fieldkit.drivers.meters.units import STREAM_UNITS
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
-from fieldkit.errors import ConfigError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import ConfigError
 
 LONGEST = 255
 HIGHEST_UNIT = 247

@@ -15,9 +15,9 @@ from typing import Any
 
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.records import Value
-from fieldkit.errors import ConfigError
-from fieldkit.radiation import COMPONENTS
-from fieldkit.samples import Quality
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.radiation import COMPONENTS
+from fieldkit.model.samples import Quality
 
 FOLDER = Path(__file__).with_name("modbus_maps")
 TYPES = {"u16": "H", "s16": "h", "u32": "I", "s32": "i", "f32": "f"}
@@ -75,8 +75,8 @@ class StatusBit:
 class RegisterMap:
     """One block of registers and its meaning; `no_value` are raw counts, `limits` the values that can be.
 
-    `measures` is the component of radiation (`fieldkit.radiation`), by type where one map serves instruments
-    of several: `type_register` then holds the instrument's type. "" stands for any type, or none.
+    `measures` is the component of radiation (`fieldkit.model.radiation`), by type where one map serves
+    instruments of several: `type_register` then holds the instrument's type. "" stands for any type, or none.
     """
 
     title: str

@@ -17,14 +17,14 @@ from functools import reduce
 from operator import xor
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
-from fieldkit.errors import ConfigError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Quality
 
 LONGEST = 120  # the standard has 82, receivers send more
 LINE = Line(9600)

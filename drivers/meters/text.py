@@ -9,8 +9,8 @@ There is no standard, so this is ours. A line ends with LF or CR LF and is one o
 
 ``nan``, an empty field and the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85 just
 powered on) are no value. Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column
-in W/m2 the configuration must state what it measures (`fieldkit.radiation`). A column called ``ms`` is the
-board's own clock; it wraps after 49.7 days.
+in W/m2 the configuration must state what it measures (`fieldkit.model.radiation`). A column called ``ms`` is
+the board's own clock; it wraps after 49.7 days.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Port
 from fieldkit.drivers.meters import meter
@@ -30,9 +28,11 @@ from fieldkit.drivers.meters.units import STREAM_UNITS
 from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
-from fieldkit.errors import ConfigError, DecodeError
-from fieldkit.radiation import UNIT, named
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.radiation import UNIT, named
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 LONGEST = 512
 LINE = Line(115_200)

@@ -26,15 +26,15 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from fieldkit.clock import Clock
-from fieldkit.device import DeviceSettings, Found
 from fieldkit.drivers import options
 from fieldkit.drivers.framing import Framer, Stamped
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.drivers.usb import explained, find_usb, pick_usb
-from fieldkit.samples import Quality
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.samples import Quality
 
 LENGTH = 19
 LINE = Line(2400)

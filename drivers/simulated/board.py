@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldkit.drivers.simulated.shutter import AUTOMATIC_NS, State
-from fieldkit.errors import DeviceError
+from fieldkit.model.errors import DeviceError
 
 SERIAL = 0x00A1_0F1E_1D00_0001
 RUN_FFC, RUN_RADIOMETRIC_FFC = (6, 17), (5, 12)

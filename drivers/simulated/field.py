@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType, TracebackType
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
 from fieldkit.drivers.simulated.meters import Center309FarEnd, LutronFarEnd, Meter
-from fieldkit.errors import ConfigError
-from fieldkit.scene import FaultKind, Scene
-from fieldkit.scene.faults import CLOCK_STEP_S
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
+from fieldkit.simulation import FaultKind, Scene
+from fieldkit.simulation.faults import CLOCK_STEP_S
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 PORT = "simulated"
 """What the configuration writes for the port of a simulated instrument."""

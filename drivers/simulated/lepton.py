@@ -1,6 +1,6 @@
 """The far end of the PureThermal camera: a Lepton 3.5 that looks at the scene.
 
-A `fieldkit.device.FrameSource`: 160x122 words of Y16 a picture, telemetry rows included,
+A `fieldkit.model.device.FrameSource`: 160x122 words of Y16 a picture, telemetry rows included,
 with the kernel's stamp and sequence number, and the controls of the board.
 """
 
@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldkit.device import Buffer
 from fieldkit.drivers.simulated.board import FFC_MODE, RUN_FFC, RUN_RADIOMETRIC_FFC, Board, Vitals
 from fieldkit.drivers.simulated.shutter import Shutter, State
-from fieldkit.errors import DeviceLostError
-from fieldkit.scene import Correction, FaultKind, Scene
-from fieldkit.scene.faults import SHUTTER_STEP_K
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceLostError
+from fieldkit.simulation import Correction, FaultKind, Scene
+from fieldkit.simulation.faults import SHUTTER_STEP_K
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 PERIOD_NS = round(SECOND_NS / 8.7)
 LATENCY_S = 0.045
@@ -29,7 +29,7 @@ _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 
 
 class SimulatedLepton:
-    """A PureThermal board with a Lepton 3.5; satisfies `fieldkit.device.FrameSource`.
+    """A PureThermal board with a Lepton 3.5; satisfies `fieldkit.model.device.FrameSource`.
 
     It may be closed and read again: closing only lets go of it.
     """

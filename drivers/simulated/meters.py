@@ -12,11 +12,11 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.simulated.terminal import Terminal
-from fieldkit.scene import FaultKind, Scene
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.simulation import FaultKind, Scene
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 _LINE = Line(9600)
 _SPOILT_SHARE = 0.7  # of the records during a garbled minute

@@ -19,7 +19,7 @@ import time
 import tty
 from collections.abc import Callable
 
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from typing import Any
 from fieldkit.config.lines import Path
 from fieldkit.config.mistakes import Mistake
 from fieldkit.drivers import registry
-from fieldkit.site import Region, RegionKind
+from fieldkit.model.site import Region, RegionKind
 
 INSTRUMENTS = ("camera", "lux", "thermometer")
 """The tables of instruments that have a name of their own."""

@@ -22,8 +22,8 @@ from fieldkit.config.tables import (
     SimulationTable,
     Tables,
 )
-from fieldkit.device import DeviceSettings
-from fieldkit.site import Region, RegionKind, Site
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.site import Region, RegionKind, Site
 
 if TYPE_CHECKING:
     from fieldkit.estimation.settings import EstimatorSettings

@@ -18,7 +18,7 @@ from fieldkit.config.load import mistakes_in, read_text
 from fieldkit.config.mistakes import ConfigMistakesError
 from fieldkit.config.template import assignment
 from fieldkit.disk import one_at_a_time, put_in_place
-from fieldkit.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError
 
 
 def add_region(file: Path, region: Mapping[str, Any]) -> None:

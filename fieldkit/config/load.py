@@ -25,7 +25,7 @@ from fieldkit.config.config import Config
 from fieldkit.config.mistakes import ConfigMistakesError, Mistake, explain
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
 from fieldkit.config.tables import Tables
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 
 FILE_NAME = CAMPAIGN_FILE
 SET = "--set "

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from fieldkit.config.lines import Path
 from fieldkit.config.schema import expected, known_keys, node_at
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 
 UNITS = {
     "deg": "degrees",

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from fieldkit.calibration.record import FOLDER, CalibrationRecord, as_document, find
 from fieldkit.config.lines import Path
 from fieldkit.config.mistakes import Mistake
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 
 CAMPAIGN_FILE = "fieldkit.toml"
 

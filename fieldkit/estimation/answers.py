@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState, is_too_wide
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 
 CERTAIN = (SlopeState.OK, SlopeState.FLAT)
 """States of a slope that may be relied on as it stands."""

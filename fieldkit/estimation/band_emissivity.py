@@ -14,9 +14,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import kelvin_per_emissivity
-from fieldkit.site import Region
 
 
 def moved_temperatures(

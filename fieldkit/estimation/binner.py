@@ -11,16 +11,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldkit.device import StreamInfo
 from fieldkit.estimation.bins import MINUTE_NS, Bin, Camera, OpenMinute
 from fieldkit.estimation.instruments import Instruments, Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.watch import Watch, end_of
 from fieldkit.estimation.window import Field
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.radiation import how_to_state
+from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
+from fieldkit.model.site import Region, Site
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.radiation import how_to_state
-from fieldkit.samples import Event, EventKind, Quality, Reading, Sample, Severity
-from fieldkit.site import Region, Site
 
 GRACE_NS = 2_000_000_000
 """How long after its end a minute waits for samples that are late."""

@@ -4,7 +4,7 @@ A minute gathers samples in any order and closes once. Pictures are summed as wh
 numbers, which no order of adding can change; readings are sorted by their time first. So
 live, replay and batch bins are equal to the last bit. Nothing here knows about slopes.
 
-Samples that are not usable (`fieldkit.samples.UNUSABLE`) are excluded from the sums; their
+Samples that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded from the sums; their
 flags stay on the bin.
 """
 
@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Quality, Reading, is_usable
+from fieldkit.model.site import Region
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.samples import Frame, Quality, Reading, is_usable
-from fieldkit.site import Region
 
 MINUTE_NS = 60_000_000_000
 LAW_STEP_K = 0.01

@@ -11,15 +11,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fieldkit.device import StreamInfo
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import Bin, History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Quality, Sample
+from fieldkit.model.site import Region, Site
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import tilt_azimuth
-from fieldkit.samples import Event, Quality, Sample
-from fieldkit.site import Region, Site
-from fieldkit.slope import SlopeEstimate
 
 __all__ = ["Estimator", "EstimatorSettings", "Minute"]
 

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import ConfigError
 from fieldkit.estimation.bins import OpenMinute
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
+from fieldkit.model.samples import Quality, Reading, is_usable
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.radiation import UNIT, UNKNOWN, how_to_state, measured
-from fieldkit.samples import Quality, Reading, is_usable
-from fieldkit.site import Site
 
 LIGHT = ("dni", "ghi", "gti", "illuminance")
 """What sunlight can be worked out from, best first: the less must be assumed, the better."""

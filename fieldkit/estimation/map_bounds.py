@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.estimation.slope_map import MapSums, SlopeMap
+from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
-from fieldkit.slope import SlopeState, is_too_wide
 
 STEPS = 24
 """Points of an ellipse's edge that are tried: its extremes are met within one part in a hundred."""

@@ -30,9 +30,9 @@ from fieldkit.estimation.likelihood import (
 from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
 from fieldkit.estimation.posterior import posterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
-from fieldkit.site import Region
-from fieldkit.slope import SlopeState, is_too_wide
 
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 

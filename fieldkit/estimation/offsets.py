@@ -9,8 +9,8 @@ import numpy as np
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
-from fieldkit.site import Region, RegionKind
 
 
 def without_offsets(history: History, regions: Sequence[Region], settings: EstimatorSettings) -> History:

@@ -22,9 +22,9 @@ from fieldkit.estimation.plan import (
     expected_temperature,
     sensitivity,
 )
+from fieldkit.model.slope import is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.surface import SurfaceParameters
-from fieldkit.slope import is_too_wide
 
 RISING_DEG = -0.833
 """Elevation of the sun's centre at sunrise and sunset: half its width and the refraction there."""

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fieldkit.errors import CalibrationError
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.quality import LOWEST_COS_INCIDENCE
+from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
 LEAST_SIGNAL = 5.0

@@ -23,7 +23,7 @@ class EstimatorSettings:
 
     `window_s` None means since the last change of weather: as far back as one slope explains
     the minutes. `measures` are components of radiation by stream, where the streams do not declare them
-    (`fieldkit.radiation`); `light_stream` names the stream to take the light from, "" for the best.
+    (`fieldkit.model.radiation`); `light_stream` names the stream to take the light from, "" for the best.
     `noise_k` is the standard
     deviation of one region's minute mean that does not repeat. `scale` is the calibrated
     kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin
-from fieldkit.slope import SlopeState
 
 LOWEST_COSINE = 0.03
 """Pixels darker than this in the mean are in their own shade."""

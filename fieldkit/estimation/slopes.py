@@ -18,9 +18,9 @@ from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.window import Field, Window
-from fieldkit.samples import Quality
-from fieldkit.site import Region
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 
 
 def slopes(

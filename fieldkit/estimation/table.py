@@ -12,17 +12,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.errors import ConfigError
 from fieldkit.estimation.bins import MINUTE_NS, History
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import is_usable
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.samples import is_usable
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class TemperatureTable:
 
     Either `irradiance_w_m2` (direct normal), `ghi_w_m2` (global horizontal) or `illuminance_lx` (as the
     irradiance model's mounting says) is given; the first of these is used.
-    `flags` are `Quality` numbers; rows that are not usable (`fieldkit.samples.UNUSABLE`) are excluded.
+    `flags` are `Quality` numbers; rows that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded.
     """
 
     time_ns: NDArray[np.int64]

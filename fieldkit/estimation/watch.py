@@ -12,7 +12,7 @@ from fieldkit.estimation.light import GUST_SD_K, Cusum, Jump, LightWatch, ShadeW
 from fieldkit.estimation.picture import PictureWatch
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.window import Field
-from fieldkit.samples import Event, EventKind, Frame, Quality, Reading, Severity
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 
 
 class Watch:

@@ -23,10 +23,10 @@ from fieldkit.estimation.drift import RECENT_MINUTES, drifts_k
 from fieldkit.estimation.methods import Solution, solution
 from fieldkit.estimation.offsets import without_offsets
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
-from fieldkit.samples import Quality
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 
 DOUBTFUL_WEIGHT = 0.01
 """Weight of a clouded minute in the paper's model, which knows no stored heat, and of a shaded one: kept, but

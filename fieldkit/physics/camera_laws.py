@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 
 Counts = NDArray[np.uint16]
 Kelvin = NDArray[np.float32]

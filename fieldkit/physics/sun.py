@@ -25,9 +25,9 @@ from astropy.utils.exceptions import AstropyWarning
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from fieldkit.model.site import Site
 from fieldkit.physics.earth_rotation import earth_rotation
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
-from fieldkit.site import Site
 
 iers.conf.auto_download = False
 iers.conf.auto_max_age = None

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Minute
-from fieldkit.samples import Event, Health, Sample
+from fieldkit.model.samples import Event, Health, Sample
 
 Shown: TypeAlias = Sample | Event | Minute | Health
 log = logging.getLogger(__name__)

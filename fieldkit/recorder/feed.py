@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.clock import Clock
-from fieldkit.device import Camera, Device, StreamInfo
-from fieldkit.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Camera, Device, StreamInfo
+from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
 
 SECOND_NS = 1_000_000_000
 READ_TIMEOUT_S = 0.5

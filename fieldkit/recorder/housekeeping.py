@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from fieldkit.clock import Clock, ClockCheck
+from fieldkit.model.clock import Clock, ClockCheck
+from fieldkit.model.samples import Event, Health, Sample, StreamHealth
 from fieldkit.recorder.feed import Feed
 from fieldkit.recorder.inbox import Inbox
 from fieldkit.recorder.watch import CheckPace, ClockWatch, DiskWatch, GarbleWatch
-from fieldkit.samples import Event, Health, Sample, StreamHealth
 from fieldkit.sessions.writer import SessionWriter
 
 SECOND_NS = 1_000_000_000

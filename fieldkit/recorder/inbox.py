@@ -11,8 +11,8 @@ import queue
 import threading
 from collections import Counter
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, EventKind, Quality, Sample, Severity
 
 Item = Sample | Event
 ROOM_S, ROOM_BYTES, BURST = 3.0, 32_000_000, 64

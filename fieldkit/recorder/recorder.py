@@ -12,16 +12,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 
-from fieldkit.clock import Clock
-from fieldkit.device import Device
-from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.clock import Clock
+from fieldkit.model.device import Device
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.recorder.audience import Audience, View
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.housekeeping import Housekeeping
 from fieldkit.recorder.inbox import Inbox, Item, room_for
 from fieldkit.recorder.watch import DiskWatch, FlagWatch, MisfitWatch, StorageWatch
-from fieldkit.samples import Event, EventKind, Frame, Sample, Severity
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from fieldkit.clock import ClockCheck
-from fieldkit.errors import StorageError
-from fieldkit.samples import Event, EventKind, Quality, Sample, Severity
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import Event, EventKind, Quality, Sample, Severity
 
 SECOND_NS = 1_000_000_000
 PAUSE_NS = 10 * SECOND_NS

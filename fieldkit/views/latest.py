@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
-from fieldkit.site import Region, Site
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
+from fieldkit.model.site import Region, Site
 from fieldkit.views import words
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """From a camera's counts to a picture that can be looked at: values, a scale, colours, outlines.
 
 Shared by the screen, ``fieldkit live --png`` and the report. Pixel coordinates as in
-`fieldkit.site.Region`: x to the right, y down, pixel centres at whole numbers.
+`fieldkit.model.site.Region`: x to the right, y down, pixel centres at whole numbers.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame
+from fieldkit.model.site import Region
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
-from fieldkit.samples import Frame
-from fieldkit.site import Region
 from fieldkit.views import words
 
 FloatArray = NDArray[np.float64]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldkit.estimation.plan_day import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
-from fieldkit.site import Site
+from fieldkit.model.site import Site
 from fieldkit.views import html, words
 from fieldkit.views.report import canvas
 

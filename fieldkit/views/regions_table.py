@@ -10,8 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from fieldkit.estimation.answers import CERTAIN
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
 

@@ -20,9 +20,9 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, Frame, Reading, Severity
-from fieldkit.site import Region
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Frame, Reading, Severity
+from fieldkit.model.site import Region
 from fieldkit.views import picture, words
 from fieldkit.views.latest import Latest
 from fieldkit.views.regions_table import regions_table

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import normal
 from fieldkit.pixel_axes import with_axes
-from fieldkit.site import Region
-from fieldkit.slope import SlopeState
 from fieldkit.views.picture import BLACK, WHITE, Colours, on_grid
 
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640

@@ -17,10 +17,10 @@ from rich.console import Console
 from rich.live import Live
 from rich.screen import Screen
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, Frame, Health, Reading
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Frame, Health, Reading
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import words
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, screen

@@ -10,9 +10,9 @@ import math
 from collections.abc import Iterable
 from datetime import UTC, datetime, tzinfo
 
-from fieldkit.samples import Event, EventKind, Severity
-from fieldkit.site import Region, Site, known_zone
-from fieldkit.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import Region, Site, known_zone
+from fieldkit.model.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
 
 UNKNOWN = "–"
 PAPER_LEAVES_OUT = (

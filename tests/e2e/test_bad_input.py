@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.commands import main
+from fieldkit.cli import main
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'

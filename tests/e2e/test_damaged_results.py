@@ -11,8 +11,8 @@ import h5py
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.commands import main
-from fieldkit.samples import Quality
+from fieldkit.cli import main
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import h5py
 import pytest
 
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header, picture
 
 FRAMES = 30

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldkit.commands.estimating import config_for
+from fieldkit.cli.estimating import config_for
 from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.samples import Frame, Reading, Sample
 from fieldkit.sessions.reader import open_session
 from tests.harness.calibration_days import (
     FAST,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.commands import main
+from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.drivers import registry
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.errors import FieldkitError, StorageError
+from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover

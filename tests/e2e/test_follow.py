@@ -11,7 +11,7 @@ from pathlib import Path
 from tests.harness.recording import PATIENCE_S, Counters, record_until_killed, started
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
-FOLLOW = "from fieldkit.commands.show import command; import sys; command.main(sys.argv[1:])"
+FOLLOW = "from fieldkit.cli.show import command; import sys; command.main(sys.argv[1:])"
 ENOUGH_FRAMES = 100_000  # more than are recorded before it is asked to close
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from fieldkit.samples import Quality
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover

@@ -7,7 +7,7 @@ import multiprocessing
 import time
 from pathlib import Path
 
-from fieldkit.samples import Quality
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.commands.init import make_campaign
-from fieldkit.commands.running import session_in_progress
+from fieldkit.cli.init import make_campaign
+from fieldkit.cli.running import session_in_progress
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.sessions.reader import open_session
 

@@ -27,8 +27,8 @@ import pytest
 
 from fieldkit.calibration.emissivity_refusals import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
-from fieldkit.samples import Frame, Sample
-from fieldkit.sessions.exchange.imported import Foreign, write_foreign
+from fieldkit.model.samples import Frame, Sample
+from fieldkit.sessions.formats.imported import Foreign, write_foreign
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged
 from tests.harness.calibration_days import (

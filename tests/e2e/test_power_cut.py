@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import SimulatedField
-from fieldkit.scene import Facet, LightStep, sand_slopes
-from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.simulation import Facet, LightStep, sand_slopes
+from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 FOIL = Facet(
     # blackened aluminium foil on foam answers light at once; sand would creep

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
-from fieldkit.commands.recording import instruments, record_session
+from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
+from fieldkit.cli.recording import instruments, record_session
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
-from fieldkit.errors import StorageError
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.marks import Mark, drop_mark, marks_folder
-from fieldkit.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
+from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter

@@ -10,12 +10,12 @@ from typing import Any
 import h5py
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import main
-from fieldkit.commands.demo import mean_tilt_error_deg
-from fieldkit.commands.estimating import config_for, estimator_for, minutes_of
+from fieldkit.cli import main
+from fieldkit.cli.demo import mean_tilt_error_deg
+from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
 from fieldkit.config.template import SIMULATED, campaign_toml
-from fieldkit.samples import Sample
-from fieldkit.sessions.exchange.imported import Foreign, write_foreign
+from fieldkit.model.samples import Sample
+from fieldkit.sessions.formats.imported import Foreign, write_foreign
 from fieldkit.sessions.reader import open_session
 
 TRUE_EMISSIVITY = 0.80

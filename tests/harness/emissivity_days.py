@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.emissivity import Pairs, Shared
+from fieldkit.model.site import Site
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
 from fieldkit.physics.slab import conducted_flux
-from fieldkit.scene import ClearSky, Facet, MeasuredSky, Scene
-from fieldkit.scene.sand_slopes import ALAMOSA_NOON_NS
-from fieldkit.site import Site
+from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Scene
+from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
 
 FloatArray = NDArray[np.float64]

@@ -12,15 +12,15 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.clock import ClockCheck
-from fieldkit.samples import Health, StreamHealth
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.samples import Health, StreamHealth
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
 from fieldkit.sessions.layout import BRICK_NAMES
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header
 
 

@@ -18,7 +18,7 @@ import sys
 import time
 from pathlib import Path
 
-from fieldkit.errors import FieldkitError, StorageError
+from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.sessions import brick_thread, bricks, sync_thread, writer
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.writer import SessionWriter

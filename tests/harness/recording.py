@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.clock import HostClock
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Event, EventKind, Frame, Quality, Reading, Sample
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Sample
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import Region, RegionKind, Site
 
 START_NS = 1_480_000_000_000_000_000
 BELOW_US_NS = 123

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.samples import Event, EventKind
+from fieldkit.model.samples import Event, EventKind
 from fieldkit.sessions import brick_thread
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import journal_path

@@ -18,7 +18,7 @@ from fieldkit.drivers.framing import Framer
 from fieldkit.drivers.meters import lutron, text
 from fieldkit.drivers.meters.modbus_map import packaged
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DecodeError
+from fieldkit.model.errors import DecodeError
 
 GOLDEN = tomllib.loads((Path(__file__).parents[1] / "data/golden_records.toml").read_text())["record"]
 MEGABYTES_10 = 10_000_000

@@ -9,9 +9,9 @@ from fieldkit.estimation.bounds import mirror
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.likelihood import DoubtfulMisfit, with_doubts
 from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Region, RegionKind, Site
 
 tilts = st.floats(0.0, 30.0)
 azimuths = st.floats(0.0, 359.99)

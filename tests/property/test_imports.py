@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import import_session
-from fieldkit.errors import FieldkitError
+from fieldkit.cli import import_session
+from fieldkit.model.errors import FieldkitError
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import one_of_each
 

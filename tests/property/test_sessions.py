@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldkit.errors import FieldkitError
-from fieldkit.samples import Quality
+from fieldkit.model.errors import FieldkitError
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
 from fieldkit.sessions.findings import worst
 from fieldkit.sessions.header import SessionHeader

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fieldkit import weather
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 from fieldkit.station_files import is_station_file, read_station_file
 from tests.harness import foreign_files
 from tests.shared_data import shared
@@ -141,10 +141,10 @@ def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
 
 def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
     pytest.importorskip("pvlib")
-    from fieldkit.commands.simulation import measured_weather
+    from fieldkit.cli.simulation import measured_weather
     from fieldkit.config import load_config
     from fieldkit.config.template import SIMULATED, campaign_toml
-    from fieldkit.scene import MeasuredSky
+    from fieldkit.simulation import MeasuredSky
 
     (tmp_path / "fieldkit.toml").write_text(campaign_toml(SIMULATED))
     config = load_config(tmp_path / "fieldkit.toml")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldkit import weather
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 from tests.shared_data import shared
 
 SURFRAD = "data/weather/slv16001.dat"

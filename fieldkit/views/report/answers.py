@@ -14,7 +14,7 @@ from fieldkit.estimation.statistics import (
     root_mean_square_error,
     sd_of_absolute_error,
 )
-from fieldkit.slope import SlopeEstimate
+from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import words
 from fieldkit.views.html import Html, element, figure, paragraph, section, table
 from fieldkit.views.report import figures, paper_figures

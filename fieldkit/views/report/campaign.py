@@ -18,7 +18,7 @@ from fieldkit.estimation.statistics import (
     root_mean_square_error,
     sd_of_absolute_error,
 )
-from fieldkit.site import Site
+from fieldkit.model.site import Site
 from fieldkit.views import words
 from fieldkit.views.html import Html, element, figure, page, paragraph, section, table
 from fieldkit.views.report import canvas, paper_figures

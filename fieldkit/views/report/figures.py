@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.estimation.answers import WORKED_OUT
-from fieldkit.site import RegionKind, Site
+from fieldkit.model.site import RegionKind, Site
 from fieldkit.views import words
 from fieldkit.views.report import canvas
 from fieldkit.views.report.series import Bed, FloatArray, Series

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
-from fieldkit.samples import Event, EventKind, Frame
-from fieldkit.site import Region, Site
+from fieldkit.model.samples import Event, EventKind, Frame
+from fieldkit.model.site import Region, Site
 from fieldkit.views import words
 from fieldkit.views.report.series import Series
 

@@ -6,7 +6,7 @@ import logging
 from importlib.util import find_spec
 from pathlib import Path
 
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 
 
 def refuse_without_printer() -> None:

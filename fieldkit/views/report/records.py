@@ -10,10 +10,10 @@ from html import escape
 from importlib import metadata
 from pathlib import Path
 
+from fieldkit.model.samples import EventKind, Frame
+from fieldkit.model.site import Region
 from fieldkit.pixel_axes import ticks
-from fieldkit.samples import EventKind, Frame
 from fieldkit.sessions.check_clock import awake_offsets_ns
-from fieldkit.site import Region
 from fieldkit.views import picture, words
 from fieldkit.views.html import Html, element, paragraph, section, table
 from fieldkit.views.report.material import Material

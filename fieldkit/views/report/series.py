@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.answers import ANSWERED, WORKED_OUT, answer_of
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.surface import (
     SurfaceParameters,
@@ -20,9 +23,6 @@ from fieldkit.physics.surface import (
     emitted_longwave,
     surface_temperature,
 )
-from fieldkit.samples import Quality
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
 from fieldkit.views import words
 
 if TYPE_CHECKING:

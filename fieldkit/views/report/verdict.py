@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldkit.estimation.answers import CERTAIN, is_certain
 from fieldkit.estimation.statistics import mean_absolute_error
-from fieldkit.samples import Event, EventKind
+from fieldkit.model.samples import Event, EventKind
 from fieldkit.views import words
 from fieldkit.views.report.series import Bed, Series
 

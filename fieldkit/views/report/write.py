@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import SdKind
-from fieldkit.samples import Frame
-from fieldkit.site import Region, Site
+from fieldkit.model.samples import Frame
+from fieldkit.model.site import Region, Site
 from fieldkit.views import words
 from fieldkit.views.html import Html, bullets, element, page, paragraph
 from fieldkit.views.report import answers, canvas, causes, records

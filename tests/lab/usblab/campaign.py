@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fieldkit.scene import Scene
-from fieldkit.site import RegionKind
+from fieldkit.model.site import RegionKind
+from fieldkit.simulation import Scene
 
 CAMERA = {"driver": "purethermal", "identity": "1e4e:0100"}
 SECOND_CAMERA = {"driver": "p2pro", "identity": "0bda:5830"}

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.scene import Correction, Scene, sand_slopes
+from fieldkit.simulation import Correction, Scene, sand_slopes
 
 START = "2016-01-01T19:00:00"
 """UTC of the guest's power-on: noon of the packaged day at Alamosa."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fieldkit.site import Site
+from fieldkit.model.site import Site
 from usblab.guest.machine import Guest
 from usblab.meters import Meter, SerialPort
 from usblab.port import UsbPort

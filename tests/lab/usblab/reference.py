@@ -6,12 +6,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from fieldkit.commands.recording import Instruments, open_all, record_session
+from fieldkit.cli.recording import Instruments, open_all, record_session
 from fieldkit.config import load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import PORT, SimulatedField
-from fieldkit.scene import Scene
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.simulation import Scene
+from fieldkit.simulation.simulated_clock import SimulatedClock
 from usblab.campaign import toml
 
 

@@ -11,7 +11,7 @@ from fieldkit.calibration.band import (
     transmission,
     without_air,
 )
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 from fieldkit.physics.radiance import band_radiance, band_temperature
 
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from fieldkit.calibration.clock import offset_from_sun, offset_from_times
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.scene.sand_slopes import sand_slopes
-from fieldkit.site import Site
+from fieldkit.simulation.sand_slopes import sand_slopes
 
 MINUTE = 60_000_000_000
 

@@ -5,7 +5,7 @@ import pytest
 
 from fieldkit.calibration.doubts import doubts, instrument_of
 from fieldkit.calibration.record import CalibrationRecord, expiry
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 
 DATE = datetime(2026, 12, 10, tzinfo=UTC)
 CAMERA = StreamInfo(

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fieldkit.calibration.irradiance import light_factor, on_plane
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.site import Site
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 from fieldkit.weather import packaged
 
 SITE = Site(37.70, -105.92, 2317.0)

@@ -17,7 +17,7 @@ from fieldkit.calibration.record import (
     save,
     to_toml,
 )
-from fieldkit.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
 SAND = CalibrationRecord(

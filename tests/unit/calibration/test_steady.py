@@ -16,7 +16,7 @@ from fieldkit.calibration.steady import (
     refuse_shifted_clocks,
     steady_stretches,
 )
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 SECOND = 1_000_000_000
 MINUTE = 60 * SECOND

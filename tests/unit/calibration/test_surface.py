@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fieldkit.calibration.surface import BedScale, pool
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 
 def test_one_bed_is_its_own_scale_with_noise_and_inclinometer():

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from fieldkit.calibration.uniformity import Look, uniformity
-from fieldkit.errors import CalibrationError
+from fieldkit.model.errors import CalibrationError
 
 HOUR = 3_600_000_000_000
 

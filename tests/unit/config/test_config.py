@@ -5,12 +5,12 @@ from dataclasses import fields
 import pytest
 
 from fieldkit.config import load_config
-from fieldkit.device import DeviceSettings
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.site import RegionKind, Site
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.surface import SurfaceParameters
-from fieldkit.site import RegionKind, Site
 
 SITE = '[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\ntimezone = "Asia/Tokyo"\n'
 

@@ -8,7 +8,7 @@ import pytest
 from fieldkit.config import ConfigMistakesError
 from fieldkit.config.edit import add_region, change_region, remove_region
 from fieldkit.config.lines import key_lines
-from fieldkit.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError
 
 TEXT = """\
 # my campaign

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config import ConfigMistakesError, config_from_text, find_campaign, load_config, read_config
-from fieldkit.errors import ConfigError
+from fieldkit.model.errors import ConfigError
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"
 FLAT = '[[region]]\nname = "flat"\nkind = "reference"\npoints_px = [[0, 0], [9, 0], [9, 9]]\n'

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import conformance, registry
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.meters.center_309 import Center309
 from fieldkit.drivers.meters.lutron import Lutron
-from fieldkit.errors import DeviceLostError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceLostError
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 TEMPERATURES = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")

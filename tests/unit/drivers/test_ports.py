@@ -6,14 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import permission, ports
 from fieldkit.drivers.framing import Stamped
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
 from fieldkit.drivers.ports import Line, SerialPort, open_failure, open_port
-from fieldkit.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
 
 RECORD = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 BYTE_NS = 1_041_666  # ten bits at 9600 baud

@@ -4,10 +4,10 @@ import sys
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
-from fieldkit.errors import ConfigError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
 
 
 def install(folder, package, name, module="json:JSONDecoder"):

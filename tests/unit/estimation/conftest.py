@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Quality, Reading
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
-from fieldkit.samples import Frame, Quality, Reading
-from fieldkit.site import Region, RegionKind, Site
 
 SECOND_NS = 1_000_000_000
 MINUTE_NS = 60 * SECOND_NS

@@ -8,13 +8,13 @@ import pytest
 from fieldkit.estimation.band_emissivity import difference_k, moved_temperatures
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import (
     brightness_temperature_k,
     kelvin_per_emissivity,
     surface_temperature_k,
 )
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
-from fieldkit.site import Region, RegionKind
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 FLAT, BED = Region("flat", RegionKind.REFERENCE, CORNERS), Region("b15", RegionKind.TARGET, CORNERS)

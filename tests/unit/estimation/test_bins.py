@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
 from fieldkit.estimation.bins import MINUTE_NS, Camera, OpenMinute
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Quality
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k
-from fieldkit.samples import Frame, Quality
-from fieldkit.site import Region, RegionKind
 
 INFO = StreamInfo("ir", "brightness_temperature", "K", (4, 6), scale=0.01)
 FLAT = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (1, 1), (0, 1)))

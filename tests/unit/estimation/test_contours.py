@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
+from fieldkit.model.samples import EventKind, Frame, Quality, Reading
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.camera_laws import Planck, planck_counts
 from fieldkit.physics.facet import angle_between_deg, normal
-from fieldkit.samples import EventKind, Frame, Quality, Reading
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeState
 
 MINUTE_NS = 60_000_000_000
 
@@ -205,7 +205,7 @@ def test_night_is_low_sun_not_an_error(yard):
 
 
 def test_pyrheliometer_stream_replaces_lux(yard):
-    from fieldkit.device import StreamInfo
+    from fieldkit.model.device import StreamInfo
 
     beam = (yard.streams[0], StreamInfo("beam", "irradiance", "W m-2", (1,), measures=("dni",)))
     samples = [
@@ -219,7 +219,7 @@ def test_pyrheliometer_stream_replaces_lux(yard):
 
 def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
     """Taken for direct irradiance, its readings made a bed of 15 degrees steeper than 45."""
-    from fieldkit.device import StreamInfo
+    from fieldkit.model.device import StreamInfo
 
     whole = StreamInfo("whole", "irradiance", "W m-2", (1,), measures=("ghi",))
     samples = [

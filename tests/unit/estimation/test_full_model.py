@@ -9,14 +9,14 @@ from fieldkit.estimation.balance import rows
 from fieldkit.estimation.bins import MINUTE_NS, History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.samples import Quality
-from fieldkit.scene import Exchange, Facet, MeasuredSky
-from fieldkit.scene.curves import World
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeState
+from fieldkit.simulation import Exchange, Facet, MeasuredSky
+from fieldkit.simulation.curves import World
 from fieldkit.weather import packaged
 
 BEDS = ((7.4, 180.0), (21.3, 180.0), (14.6, 95.0))

@@ -3,19 +3,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
-from fieldkit.errors import ConfigError
 from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import OpenMinute
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Quality, Reading
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import normal
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.sky import sky_view
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.samples import Quality, Reading
-from fieldkit.site import Site
 from fieldkit.weather import packaged
 
 SITE = Site(35.558675, 139.395232, 9.0)

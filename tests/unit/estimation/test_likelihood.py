@@ -14,9 +14,9 @@ from fieldkit.estimation.likelihood import (
     with_doubts,
 )
 from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 

@@ -12,11 +12,11 @@ from fieldkit.estimation.map_bounds import with_bounds
 from fieldkit.estimation.normal import Misfit
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slope_map import MapSums
+from fieldkit.model.site import Site
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
-from fieldkit.site import Site
-from fieldkit.slope import SlopeState
 
 SITE = Site(35.558675, 139.395232, 9.0)
 PAPER = SurfaceParameters()

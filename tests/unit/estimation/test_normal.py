@@ -10,10 +10,10 @@ import pytest
 from fieldkit.estimation.bounds import cramer_rao, mirror
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 MINUTE_NS = 60_000_000_000

@@ -8,8 +8,8 @@ import pytest
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.offsets import without_offsets
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
-from fieldkit.site import Region, RegionKind
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 

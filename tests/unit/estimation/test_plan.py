@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.plan import bound, bounds_over_day, cosine_noise, expected_temperature, sensitivity
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters
-from fieldkit.site import Site
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 TABLE_1 = SurfaceParameters()

@@ -4,9 +4,9 @@ import pytest
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.posterior import posterior
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0)
 NOON = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))

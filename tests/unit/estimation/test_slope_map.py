@@ -5,11 +5,11 @@ import pytest
 from fieldkit.estimation.choice import choose
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.slope_map import MapSums
+from fieldkit.model.site import Site
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, irradiance_difference, surface_temperature
-from fieldkit.site import Site
-from fieldkit.slope import SlopeState
 
 SITE = Site(35.558675, 139.395232, 9.0)
 PAPER = SurfaceParameters()

@@ -20,10 +20,10 @@ from fieldkit.estimation.study import (
     simulated_temperatures,
     summarise,
 )
+from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.site import Site
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOISELESS = StudySettings()

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 from fieldkit.physics.camera_laws import (
     LAWS,
     Planck,

@@ -15,9 +15,9 @@ import pytest
 from astropy.coordinates import AltAz, EarthLocation, get_sun
 from astropy.time import Time
 
+from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, incidence_deg, normal
 from fieldkit.physics.sun import astropy_vectors, refract, sun_angles, sun_vectors
-from fieldkit.site import Site
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 TOLERANCE_DEG = 0.003
@@ -146,7 +146,7 @@ def refuse(*args, **kwargs):
     raise AssertionError("the network was asked for")
 socket.socket.connect = socket.create_connection = socket.getaddrinfo = refuse
 from fieldkit.physics.sun import sun_angles
-from fieldkit.site import Site
+from fieldkit.model.site import Site
 print(*sun_angles([1504062000_000000000, 1860000000_000000000], Site(35.558675, 139.395232, 9.0))[0])
 """
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.device import Device, StreamInfo
-from fieldkit.errors import ConfigError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.device import Device, StreamInfo
+from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
 from fieldkit.recorder.feed import Feed, Sampling
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.samples import Event, EventKind, Frame, Quality, Reading
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 S = 1_000_000_000
 PICTURE = np.zeros((2, 2), np.uint16)

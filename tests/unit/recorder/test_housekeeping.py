@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from fieldkit.clock import ClockCheck
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.samples import EventKind
 from fieldkit.recorder.housekeeping import Housekeeping
 from fieldkit.recorder.inbox import Inbox
-from fieldkit.samples import EventKind
 from fieldkit.sessions.check_clock import propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 from tests.harness.recording import START_NS, header, sample
 
 S = 1_000_000_000

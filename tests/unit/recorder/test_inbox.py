@@ -1,8 +1,8 @@
 from __future__ import annotations
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, EventKind, Quality, Reading
 from fieldkit.recorder.inbox import Inbox, room_for
-from fieldkit.samples import Event, EventKind, Quality, Reading
 
 
 def reading(n: int, stream: str = "lux") -> Reading:

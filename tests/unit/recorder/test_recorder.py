@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import main
+from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.marks import DroppedMarks
-from fieldkit.samples import Event, EventKind, Health, Severity
+from fieldkit.model.samples import Event, EventKind, Health, Severity
+from fieldkit.recorder.marks import DroppedMarks
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session

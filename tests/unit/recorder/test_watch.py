@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from fieldkit.clock import ClockCheck
-from fieldkit.errors import StorageError
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import EventKind, Quality, Reading
 from fieldkit.recorder.watch import ClockWatch, DiskWatch, FlagWatch, GarbleWatch, StorageWatch
-from fieldkit.samples import EventKind, Quality, Reading
 
 S = 1_000_000_000
 MB = 1_000_000

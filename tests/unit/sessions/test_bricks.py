@@ -10,10 +10,10 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, strategy_for, unpack
 from fieldkit.sessions.datasets import put_bricks
-from fieldkit.sessions.exchange.purethermal import read_purethermal
+from fieldkit.sessions.formats.purethermal import read_purethermal
 from fieldkit.sessions.layout import Column, brick_shape
 from tests.shared_data import shared
 

@@ -9,14 +9,14 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import SessionError
-from fieldkit.samples import Event, EventKind, Quality, Severity
+from fieldkit.model.errors import SessionError
+from fieldkit.model.samples import Event, EventKind, Quality, Severity
+from fieldkit.model.site import Site
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.check_sun import best_shift_min
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import Site
 from tests.harness.findings import said
 from tests.harness.recording import START_NS, CountedClock, header, sample
 from tests.shared_data import shared

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.clock import ClockCheck
-from fieldkit.samples import Quality
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.samples import Quality
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session

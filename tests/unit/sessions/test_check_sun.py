@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Quality, Reading
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Quality, Reading
+from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
-from fieldkit.sessions.exchange.imported import Foreign, write_foreign
 from fieldkit.sessions.findings import Finding
+from fieldkit.sessions.formats.imported import Foreign, write_foreign
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import open_session
-from fieldkit.site import Site
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 LUX = StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=1 / 60)

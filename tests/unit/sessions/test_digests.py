@@ -14,9 +14,9 @@ import pytest
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.datasets import LIBVER
-from fieldkit.sessions.exchange.imported import Foreign
-from fieldkit.sessions.exchange.merged import merge
 from fieldkit.sessions.findings import worst
+from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.in_place import write_in_place
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover

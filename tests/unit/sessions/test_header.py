@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from fieldkit.device import StreamInfo
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.site import Site
 from fieldkit.sessions.header import RESERVED_NAMES, SessionHeader
-from fieldkit.site import Site
 
 SITE = Site(35.0, 139.0)
 

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.clock import ClockCheck
-from fieldkit.errors import SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.errors import SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import brick_thread, sync_thread
 from fieldkit.sessions.brick_thread import BrickThread
 from fieldkit.sessions.journal import Identity, Journal, Keeper, wal_of
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
 from fieldkit.sessions.sync_thread import SyncThread
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import START_NS, header, same, sample
 
 HEADER = header((24, 32))

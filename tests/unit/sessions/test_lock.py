@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.errors import RefusedError
+from fieldkit.model.errors import RefusedError
 from fieldkit.sessions.lock import PATIENCE_S, RECORDING, SessionLock, is_locked, owner
 
 

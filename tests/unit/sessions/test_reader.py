@@ -13,13 +13,13 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from fieldkit.errors import StorageError
-from fieldkit.samples import Event, EventKind, Quality, Severity
+from fieldkit.model.errors import StorageError
+from fieldkit.model.samples import Event, EventKind, Quality, Severity
 from fieldkit.sessions import salvage_file
 from fieldkit.sessions.check_clock import apply_time_map
 from fieldkit.sessions.journal import wal_of

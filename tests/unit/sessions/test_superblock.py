@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import SessionError
+from fieldkit.model.errors import SessionError
 from fieldkit.sessions.stream_reader import whole_rows
 from fieldkit.sessions.superblock import MendedFile, is_clean, lookup3
 

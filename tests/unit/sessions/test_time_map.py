@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.errors import SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Frame, Health
+from fieldkit.model.errors import SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Frame, Health
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map, changing_path
-from fieldkit.sessions.exchange.imported import Foreign
-from fieldkit.sessions.exchange.merged import merge
+from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.layout import RECOVERED
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import rebuild

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from fieldkit.commands import check as check_verb
-from fieldkit.commands import estimate, export, ls, report, show
-from fieldkit.samples import Event, EventKind, Severity
+from fieldkit.cli import check as check_verb
+from fieldkit.cli import estimate, export, ls, report, show
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.datasets import LIBVER, put_columns, put_rows
 from fieldkit.sessions.layout import SEALED, Column
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header
 
 NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)

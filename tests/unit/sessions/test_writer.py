@@ -12,8 +12,10 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
-from fieldkit.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import brick_thread
 from fieldkit.sessions import seal as seal_module
 from fieldkit.sessions.journal import Journal
@@ -22,8 +24,6 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.session_file import SessionFile
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeEstimate, SlopeState
 from tests.harness.recording import CountedClock, fill, header, same, sample
 
 HEADER = header((24, 32))

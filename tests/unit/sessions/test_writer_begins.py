@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.errors import RefusedError, StorageError
+from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.sessions import brick_thread
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fieldkit.device import StreamInfo
-from fieldkit.samples import Frame, Quality
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Quality
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 
 SECOND_NS = 10**9
 START_NS = 1_512_961_680 * SECOND_NS  # 2017-12-11 12:08 JST, a whole minute

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fieldkit.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
+from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
 from fieldkit.views.regions_table import _region_cells
 

@@ -8,7 +8,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.screen import Screen
 
-from fieldkit.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
+from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
 from fieldkit.views.picture import OUTLINE
 from fieldkit.views.screen import THEMES, screen

@@ -6,9 +6,9 @@ import pytest
 
 from fieldkit.estimation.map_bounds import PixelBounds
 from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
 from fieldkit.pixel_axes import LEFT_PX
-from fieldkit.site import Region, RegionKind
-from fieldkit.slope import SlopeState
 from fieldkit.views import slope_map_picture
 from fieldkit.views.slope_map_picture import full_colour_deg, legend, painted, slope_colours
 

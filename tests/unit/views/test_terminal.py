@@ -11,7 +11,7 @@ import time
 import pytest
 from rich.console import Console
 
-from fieldkit.samples import Event, EventKind, Severity
+from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.views import terminal
 from fieldkit.views.latest import Latest
 from fieldkit.views.terminal import PlainView, TerminalView, terminal_view

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from fieldkit.samples import Event, EventKind, Severity
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.views import words
 
 NEW_YEAR_NS = 1_451_606_400 * 10**9  # 2016-01-01T00:00:00Z

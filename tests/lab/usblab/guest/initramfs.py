@@ -17,7 +17,7 @@ LAB = Path(__file__).resolve().parents[2]
 PROJECT = LAB.parents[1]
 SCRIPT = """#!/opt/fieldkit/bin/python
 import sys
-from fieldkit.commands import main
+from fieldkit.cli import main
 sys.exit(main())
 """
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import usb.core
 import usb.util
 
-from fieldkit.clock import HostClock
 from fieldkit.drivers.ports import Line, SerialPort
+from fieldkit.model.clock import HostClock
 
 GET_LATENCY_TIMER = 0x0A
 """Vendor request of FTDI's chips, by libftdi and the kernel's ftdi_sio.h."""

@@ -26,7 +26,7 @@ from typing import Any
 PORT = "/dev/vport0p1"
 HEAVY = (
     "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live",
-    "serial", "usb.backend.libusb1", "fieldkit.views.terminal", "fieldkit.commands.estimating",
+    "serial", "usb.backend.libusb1", "fieldkit.views.terminal", "fieldkit.cli.estimating",
 )  # fmt: skip
 ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
 VERBS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
@@ -43,7 +43,7 @@ class Agent:
         """Import what the verbs will need, and find the day's suns, once for all of their forks."""
         rooms = [importlib.import_module(f"fieldkit.{room}") for room in ROOMS]
         inside = (m.name for room in rooms for m in pkgutil.iter_modules(room.__path__, f"{room.__name__}."))
-        verbs = (f"fieldkit.commands.{verb}" for verb in VERBS)
+        verbs = (f"fieldkit.cli.{verb}" for verb in VERBS)
         for name in (*HEAVY, *inside, *verbs):
             with contextlib.suppress(ImportError):  # needs an extra the guest lacks, such as matplotlib
                 importlib.import_module(name)
@@ -119,8 +119,8 @@ class Agent:
 
 def _find_suns(latitude_deg: float, longitude_deg: float, elevation_m: float) -> None:
     """The first position of the sun makes astropy parse a large text file, seven seconds of emulated time."""
+    from fieldkit.model.site import Site
     from fieldkit.physics.sun import sun_vectors
-    from fieldkit.site import Site
 
     sun_vectors(time.time_ns(), Site(latitude_deg, longitude_deg, elevation_m))
 
@@ -134,7 +134,7 @@ def _log_in(user: str) -> None:
 
 
 def _verb(arguments: list[str]) -> int:
-    from fieldkit.commands import main
+    from fieldkit.cli import main
 
     faulthandler.enable()  # a verb that hangs is ended by SIGABRT and then shows where it was
     sys.argv = ["fieldkit", *arguments]

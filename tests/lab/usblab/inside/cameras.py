@@ -6,14 +6,14 @@ import time
 import zlib
 from typing import Any
 
-from fieldkit.clock import HostClock
-from fieldkit.device import Camera, DeviceSettings, FrameSource
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.opencv import OpenCvSource
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.errors import DeviceError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Camera, DeviceSettings, FrameSource
+from fieldkit.model.errors import DeviceError
+from fieldkit.model.samples import Quality
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.samples import Quality
 
 PATIENCE_S = 20.0
 SOURCES = {"v4l2": V4l2Source, "opencv": OpenCvSource}

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldkit.errors import FieldkitError
-from fieldkit.samples import Frame, Quality, Reading
+from fieldkit.model.errors import FieldkitError
+from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.sessions.reader import open_session
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import usb.core
 
-from fieldkit.clock import HostClock
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
+from fieldkit.model.clock import HostClock
 
 
 def ask_p2pro_while_streaming(path: str) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from fieldkit.device import Buffer
-from fieldkit.errors import DeviceError
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceError
 
 
 class Reel:

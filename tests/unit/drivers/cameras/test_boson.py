@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.cameras import boson
 from fieldkit.drivers.cameras.boson import Boson, decode
 from fieldkit.drivers.cameras.boson_serial import BosonSerial, pack, take, unpack
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError, DeviceError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceTimeoutError
+from fieldkit.model.samples import Quality
 
 
 def picture(count=29515, rows=512, seed=0):

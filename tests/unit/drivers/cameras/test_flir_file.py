@@ -7,7 +7,7 @@ import pytest
 
 from fieldkit.drivers.cameras import flir_file
 from fieldkit.drivers.cameras.flir_file import frame_length, pictures
-from fieldkit.errors import DecodeError
+from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import temperature_k
 from tests.shared_data import shared
 

@@ -3,13 +3,13 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.cameras.ht301 import Ht301, decode
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DecodeError, DeviceError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DecodeError, DeviceError
+from fieldkit.model.samples import Quality
 from fieldkit.physics.camera_laws import temperature_k
-from fieldkit.samples import Quality
 
 COEFFICIENTS = (0.001, 1.0, 0.0, 1e-4, 0.018)
 

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.device import Buffer
 from fieldkit.drivers.cameras.opencv import OpenCvSource
-from fieldkit.errors import DeviceError, DeviceLostError, DeviceNotFoundError
-from fieldkit.simulated_clock import SimulatedClock
+from fieldkit.model.device import Buffer
+from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 SIZES = ((160, 122), (160, 120))
 SECOND_NS = 1_000_000_000

@@ -3,15 +3,15 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import Buffer, DeviceSettings
 from fieldkit.drivers.cameras import infiray
 from fieldkit.drivers.cameras.infiray import Commands
 from fieldkit.drivers.cameras.p2pro import LENGTH, P2Pro, decode
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError, DeviceAccessError, DeviceError
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Buffer, DeviceSettings
+from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 GREY = np.full((192, 256), 0x8020, "<u2")
 

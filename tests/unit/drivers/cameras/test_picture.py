@@ -7,7 +7,7 @@ import pytest
 
 from fieldkit.drivers.cameras import purethermal, y16
 from fieldkit.drivers.cameras.picture import Picture, kelvin
-from fieldkit.samples import Quality
+from fieldkit.model.samples import Quality
 
 COUNTS = np.random.default_rng(5).integers(20_000, 40_000, (48, 64)).astype("<u2")
 

@@ -6,12 +6,12 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import Buffer, Camera, DeviceSettings
 from fieldkit.drivers.cameras.purethermal import PureThermal, decode
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DecodeError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Buffer, Camera, DeviceSettings
+from fieldkit.model.errors import DecodeError, DeviceTimeoutError
+from fieldkit.model.samples import Quality
 from tests.shared_data import shared
 
 ROOM = 29515  # 22 °C in hundredths of a kelvin

@@ -3,12 +3,12 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.cameras.thermal_master import ThermalMaster, decode
 from fieldkit.drivers.cameras.thermal_master_bulk import Assembler, command
 from fieldkit.drivers.records import Rejected
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.samples import Quality
 
 LENGTH = 2 * 386 * 256
 

@@ -5,13 +5,13 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.cameras.thermal_master import ThermalMaster
 from fieldkit.drivers.cameras.thermal_master_bulk import BulkSource
 from fieldkit.drivers.conformance import check_driver
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError
+from fieldkit.model.samples import Quality
 from tests.harness.usb_bus import Instrument
 
 TEXTS = {7: b"P3-000042", 6: b"P3-256X192"}

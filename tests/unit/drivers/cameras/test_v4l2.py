@@ -8,10 +8,10 @@ import subprocess
 
 import pytest
 
-from fieldkit.clock import HostClock
 from fieldkit.drivers.cameras import v4l2, videodev2
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 SLOT = 65536
 WIDTH, HEIGHT = 160, 122

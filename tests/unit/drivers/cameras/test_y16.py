@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.cameras.y16 import Y16
-from fieldkit.errors import ConfigError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Quality
 from tests.shared_data import shared
 
 COUNTS = np.random.default_rng(0).integers(6900, 7000, (240, 320)).astype("<u2")

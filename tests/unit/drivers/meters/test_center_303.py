@@ -2,12 +2,12 @@ import math
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.center_303 import Center303, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DeviceNotFoundError
-from fieldkit.samples import Quality, is_usable
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceNotFoundError
+from fieldkit.model.samples import Quality, is_usable
 
 RECORD = bytes.fromhex("02 80 80 02 35 01 98 03")
 

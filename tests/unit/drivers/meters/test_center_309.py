@@ -2,12 +2,12 @@ import math
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.center_309 import Center309, take
 from fieldkit.drivers.records import Record, Rejected
-from fieldkit.errors import DeviceNotFoundError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.samples import Quality
 
 RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
 

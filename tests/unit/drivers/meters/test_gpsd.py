@@ -4,12 +4,12 @@ import threading
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DeviceLostError, DeviceNotFoundError
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 
 def line(**report):

@@ -1,11 +1,11 @@
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, request, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import DeviceError, DeviceTimeoutError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceError, DeviceTimeoutError
+from fieldkit.model.samples import Quality
 
 LUX = bytes.fromhex(
     "02 30 30 31 30 30 20 35 30 2B 39 38 37 36 35 20 20 20 20 20 20 20 20 20 20 20 20 03 30 39 0D 0A"

@@ -2,14 +2,14 @@ import math
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import Device, DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.lutron import Lutron, take
 from fieldkit.drivers.records import Record, Rejected
-from fieldkit.errors import ConfigError, DecodeError, DeviceTimeoutError
-from fieldkit.samples import NO_COUNTER, Quality, Reading
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import Device, DeviceSettings
+from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
+from fieldkit.model.samples import NO_COUNTER, Quality, Reading
 
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 FOOTCANDLE = bytes.fromhex("02 34 31 31 36 30 32 30 30 30 30 34 38 32 31 0D")

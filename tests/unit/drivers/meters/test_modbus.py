@@ -2,14 +2,14 @@ import math
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.modbus import Modbus, crc16, request, take
 from fieldkit.drivers.meters.modbus_map import Channel, RegisterMap, load_map, packaged
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Quality
 
 SMP = bytes.fromhex("01 04 10 00 01 00 00 00 00 03 E5 03 E5 00 00 00 F8 00 EA 66 12")
 VOID = bytes.fromhex("01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8")

@@ -4,11 +4,11 @@ import sys
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.nmea import Nmea, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.samples import NO_COUNTER, Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.samples import NO_COUNTER, Quality
 
 pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
 
@@ -87,7 +87,7 @@ def test_without_the_extra_the_fix_says_what_to_install():
     code = (
         "import sys; sys.modules['pynmeagps'] = None\n"
         "from fieldkit.drivers.meters.nmea import Nmea\n"
-        "from fieldkit.errors import ConfigError\n"
+        "from fieldkit.model.errors import ConfigError\n"
         f"try: Nmea().decode({GGA!r}, {{}})\n"
         "except ConfigError as error: print(error.fix)"
     )

@@ -2,11 +2,11 @@ import math
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, take
 from fieldkit.drivers.records import Rejected
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.samples import Quality
 
 RECORD = bytes.fromhex("AA DD 00 26 06 11 21 10 15 30 09 57 09 57 80 00 00 00")
 

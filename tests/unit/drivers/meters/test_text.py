@@ -3,12 +3,12 @@ import time
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.meters.text import Grammar, Text
 from fieldkit.drivers.records import Rejected
-from fieldkit.errors import ConfigError, DecodeError
-from fieldkit.samples import Quality
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.samples import Quality
 
 
 def settings(wire, **options):

@@ -6,12 +6,12 @@ up to seven characters after F0 plus their number; one sent to it begins with th
 
 import pytest
 
-from fieldkit.clock import HostClock
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers.conformance import check_driver
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.ut325 import Ut325
-from fieldkit.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.clock import HostClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from tests.harness.usb_bus import Instrument
 
 T1 = bytes.fromhex(

@@ -5,12 +5,12 @@ import threading
 
 import pytest
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import SimulatedField
-from fieldkit.errors import ConfigError
-from fieldkit.scene import Fault, FaultKind, sand_slopes
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import ConfigError
+from fieldkit.simulation import Fault, FaultKind, sand_slopes
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras.purethermal import decode
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.lepton import PERIOD_NS, SimulatedLepton
-from fieldkit.errors import DeviceError, DeviceLostError
-from fieldkit.samples import Quality
-from fieldkit.scene import Fault, FaultKind, sand_slopes
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceError, DeviceLostError
+from fieldkit.model.samples import Quality
+from fieldkit.simulation import Fault, FaultKind, sand_slopes
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 CAMERA = DeviceSettings("camera", "purethermal", "simulated")
 RUN_FFC, FFC_MODE, RESOLUTION = (6, 17), (6, 16), (0x15, 19)

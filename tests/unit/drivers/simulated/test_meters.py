@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldkit.device import DeviceSettings
 from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center_309, lutron
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, lutron_record, spoilt
-from fieldkit.errors import DeviceLostError
-from fieldkit.scene import Fault, FaultKind, sand_slopes
-from fieldkit.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.model.device import DeviceSettings
+from fieldkit.model.errors import DeviceLostError
+from fieldkit.simulation import Fault, FaultKind, sand_slopes
+from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
 
 LUX = DeviceSettings("lux", "lutron", "simulated")
 THERMOMETER = DeviceSettings("thermometer", "center-309", "simulated", every_s=2.0)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from fieldkit.samples import Quality
-from fieldkit.slope import SlopeState
+from fieldkit.model.samples import Quality
+from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import answers
 from fieldkit.views.report.series import series
 

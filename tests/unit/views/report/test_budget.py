@@ -10,12 +10,12 @@ import pytest
 from scipy.optimize import brentq
 
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_angles, sun_vectors
-from fieldkit.samples import Quality
-from fieldkit.site import Region, RegionKind, Site
-from fieldkit.slope import SlopeEstimate, SlopeState
 from fieldkit.views.report.budget import budget
 from fieldkit.views.report.causes import cause_rows
 from fieldkit.views.report.series import series

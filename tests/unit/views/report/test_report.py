@@ -11,8 +11,8 @@ from html.parser import HTMLParser
 import pytest
 
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.samples import Event, EventKind
-from fieldkit.slope import SlopeState
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import canvas, write_report
 from fieldkit.views.report.answers import rmse_of
 from fieldkit.views.report.series import modelled_temperature, series

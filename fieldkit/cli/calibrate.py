@@ -1,0 +1,27 @@
+"""``fieldkit calibrate``: emissivity, uniformity, irradiance, surface and clock, each kept as a record."""
+
+from __future__ import annotations
+
+import click
+
+from fieldkit.cli.calibrate_clock import command as clock
+from fieldkit.cli.calibrate_emissivity import command as emissivity
+from fieldkit.cli.calibrate_irradiance import command as irradiance
+from fieldkit.cli.calibrate_surface import command as surface
+from fieldkit.cli.calibrate_uniformity import command as uniformity
+from fieldkit.cli.common import VerbGroup
+
+
+@click.group(cls=VerbGroup)
+def command() -> None:
+    """Numbers one can trust, kept in calibration/ and named in fieldkit.toml as "@name"."""
+
+
+for name, verb in {
+    "emissivity": emissivity,
+    "uniformity": uniformity,
+    "irradiance": irradiance,
+    "surface": surface,
+    "clock": clock,
+}.items():
+    command.add_command(verb, name)

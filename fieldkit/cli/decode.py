@@ -1,0 +1,132 @@
+"""``fieldkit decode``: what bytes mean to a driver, without an instrument."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fieldkit.cli.common import Verb, options, print_json, print_table
+from fieldkit.model.errors import ConfigError
+
+if TYPE_CHECKING:
+    from fieldkit.drivers.records import Decoded, Value
+
+PROSE = ("nmea", "gpsd", "text")
+"""Drivers whose records can be typed as they are."""
+
+_SEPARATORS = re.compile(r"0x|[\s,:;-]", re.IGNORECASE)
+_MOST_ROWS = 200
+
+
+@click.command(cls=Verb)
+@click.argument("driver")
+@click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
+@click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
+@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="An option of the driver.")
+@click.pass_context
+def command(
+    ctx: click.Context, driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[str, ...]
+) -> None:
+    r"""What bytes of an instrument mean: values, flags, or why they are rejected.
+
+    The bytes come as hexadecimal, in a file, or on standard input (-).
+
+    \b
+    fieldkit decode lutron 02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D
+    fieldkit decode modbus --map kipp-smp "01 04 10 ..."
+    fieldkit decode purethermal frame.raw --json
+    """
+    from fieldkit.drivers import registry
+
+    given = dict(parse_option(pair) for pair in pairs)
+    if register_map is not None:
+        given["map"] = register_map
+    decoded = registry.decode(driver, read_bytes(data, prose=driver in PROSE), given)
+    if options(ctx).json:
+        print_json(as_document(decoded))
+    else:
+        _print(decoded)
+
+
+def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
+    """The bytes that are meant: a file's, standard input's, hexadecimal, or (with `prose`) the text itself.
+
+    Raises `ConfigError` for words that are neither.
+    """
+    if list(words) == ["-"]:
+        return sys.stdin.buffer.read()
+    if len(words) == 1 and _is_file(words[0]):
+        return Path(words[0]).read_bytes()
+    text = " ".join(words)
+    digits = _SEPARATORS.sub("", text)
+    if re.fullmatch(r"([0-9a-fA-F]{2})+", digits):
+        return bytes.fromhex(digits)
+    if prose:
+        return text.replace("\\r", "\r").replace("\\n", "\n").rstrip("\n").encode() + b"\n"  # typed: a line
+    raise ConfigError(
+        f"{text[:60]!r} is neither a file nor hexadecimal",
+        fix="two digits per byte, as in: 02 34 31",
+    )
+
+
+def _is_file(word: str) -> bool:
+    """Whether a word names a file; hexadecimal may be longer than any name may be."""
+    try:
+        return Path(word).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def as_document(decoded: Decoded) -> dict[str, Any]:
+    """The JSON form: readings, what was rejected and why, bytes left over, notes."""
+    return {
+        "readings": [
+            {"value": value.value, "unit": value.unit, "channel": value.channel, "flags": value.flags}
+            for value in decoded.values
+        ],
+        "rejected": [
+            {"offset": part.offset, "length": part.length, "reason": part.reason} for part in decoded.rejected
+        ],
+        "rest": decoded.rest,
+        "notes": list(decoded.notes),
+    }
+
+
+def parse_option(pair: str) -> tuple[str, Any]:
+    """``KEY=VALUE``; the value as TOML reads it, or the text itself."""
+    key, equals, value = pair.partition("=")
+    if not equals:
+        raise click.BadParameter(f"{pair!r} is not KEY=VALUE", param_hint="--option")
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
+def _print(decoded: Decoded) -> None:
+    rows = [[value.channel, _shown(value), ", ".join(value.flags)] for value in decoded.values[:_MOST_ROWS]]
+    if rows:
+        print_table(["channel", "value", "flags"], rows)
+    if len(decoded.values) > _MOST_ROWS:
+        click.echo(f"... and {len(decoded.values) - _MOST_ROWS} more values; --json prints all")
+    for note in decoded.notes[:_MOST_ROWS]:
+        click.echo(note)
+    for part in decoded.rejected[:_MOST_ROWS]:
+        click.echo(f"rejected at byte {part.offset}, {part.length} bytes: {part.reason}")
+    if decoded.rest:
+        click.echo(f"{decoded.rest} bytes left over")
+    if not (rows or decoded.notes or decoded.rejected or decoded.rest):
+        click.echo("no bytes")
+
+
+def _shown(value: Value) -> str:
+    if value.value != value.value:
+        return "no value"
+    celsius = f" ({value.value - 273.15:.2f} °C)" if value.unit == "K" else ""
+    return f"{value.value:.8g} {value.unit}{celsius}".strip()

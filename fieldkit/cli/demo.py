@@ -1,0 +1,121 @@
+"""``fieldkit demo``: the whole experiment on simulated devices, then its report."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fieldkit.cli import common
+from fieldkit.cli.estimating import as_document, estimates_of, estimator_for, minutes_of
+from fieldkit.cli.init import make_campaign
+from fieldkit.cli.preflight import preflight
+from fieldkit.cli.record import live_views
+from fieldkit.cli.recording import instruments, record_session, session_path
+from fieldkit.cli.report import report_session
+from fieldkit.cli.running import only_recorder
+from fieldkit.cli.slope_table import explain_slopes, print_slopes
+from fieldkit.config import FILE_NAME, Config, load_config
+from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.estimation.answers import answers_of
+from fieldkit.model.site import Region
+from fieldkit.sessions.reader import open_session
+from fieldkit.simulation import FaultKind
+from fieldkit.views import words
+from fieldkit.views.report.series import series
+from fieldkit.views.report.verdict import mean_error
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Minute
+
+SCENE_S = 3 * 3600.0
+GUSTY_K = 0.1
+"""Noise of a region's mean on the demo's day: half of it is the wind's."""
+PAPER_WINDOW_S = 1200.0
+"""The demo shows what the paper did, 20 minutes at a time."""
+PACE = 360
+"""Scene seconds a real second, to watch; ``--fast`` goes as fast as it can."""
+
+
+@click.command(cls=common.Verb)
+@click.option("--fast", is_flag=True, help="As fast as it goes; the same numbers.")
+@click.option(
+    "--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Show what trouble looks like."
+)
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Campaign folder."
+)
+@click.pass_context
+def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
+    """Run the experiment on simulated devices under one measured day of weather."""
+    began = time.monotonic()
+    config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
+    _introduce(config, fault)
+    with only_recorder(config.recordings), instruments(config, duration_s=SCENE_S) as tools:
+        path = session_path(config, "demo", tools.clock.to_utc_ns(tools.clock.mono_ns()))
+        preflight(config, tools, SCENE_S)
+        views = live_views(config, tools, path.stem, SCENE_S, "dark")
+        record_session(config, tools, path, title="demo", duration_s=SCENE_S, views=views)
+    with open_session(path) as session:
+        estimator = estimator_for(session, config)
+        minutes = list(minutes_of(session, estimator))
+    report = report_session(path, config.reports / f"{path.stem}.html")
+    _conclude(path, report, minutes, config.regions, time.monotonic() - began)
+
+
+def _campaign(out: Path, fast: bool, fault: str | None) -> Config:
+    """The demo's campaign, made when it is not there yet."""
+    if not (out / FILE_NAME).exists():
+        given = {
+            **SIMULATED,
+            "estimator": {"azimuth": "known", "noise_k": GUSTY_K, "window_s": PAPER_WINDOW_S},
+        }
+        make_campaign(out, campaign_toml(given))
+    settings = [f"simulation.speed={'max' if fast else PACE}"]
+    if fault is not None:
+        settings.append(f'simulation.faults=["{fault}"]')
+    return load_config(out / FILE_NAME, settings=settings)
+
+
+def _introduce(config: Config, fault: str | None) -> None:
+    beds = "   ".join(f"{region.name} {words.given_slope(region)}" for region in config.regions)
+    drivers = "   ".join(f"{device.name} {device.driver}" for device in config.devices)
+    seed = config.simulation.seed if config.simulation else 0
+    common.say(
+        f"fieldkit demo: sand slopes under the sky of Alamosa, 2016-01-01, on simulated devices (seed {seed})"
+    )
+    common.say(f"  {drivers}\n  site {words.place(config.site)}   beds  {beds}")
+    if fault is not None:
+        common.say(f"  with a fault: {fault}")
+
+
+def _conclude(
+    path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
+) -> None:
+    answers = answers_of(estimates_of(minutes), regions)
+    mean_error = mean_tilt_error_deg(minutes, regions)
+    if common.options().json:
+        by_name = {region.name: region for region in regions}
+        slopes = [as_document(one, by_name[name]) for name, one in answers.items()]
+        common.print_json(
+            {"session": str(path), "report": str(report), "slopes": slopes, "mean_tilt_error_deg": mean_error}
+        )
+        return
+    common.say(f"done in {took_s:.0f} s")
+    print_slopes(answers, regions)
+    explain_slopes(answers.values())
+    click.echo(
+        f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (paper model; the report says why)"
+    )
+    click.echo(f"session  {path}\nreport   {report}")
+    named = shlex.quote(str(path))
+    common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")
+
+
+def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:
+    """Mean absolute error of tilt over the answers of all beds of known tilt, degrees, as in its report."""
+    return mean_error(series(minutes, regions))

@@ -1,0 +1,43 @@
+"""``fieldkit devices``: what is plugged in, what it is taken for, and the identity to configure."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import click
+
+from fieldkit.cli.common import Verb, options, print_json, print_table, say
+
+
+@click.command(cls=Verb)
+@click.pass_context
+def command(ctx: click.Context) -> None:
+    """What is plugged in, and the identity to write into fieldkit.toml.
+
+    An identity is vendor:product, with the serial number where there is one, or the USB socket; it stays the
+    same when the computer counts its ports differently.
+    """
+    from fieldkit.drivers import registry
+    from fieldkit.drivers.survey import plugged_in
+
+    things, problems = plugged_in()
+    drivers, _ = registry.load_all()
+    if options(ctx).json:
+        known = [{"name": one.name, "title": one.title, "quantity": one.quantity} for one in drivers]
+        print_json({"devices": [asdict(thing) for thing in things], "drivers": known, "problems": problems})
+        return
+    if things:
+        rows = [
+            [thing.identity, thing.port, thing.title, _names(thing.drivers), thing.remark] for thing in things
+        ]
+        print_table(["identity", "at", "what", "driver", "remark"], rows)
+    else:
+        say("nothing is plugged in that fieldkit can see")
+    click.echo()
+    print_table(["driver", "for"], [[one.name, one.title] for one in drivers])
+    for problem in problems:
+        say(f"warning: {problem}")
+
+
+def _names(drivers: tuple[str, ...]) -> str:
+    return " or ".join(drivers) if len(drivers) < 4 else f"{drivers[0]} ... {drivers[-1]}"

@@ -1,0 +1,198 @@
+"""``fieldkit doctor``: is this computer ready for a day in the field? One line each, with its fix."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fieldkit.cli.common import Verb, campaign, options, print_json
+from fieldkit.drivers.access import Fact, is_plugged_in, look
+from fieldkit.model.errors import DeviceError, FieldkitError
+
+if TYPE_CHECKING:
+    from fieldkit.config import Config
+    from fieldkit.model.device import DeviceSettings
+
+FAILED = DeviceError.exit_code
+POWER = Path("/sys/class/power_supply")
+LOW_BATTERY_PERCENT = 50
+LITTLE_DISK_GB = 2.0
+RELEASED_S = 1_760_000_000  # October 2025: an earlier clock was never set
+FULL_SUN_LX = 130_000
+Check = Callable[[click.Context], Iterator[Fact]]
+
+
+@click.command(cls=Verb)
+@click.option(
+    "--udev", is_flag=True, help="Print the udev rules, with names for this campaign's instruments."
+)
+@click.pass_context
+def command(ctx: click.Context, udev: bool) -> None:
+    r"""Check permissions, drivers, clock, disk, power and configuration, and say what to do.
+
+    \b
+    fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules
+    """
+    if udev:
+        click.echo(rules(ctx), nl=False)
+        return
+    facts = [fact for check in CHECKS for fact in check(ctx)]
+    if options(ctx).json:
+        print_json({"checks": [asdict(fact) for fact in facts]})
+    else:
+        for fact in facts:
+            click.echo(f"{fact.level:<5} {fact.what}: {fact.text}")
+            if fact.fix:
+                click.echo(f"      fix: {fact.fix}")
+    ctx.exit(FAILED if any(fact.level == "fail" for fact in facts) else 0)
+
+
+def rules(ctx: click.Context) -> str:
+    """The udev rules, and a name for each instrument of the campaign whose identity tells it apart."""
+    text = files("fieldkit").joinpath("data/70-fieldkit.rules").read_text(encoding="utf-8")
+    return text + "".join(_name_rule(device) for device in _devices(ctx))
+
+
+def _name_rule(device: DeviceSettings) -> str:
+    """``/dev/fieldkit/NAME`` for an instrument with a serial number."""
+    parts = device.identity.split(":")
+    if len(parts) != 3:
+        return ""
+    subsystem = (
+        'SUBSYSTEM=="video4linux", ATTR{index}=="0"' if device.name == "camera" else 'SUBSYSTEM=="tty"'
+    )
+    ids = f'ATTRS{{idVendor}}=="{parts[0].lower()}", ATTRS{{idProduct}}=="{parts[1].lower()}"'
+    return f'{subsystem}, {ids}, ATTRS{{serial}}=="{parts[2]}", SYMLINK+="fieldkit/{device.name}"\n'
+
+
+def _devices(ctx: click.Context) -> tuple[DeviceSettings, ...]:
+    try:
+        return campaign(ctx).devices
+    except FieldkitError:
+        return ()
+
+
+def _programs(ctx: click.Context) -> Iterator[Fact]:
+    names = ("fieldkit", "h5py", "pyserial", "pyusb")
+    found = ", ".join(f"{name} {version(name)}" for name in names)
+    yield Fact("ok", "program", f"python {platform.python_version()}, {found}")
+
+
+def _instruments(ctx: click.Context) -> Iterator[Fact]:
+    yield from look()
+
+
+def _clock(ctx: click.Context) -> Iterator[Fact]:
+    if time.time() < RELEASED_S:
+        now = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
+        yield Fact(
+            "fail", "clock", f"it says {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
+        )
+    synchronised = _synchronised()
+    if synchronised is None:
+        yield Fact("warn", "clock", "nothing tells whether it is synchronised", "sudo apt install chrony")
+    elif synchronised:
+        yield Fact("ok", "clock", "synchronised")
+    else:
+        yield Fact("warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver")
+
+
+def _synchronised() -> bool | None:
+    """What timedatectl says of the system clock; None where there is no such program."""
+    try:
+        answer = subprocess.run(
+            ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
+            capture_output=True, text=True, timeout=5, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip() == "yes"
+
+
+def _disk(ctx: click.Context) -> Iterator[Fact]:
+    folder = options(ctx).directory or Path.cwd()
+    free_gb = shutil.disk_usage(folder).free / 1e9
+    if free_gb < LITTLE_DISK_GB:
+        yield Fact(
+            "warn", "disk", f"{free_gb:.1f} GB free in {folder}", "make room, or use another disk with -C DIR"
+        )
+    else:
+        yield Fact("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
+
+
+def _power(ctx: click.Context) -> Iterator[Fact]:
+    for battery in sorted(POWER.glob("BAT*")):
+        percent, state = (_read(battery / name) for name in ("capacity", "status"))
+        text = f"{percent} %, {state.lower()}"
+        low = percent.isdigit() and int(percent) < LOW_BATTERY_PERCENT and state == "Discharging"
+        fix = "charge it, or take a power bank; three hours of sun drain a laptop" if low else ""
+        yield Fact("warn" if low else "ok", f"battery {battery.name}", text, fix)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return "unknown"
+
+
+def _configuration(ctx: click.Context) -> Iterator[Fact]:
+    try:
+        found = campaign(ctx)
+    except FieldkitError as error:
+        level = "warn" if "no fieldkit.toml" in error.message else "fail"
+        yield Fact(level, "configuration", error.message, error.fix or "")
+        return
+    counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
+    if found.devices:
+        yield Fact("ok", "configuration", counted)
+    else:
+        fix = "write [camera], [lux] ... into fieldkit.toml; fieldkit devices shows what is plugged in"
+        yield Fact("warn", "configuration", f"{counted}: there is nothing to record", fix)
+    for device in found.devices:
+        yield from _configured(device)
+    yield from _calibrations(found)
+
+
+def _calibrations(config: Config) -> Iterator[Fact]:
+    """Which calibration records are in use, and whether they are too old; no instrument is opened here."""
+    from fieldkit.calibration.doubts import doubts_of_date
+
+    for key, record in config.calibrations().items():
+        if said := doubts_of_date(record, datetime.now(UTC)):
+            yield Fact("warn", key, "; ".join(said), f"fieldkit calibrate {record.kind}")
+        else:
+            yield Fact("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
+
+
+def _configured(device: DeviceSettings) -> Iterator[Fact]:
+    """Whether an instrument of the configuration is there, and what is missing in what is said of it."""
+    from fieldkit.drivers import registry
+
+    driver = registry.get(device.driver)
+    if device.port != "simulated" and device.identity:
+        found = {one.identity for one in driver.find()}
+        present = device.identity in found or is_plugged_in(device.identity)
+        level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
+        yield Fact(level, device.name, text, "" if present else "fieldkit devices shows what is")
+    elif device.port.startswith("/") and not Path(device.port).exists():
+        yield Fact("fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there")
+    if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
+        text = "the end of the meter's range is not known, so an overflow cannot be seen"
+        yield Fact(
+            "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
+        )
+
+
+CHECKS: tuple[Check, ...] = (_programs, _instruments, _clock, _disk, _power, _configuration)

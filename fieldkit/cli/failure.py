@@ -1,0 +1,124 @@
+"""What the command line does when something fails: explain it, and exit with the right code.
+
+A `FieldkitError` is explained (what happened, what to do next). Anything else is a bug:
+its traceback goes into a log file whose path is printed.
+"""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from fieldkit.model.errors import FieldkitError, StorageError
+
+UNEXPECTED = 1
+STOPPED = 130
+PLAIN = "fieldkit.plain"
+"""Name of the way in which letters are printed that an encoding lacks."""
+_LETTERS = {"±": "+-", "°": "deg", "²": "2", "–": "-", "×": "x", "µ": "u", "…": "...", "“": '"', "”": '"'}
+_BROKEN = (errno.EPIPE, errno.ENOSPC)
+_OTHER_PLACE = "send it to another disk"
+
+
+@contextmanager
+def explained(ctx: click.Context) -> Iterator[None]:
+    """Turn exceptions of a verb into messages on stderr and an exit code.
+
+    `FieldkitError` gives its own code, Ctrl-C 130, anything unexpected 1. Errors in what was
+    typed (`click.ClickException`, code 2) are left to click. A reader that closed the pipe had
+    enough, as ``head`` has: 0; output that its disk does not take is an error of storage: 6.
+    """
+    _print_whatever_the_terminal_has()
+    try:
+        yield
+        sys.stdout.flush()
+    except FieldkitError as error:
+        explain(error)
+        ctx.exit(error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("\nstopped", err=True)
+        ctx.exit(STOPPED)
+    except (click.ClickException, click.exceptions.Exit):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in _BROKEN and _stdout_is_broken():
+            if not isinstance(error, BrokenPipeError):
+                explain(StorageError(f"the output cannot be written: {error.strerror}", fix=_OTHER_PLACE))
+            ctx.exit(0 if isinstance(error, BrokenPipeError) else StorageError.exit_code)
+        _tell_unexpected(error, ctx.invoked_subcommand or "fieldkit")
+        ctx.exit(UNEXPECTED)
+
+
+def _print_whatever_the_terminal_has() -> None:
+    """Let no character end a verb that the terminal's encoding lacks, such as ± where LANG is C."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    letters = error.object[error.start : error.end]
+    return "".join(_LETTERS.get(letter, "?") for letter in letters), error.end
+
+
+codecs.register_error(PLAIN, _plain)
+
+
+def _stdout_is_broken() -> bool:
+    """Whether it is stdout that takes no more; then what is left in it goes nowhere, at the exit as well.
+
+    A line is tried: after an error Python forgets what it could not write.
+    """
+    try:
+        os.write(sys.stdout.fileno(), b"\n")
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
+
+
+def explain(error: FieldkitError) -> None:
+    """Print what happened and what to do next, each line of the fix under the other."""
+    click.echo(f"error: {error.message}", err=True)
+    if error.fix:
+        click.echo("  fix: " + error.fix.replace("\n", "\n       "), err=True)
+
+
+def _tell_unexpected(error: Exception, verb: str) -> None:
+    click.echo(f"error: {verb} failed unexpectedly: {type(error).__name__}: {error}", err=True)
+    try:
+        log = _write_log(error, verb)
+    except OSError:
+        import traceback
+
+        traceback.print_exception(error)
+    else:
+        click.echo(f"  this is a mistake in fieldkit; the details are in {log}", err=True)
+
+
+def _write_log(error: Exception, verb: str) -> Path:
+    import platform
+    import time
+    import traceback
+
+    import platformdirs
+
+    from fieldkit import __version__
+
+    folder = platformdirs.user_state_path("fieldkit") / "log"
+    folder.mkdir(parents=True, exist_ok=True)
+    log = folder / f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{verb}.log"
+    header = (
+        f"fieldkit {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n"
+    )
+    log.write_text(header + "".join(traceback.format_exception(error)), encoding="utf-8")
+    return log

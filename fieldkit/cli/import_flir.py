@@ -1,0 +1,146 @@
+"""FLIR files (FFF, SEQ, radiometric JPEG), one or a folder of them, for ``fieldkit import``.
+
+The driver's decoder reads them. A folder is what a hand-held camera leaves on its card: a JPEG for each
+picture, and others of its ordinary camera beside them, which hold no temperatures.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.drivers.cameras import flir_file
+from fieldkit.drivers.cameras.flir_file import FlirPicture
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, DecodeError
+from fieldkit.model.samples import Frame, Severity
+from fieldkit.sessions.formats.imported import Foreign, flag_bunched, usual_rate_hz
+
+SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
+_COPY = "copy it from the camera again; what was cut short cannot be read"
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A file whose first pictures can be taken, their times, and what ended them before its end."""
+
+    path: Path
+    time_ns: list[int]
+    damage: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """The pictures of files, read whenever they are asked for, never all in memory."""
+
+    files: list[_File]
+    name: str
+
+    def __iter__(self) -> Iterator[Frame]:
+        rows, number = np.empty((0, 0), np.uint16), 0
+        for file in self.files:
+            for picture in islice(_pictures(file.path), len(file.time_ns)):
+                stamp = picture.time_ns
+                yield Frame(self.name, stamp, stamp, picture.counts, rows, device_seq=number)
+                number += 1
+
+
+def files_in(source: Path) -> list[Path]:
+    """The FLIR files of a folder, by name; or the one."""
+    if not source.is_dir():
+        return [source]
+    return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+
+
+def read_flir(source: Path, name: str) -> Foreign:
+    """The pictures of a file or folder as a camera stream, in order of time; counts and constants as stored.
+
+    Each file is read twice, once for its stamps, never kept whole, and taken as far as it is not damaged.
+    Raises `ConfigError` where there is no whole picture, no time, or another size or other constants.
+    """
+    first, files, left_out = _looked_through(source)
+    time_ns = [stamp for file in files for stamp in file.time_ns]
+    samples: Iterable[Frame] = _Frames(files, name)
+    rate_hz, remarks = usual_rate_hz(time_ns), left_out
+    if not source.is_dir():  # in a folder each was taken when somebody wanted it
+        samples, remarks = flag_bunched(partial(_Frames, files, name), time_ns)
+        rate_hz = first.rate_hz
+    damages = tuple((Severity.WARNING, file.damage) for file in files if file.damage)
+    info = StreamInfo(
+        name, "brightness_temperature", "K", (first.counts.shape[0], first.counts.shape[1]), float("nan"),
+        law="planck", rate_hz=rate_hz, driver="import", vendor="FLIR", model=first.model,
+        serial_number=first.serial_number, settings=flir_file.settings(first),
+    )  # fmt: skip
+    said = "times are the camera's own clock; the emissivity set in the camera was not applied"
+    return Foreign((info,), samples, ((Severity.INFO, said), *damages, *remarks))
+
+
+def _looked_through(source: Path) -> tuple[FlirPicture, list[_File], tuple[tuple[Severity, str], ...]]:
+    """The first picture, which all must be like, the files in order of time, what is told of the others."""
+    first, files, others = None, [], []
+    for path in files_in(source):
+        try:
+            found, file = _looked_at(path, first)
+        except DecodeError as error:
+            if not source.is_dir():
+                raise ConfigError(f"{path}: {error.message}", fix=error.fix or _COPY) from error
+            others.append(f"{path.name} ({error.message})")
+        else:
+            first = first or found
+            files.append(file)
+    if first is None:
+        raise ConfigError(
+            f"{source} has no picture with temperatures: {others[0] if others else 'it is empty'}", fix=_COPY
+        )
+    files.sort(key=lambda file: file.time_ns[0])
+    if not others:
+        return first, files, ()
+    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+    return first, files, ((Severity.WARNING, f"left out, without temperatures: {others[0]}{more}"),)
+
+
+def _looked_at(path: Path, first: FlirPicture | None) -> tuple[FlirPicture, _File]:
+    """The first picture of a file, and all that can be taken; raises `DecodeError` where there is none."""
+    found, time_ns, damage = None, [], ""
+    try:
+        for number, picture in enumerate(_pictures(path)):
+            found = found or picture
+            _refuse_another(path, number, picture, first or found)
+            time_ns.append(picture.time_ns)
+    except DecodeError as error:
+        if found is None:
+            raise
+        damage = f"{error.message}: nothing after picture {len(time_ns)} of {path.name} could be taken"
+    if found is None:
+        raise DecodeError("the file is empty", fix=_COPY)
+    return found, _File(path, time_ns, damage)
+
+
+def _refuse_another(path: Path, number: int, picture: FlirPicture, first: FlirPicture) -> None:
+    if picture.counts.shape != first.counts.shape or picture.constants != first.constants:
+        raise ConfigError(
+            f"{path}: picture {number} has another size or other constants than the first",
+            fix="import its parts one by one",
+        )
+    if picture.time_ns <= 0:
+        raise ConfigError(
+            f"{path}: picture {number} does not say when it was taken",
+            fix="export it as 16-bit TIFF, and import that with --times",
+        )
+
+
+def _pictures(path: Path) -> Iterator[FlirPicture]:
+    """Raises `DecodeError` at the first picture that is none."""
+    try:
+        if path.stat().st_size == 0:  # which cannot be mapped
+            return
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            yield from flir_file.pictures(data)
+    except OSError as error:
+        raise ConfigError(f"{path}: {error}", fix=_COPY) from error

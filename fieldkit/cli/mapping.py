@@ -1,0 +1,187 @@
+"""From a session to its slope map: mean pictures of the minutes that the estimator trusts, summed and solved.
+
+The estimator goes over the session first, so a minute has the same sun, light, reference and flags for
+a pixel as for a region; then the pictures of the window's minutes are read once more. A clouded minute,
+which a region's estimate hardly hears, is left out. The surface model is the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldkit.cli.estimating import estimates_of, estimator_for, minutes_of
+from fieldkit.config import Config
+from fieldkit.estimation.answers import ANSWERED, CERTAIN, answers_of
+from fieldkit.estimation.bins import MINUTE_NS, Bin
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.instruments import Instruments
+from fieldkit.estimation.map_bounds import PixelBounds, with_bounds
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slope_map import MapSums, SlopeMap
+from fieldkit.estimation.window import Field
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.samples import Frame, Quality, is_usable
+from fieldkit.model.site import Region, Site
+from fieldkit.model.slope import SlopeState
+from fieldkit.physics.camera_laws import frame_k
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.sessions.reader import Session
+
+LEFT_OUT = Quality.CLOUD | Quality.LOW_SUN
+"""Flags of minutes that no map is made of."""
+LEAST_MINUTES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MappedSession:
+    """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
+
+    `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
+    """
+
+    slopes: SlopeMap
+    bounds: PixelBounds
+    camera: StreamInfo
+    site: Site
+    regions: tuple[Region, ...]
+    settings: EstimatorSettings
+    irradiance_model: str
+    start_ns: int
+    end_ns: int
+    minutes: int
+    flags: Quality
+    damaged: int = 0
+
+
+def map_of(
+    session: Session, config: Config, window_s: float | None, *, present: bool = False
+) -> MappedSession:
+    """Tilt and azimuth of every pixel from the last `window_s` seconds of a session that can be used.
+
+    `window_s` infinite means all of it, None as far back as the regions' own slopes look. Raises
+    `NoAnswerError` where there is no reference, no camera of known temperatures, or fewer than
+    three minutes of both pictures and light.
+    """
+    estimator = estimator_for(session, config, present=present)
+    instruments = Instruments(tuple(session.streams.values()), estimator.settings)
+    camera = instruments.camera
+    field = Field(estimator.regions)
+    if camera is None or not field.references.size:
+        missing = "camera whose temperatures are known" if camera is None else "reference region"
+        raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
+    answers = answers_of(estimates_of(minutes_of(session, estimator)), estimator.regions)
+    weather_ns = max((one.window_start_ns for one in answers.values() if one.state in ANSWERED), default=0)
+    chosen = chosen_minutes(estimator.bins, field, window_s, weather_ns)
+    if len(chosen) < LEAST_MINUTES:
+        raise NoAnswerError(
+            f"{session.path}: {len(chosen)} minutes have pictures, reference, sun and steady light; "
+            f"a map needs {LEAST_MINUTES}",
+            fix="fieldkit check tells what is missing; --window all takes the whole session",
+        )
+    slopes, bounds = _solved(session, camera, estimator, chosen)
+    return MappedSession(
+        slopes,
+        bounds,
+        camera,
+        estimator.site,
+        estimator.regions,
+        estimator.settings,
+        instruments.label,
+        chosen[0].start_ns,
+        chosen[-1].start_ns + MINUTE_NS,
+        len(chosen),
+        _flags(chosen),
+        session.damaged.get(camera.name, 0),
+    )
+
+
+def chosen_minutes(bins: Sequence[Bin], field: Field, window_s: float | None, weather_ns: int) -> list[Bin]:
+    """The minutes of a window that say something: it ends with the last of them.
+
+    It begins `window_s` before, or with the minute `weather_ns` lies in where that is None.
+    """
+    useful = [one for one in bins if _is_useful(one, field)]
+    if not useful:
+        return []
+    first = weather_ns // MINUTE_NS if window_s is None else useful[-1].minute - window_s / 60.0
+    return [one for one in useful if one.minute >= first]
+
+
+def _is_useful(one: Bin, field: Field) -> bool:
+    known = np.isfinite(one.direct_w_m2) and np.isfinite(one.temperature_k[field.references]).any()
+    return bool(known and not one.flags & LEFT_OUT)
+
+
+def _flags(bins: Sequence[Bin]) -> Quality:
+    flags = Quality.GOOD
+    for one in bins:
+        flags |= one.flags
+    return flags
+
+
+def _solved(
+    session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[Bin]
+) -> tuple[SlopeMap, PixelBounds]:
+    settings, field = estimator.settings, Field(estimator.regions)
+    shape = (camera.shape[0], camera.shape[1])
+    sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
+    emissivity, offset_k = _of_pixels(estimator.regions, shape, settings)
+    # as for regions: a reference that was never seen is no reference, the others are averaged
+    table = np.array([one.temperature_k[field.references] for one in chosen])
+    seen = np.isfinite(table).any(axis=0)
+    reference_normal = field.reference_normals[seen].mean(axis=0)
+    for one, references_k in zip(chosen, table[:, seen], strict=True):
+        reference_k = float(np.mean(references_k))
+        if np.isfinite(reference_k):
+            brightness = mean_picture(session, camera, one.minute)
+            # what the camera sees too warm is brightness: a kelvin of it is more of a grey surface
+            kelvin = surface_temperature_k(
+                brightness - offset_k, emissivity, settings.reflected_temperature_k
+            )
+            light = one.direct_w_m2 * settings.scale
+            sums.add(kelvin, reference_k, one.sun, light, reference_normal)
+    slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
+    return _within_regions(slopes, estimator.regions), bounds
+
+
+def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
+    """Outside the regions nothing says that the ground is made of what the reference is: uncertain."""
+    state = slopes.state.copy()
+    drawn = np.zeros((state.shape[0], state.shape[1]), np.bool_)
+    for region in regions:
+        drawn |= region.mask((state.shape[0], state.shape[1]))
+    state[~drawn & np.isin(state, CERTAIN)] = SlopeState.UNCERTAIN
+    return replace(slopes, state=state)
+
+
+def _of_pixels(
+    regions: Sequence[Region], shape: tuple[int, int], settings: EstimatorSettings
+) -> tuple[FloatArray, FloatArray]:
+    """Emissivity and known offset (kelvin of brightness) of every pixel: a region's own inside it."""
+    emissivity, offset_k = np.full(shape, settings.surface.emissivity), np.zeros(shape)
+    for region in regions:
+        inside = region.mask(shape)
+        offset_k[inside] = settings.offsets_k.get(region.name, 0.0)
+        if np.isfinite(region.emissivity):
+            emissivity[inside] = region.emissivity
+    return emissivity, offset_k
+
+
+def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArray:
+    """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
+
+    NaN where the camera's law has no answer, and all over without a usable frame.
+    """
+    rows = np.flatnonzero(session.times_ns(camera.name) // MINUTE_NS == minute)
+    total, pictures = np.zeros(camera.shape), 0
+    for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else ():
+        for frame in session.stream(camera.name).samples(int(run[0]), int(run[-1]) + 1):
+            if isinstance(frame, Frame) and is_usable(frame.quality):
+                total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
+                pictures += 1
+    return total / pictures if pictures else np.full(camera.shape, np.nan)

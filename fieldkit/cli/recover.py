@@ -1,0 +1,117 @@
+"""``fieldkit recover``: finish a session whose recording did not come to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.session_paths import is_interrupted, meant, recordings_folder, sessions_in
+from fieldkit.model.errors import FieldkitError, IntegrityError
+
+if TYPE_CHECKING:
+    from fieldkit.sessions.recovery import RecoveryReport
+    from fieldkit.sessions.tally import Lost
+
+
+@click.command(cls=Verb)
+@click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--tidy", is_flag=True, help="Delete the files as crashes left them (NAME.h5.crashed).")
+@click.pass_context
+def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
+    """Finish interrupted sessions from their journals; without PATHS, all of the campaign.
+
+    It may be killed and run again; a finished session is left as it is. Exit code 7 where samples are lost.
+    """
+    from fieldkit.recorder.marks import left_marks, marks_folder
+    from fieldkit.sessions.recovery import recover
+
+    folder = recordings_folder(ctx)
+    named = [meant(ctx, path) for path in paths]
+    found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
+    if not found:
+        say(f"no interrupted session in {folder}: nothing to recover")
+    reports: list[RecoveryReport] = []
+    refused: FieldkitError | None = None
+    for path in found:
+        try:
+            reports.append(recover(path, left_marks(marks_folder(path))))
+        except FieldkitError as error:  # the others are recovered all the same
+            if len(found) > 1:
+                say(f"{path}: {error}")
+            refused = error
+            continue
+        if not options(ctx).json:
+            _print(reports[-1], kept=not tidy)
+    tidied = _tidy(named or sessions_in(folder)) if tidy else []
+    if options(ctx).json:
+        names = [str(path) for path in tidied]
+        print_json({"sessions": [_document(report) for report in reports], "deleted": names})
+    if refused is not None:
+        raise refused
+    if any(report.lost_samples for report in reports):
+        raise IntegrityError("samples are lost", fix="the lines marked LOST say which; all others are whole")
+
+
+def _tidy(sessions: Sequence[Path]) -> list[Path]:
+    """Delete what crashes left beside sessions that are complete now."""
+    from fieldkit.sessions.check_clock import changing_path
+    from fieldkit.sessions.recovery import crashed_path
+
+    beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]
+    left = [path for path in beside if path.exists()]
+    for path in left:
+        path.unlink()
+        say(f"deleted {path}")
+    if not left:
+        say("nothing to tidy: no file of a crash is left (NAME.h5.crashed)")
+    return left
+
+
+def _print(report: RecoveryReport, *, kept: bool) -> None:
+    if report.was_complete:
+        click.echo(f"{report.path}: complete, nothing to do")
+        return
+    click.echo(f"recovered {report.path}  {report.bytes / 1e6:.1f} MB")
+    for name, count in report.counts.items():
+        click.echo(f"  {name}: {count} samples, {report.from_journal[name]} of them only in the journal")
+    for run in report.lost:
+        between = " ".join(_between(run))
+        click.echo(f"  LOST {run.stream}: {run.count} samples, numbers {run.first} to {run.last}, {between}")
+    for line in report.damage:
+        click.echo(f"  damaged: {line}")
+    if kept and report.crashed is not None:
+        say(f"the file as it was: {report.crashed.name} (fieldkit recover --tidy deletes it)")
+
+
+def _between(run: Lost) -> Iterator[str]:
+    """When the lost samples were taken: after the last one kept before them, before the next one kept."""
+    yield f"after {_utc(run.after_ns)}" if run.after_ns else "from the beginning"
+    yield f"and before {_utc(run.before_ns)}" if run.before_ns else "to the end"
+
+
+def _utc(time_ns: int) -> str | None:
+    if not time_ns:
+        return None
+    return datetime.fromtimestamp(time_ns // 1_000_000 / 1000, UTC).isoformat(timespec="milliseconds")
+
+
+def _document(report: RecoveryReport) -> dict[str, object]:
+    return {
+        "session": str(report.path),
+        "was_complete": report.was_complete,
+        "samples": report.counts,
+        "from_journal": report.from_journal,
+        "lost": [
+            {
+                "stream": run.stream, "first": run.first, "last": run.last, "samples": run.count,
+                "after": _utc(run.after_ns), "before": _utc(run.before_ns),
+            }
+            for run in report.lost
+        ],
+        "damage": list(report.damage),
+    }  # fmt: skip

@@ -1,0 +1,116 @@
+"""``fieldkit replay``: a session played as if live, through the same estimator."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from fieldkit.cli import common
+from fieldkit.cli.estimating import as_document, config_for, estimates_of, estimator_for, minutes_of
+from fieldkit.cli.session_paths import meant, offer_recovery
+from fieldkit.cli.slope_table import explain_slopes, print_slopes
+from fieldkit.estimation.answers import answers_of
+from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.model.clock import HostClock
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
+from fieldkit.recorder import View
+from fieldkit.sessions.reader import Session, open_session
+
+
+@click.command(cls=common.Verb)
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option(
+    "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
+)
+@click.option(
+    "--theme", type=click.Choice(["dark", "paper"]), default="dark", help="paper: readable in the sun."
+)
+@common.set_option
+@click.pass_context
+def command(
+    ctx: click.Context, session: Path, speed: str, theme: Literal["dark", "paper"], settings: tuple[str, ...]
+) -> None:
+    """Play a SESSION as if live; --speed max gives its slopes at once."""
+    factor = parse_speed(speed)
+    session = meant(ctx, session)
+    offer_recovery([session])
+    with open_session(session) as opened:
+        config = config_for(opened, settings)
+        estimator = estimator_for(opened, config)
+        if math.isinf(factor) or common.options().json:
+            minutes = list(minutes_of(opened, estimator))
+        else:
+            minutes = play(opened, estimator, factor, _view(opened, estimator, theme))
+        answers = answers_of(estimates_of(minutes), estimator.regions)
+    if common.options().json:
+        common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
+        return
+    if not answers:
+        common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
+        return
+    print_slopes(answers, estimator.regions)
+    explain_slopes(answers.values())
+    common.say(f"next: fieldkit report {session}")
+
+
+def play(session: Session, estimator: Estimator, speed: float, view: View) -> list[Minute]:
+    """Show everything in its order, `speed` session seconds a real second; the minutes that closed."""
+    clock = HostClock()
+    items = heapq.merge(session.samples(), _told(session), key=lambda item: item.mono_ns)
+    minutes: list[Minute] = []
+    began_ns, first_ns = clock.mono_ns(), None
+    for item in items:
+        first_ns = item.mono_ns if first_ns is None else first_ns
+        due_ns = began_ns + round((item.mono_ns - first_ns) / speed)
+        clock.sleep((due_ns - clock.mono_ns()) / 1e9)
+        view.show(item)
+        if isinstance(item, Frame | Reading):
+            minutes += _closed(estimator.add(item), view)
+    minutes += _closed(estimator.finish(), view)
+    view.close()
+    return minutes
+
+
+def _closed(minutes: list[Minute], view: View) -> list[Minute]:
+    for minute in minutes:
+        for notice in minute.notices:
+            view.show(notice)
+        view.show(minute)
+    return minutes
+
+
+def _told(session: Session) -> list[Event | Health]:
+    """What the recorder told, without what the estimator will tell again."""
+    again = (EventKind.CLOUD, EventKind.ESTIMATOR, EventKind.MOVED)
+    told = [event for event in session.events() if event.kind not in again]
+    return sorted([*told, *session.health()], key=lambda item: item.mono_ns)
+
+
+def _view(session: Session, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:
+    from fieldkit.views.terminal import terminal_view
+
+    streams = tuple(session.streams.values())
+    return terminal_view(
+        estimator.site,
+        estimator.regions,
+        streams,
+        title=f"{session.path.stem} (replay)",
+        planned_end_ns=session.end_ns,
+        console=common.console(err=True),
+        theme=theme,
+    )
+
+
+def parse_speed(text: str) -> float:
+    """A positive number, or infinity for ``max``; raises `click.UsageError`."""
+    try:
+        speed = math.inf if text == "max" else float(text)
+    except ValueError:
+        speed = math.nan
+    if not speed > 0:
+        raise click.UsageError(f"{text!r} is no speed; write a positive number or max")
+    return speed

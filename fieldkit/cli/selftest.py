@@ -1,0 +1,55 @@
+"""``fieldkit selftest DRIVER``: does a driver, ours or a plug-in's, do what every driver must?"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import click
+
+from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.decode import parse_option
+from fieldkit.model.errors import DeviceError
+
+FAILED = DeviceError.exit_code
+
+
+class Hands:
+    """The user, who pulls the cable when asked."""
+
+    def unplug(self) -> None:
+        """Ask for it."""
+        say("pull the instrument's cable now")
+
+    def plug(self) -> None:
+        """Ask for it."""
+        say("put the cable back")
+
+
+@click.command(cls=Verb)
+@click.argument("driver")
+@click.option("--port", default="", help="Port of the instrument to try.")
+@click.option(
+    "--identity", default="", help="Identity of the instrument to try, as `fieldkit devices` shows it."
+)
+@click.option("--unplug", is_flag=True, help="Also ask for the cable to be pulled and put back.")
+@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="An option of the driver.")
+@click.pass_context
+def command(
+    ctx: click.Context, driver: str, port: str, identity: str, unplug: bool, pairs: tuple[str, ...]
+) -> None:
+    """Run the conformance suite on a driver; with an instrument at hand, on that too."""
+    from fieldkit.drivers import registry
+    from fieldkit.drivers.conformance import check_driver, settings_for
+    from fieldkit.model.clock import HostClock
+
+    found = registry.get(driver)
+    given = dict(parse_option(pair) for pair in pairs)
+    instrument = settings_for(found, port, identity, given)
+    outcomes = list(check_driver(found, HostClock(), instrument, Hands() if unplug else None))
+    passed = all(outcome.level != "fail" for outcome in outcomes)
+    if options(ctx).json:
+        print_json({"driver": driver, "passed": passed, "checks": [asdict(one) for one in outcomes]})
+    else:
+        for one in outcomes:
+            click.echo(f"{one.level:<5} {one.what}: {one.text}")
+    ctx.exit(0 if passed else FAILED)

@@ -1,0 +1,119 @@
+"""Which sessions a verb is about: the ones named, those of a folder, or the campaign's newest."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import click
+
+from fieldkit.cli.common import options, say
+from fieldkit.model.errors import ConfigError, SessionError
+
+JOURNAL = ".journal"
+
+
+def recordings_folder(ctx: click.Context) -> Path:
+    """``recordings/`` of the campaign that ``-C`` names or around the current folder, else the folder."""
+    from fieldkit.config import find_campaign
+
+    start = options(ctx).directory or Path.cwd()
+    try:
+        return find_campaign(start).parent / "recordings"
+    except ConfigError:
+        return start
+
+
+def sessions_in(folder: Path) -> list[Path]:
+    """The sessions of a folder by name; those included of which only the journal is left."""
+    names = {path.name for path in folder.glob("*.h5")}
+    names |= {path.name.removesuffix(JOURNAL) for path in folder.glob(f"*.h5{JOURNAL}")}
+    return [folder / name for name in sorted(names)]
+
+
+def is_interrupted(path: Path) -> bool:
+    """Whether nobody is writing a session and nobody finished it."""
+    from fieldkit.sessions.lock import is_locked
+    from fieldkit.sessions.reader import open_session
+    from fieldkit.sessions.superblock import is_clean
+
+    journal = path.with_name(path.name + JOURNAL)
+    if is_locked(journal):
+        return False
+    try:
+        if is_clean(path) and not journal.exists():
+            return False  # as nearly all are: not opened
+        with open_session(path) as session:
+            return session.state == "interrupted"
+    except SessionError:
+        return journal.exists()
+
+
+def offer_recovery(paths: Iterable[Path]) -> None:
+    """Tell of interrupted sessions among these, and how to finish them."""
+    for path in paths:
+        if is_interrupted(path):
+            named = shlex.quote(str(path))
+            say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {named}")
+
+
+def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+    """The sessions meant by files and folders; the campaign's own where none is named.
+
+    Tells of those that are interrupted. Raises `SessionError` where a path does not exist or there is no
+    session at all.
+    """
+    found = _resolved(ctx, paths)
+    offer_recovery(found)
+    return found
+
+
+def newest(ctx: click.Context, path: Path | None) -> Path:
+    """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
+    found = max(_resolved(ctx, [path] if path else []), key=_age)
+    offer_recovery([found])
+    return found
+
+
+def _age(path: Path) -> tuple[int, int, str]:
+    """When a session began; of two that began together, as on one simulated day, which was written later."""
+    from fieldkit.sessions.reader import open_session
+
+    written_ns = path.stat().st_mtime_ns if path.exists() else 0
+    try:
+        with open_session(path) as session:
+            return session.start_ns, written_ns, path.name
+    except SessionError:  # reported where it is opened for its content
+        return 0, written_ns, path.name
+
+
+def meant(ctx: click.Context, given: Path) -> Path:
+    """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
+
+    Raises `SessionError` where there is neither.
+    """
+    path = given if _exists(given) else recordings_folder(ctx) / given
+    if not _exists(path):
+        raise SessionError(f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign")
+    return path
+
+
+def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+    found: list[Path] = []
+    for given in paths or [recordings_folder(ctx)]:
+        path = meant(ctx, given)
+        if path.is_dir():
+            inside = path / "recordings" if (path / "recordings").is_dir() else path
+            found.extend(sessions_in(inside))
+        else:
+            found.append(path)
+    if not found:
+        where = f"in {', '.join(map(str, paths))}" if paths else "here"
+        raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
+    return found
+
+
+def _exists(path: Path) -> bool:
+    """Whether a path is there, or the journal of a session that is to be at it."""
+    return path.exists() or path.with_name(f"{path.name}{JOURNAL}").exists()

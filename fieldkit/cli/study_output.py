@@ -1,0 +1,252 @@
+"""What ``fieldkit study`` writes: tables as CSV and JSON, figures as SVG, one page with all of it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from datetime import datetime, time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldkit.cli.common import to_json
+from fieldkit.cli.study_field import PAPER_DAYS, FieldDay, recorded_day, simulated_day
+from fieldkit.cli.study_runs import PAPER_SITE, Choices, Run, conditions
+from fieldkit.cli.sun import sun_rows
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.statistics import root_mean_square_error
+from fieldkit.estimation.study import Conditions, summarise
+from fieldkit.model.errors import NoAnswerError, StorageError
+from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.views import study_figures
+from fieldkit.views.report import canvas
+from fieldkit.views.report.paper_figures import errors_over_local_time, measured_against_modelled
+from fieldkit.views.study_page import page
+
+EXAMPLE = (10.0, 180.0)
+"""Tilt and direction of the slope in the paper's Figs. 6 to 8."""
+
+PAPER_P90_DEG = {"09:00": 0.43, "12:00": 0.62, "15:00": 0.90}
+PAPER_TABLE_2 = {
+    ("2017-08-30", 0): (26.9, 31.9, 41.0, 52.1),
+    ("2017-08-30", 10): (17.1, 24.7, 36.5, 49.5),
+    ("2017-08-30", 20): (7.8, 19.9, 34.1, 48.5),
+    ("2017-12-11", 0): (58.8, 61.9, 67.8, 75.9),
+    ("2017-12-11", 5): (53.9, 57.3, 63.8, 72.6),
+    ("2017-12-11", 15): (44.0, 48.2, 56.0, 66.2),
+    ("2017-12-11", 25): (34.1, 39.4, 48.7, 60.2),
+}
+Rows = list[dict[str, Any]]
+
+
+def table_2() -> Rows:
+    """The paper's Table 2, computed and printed, one row per date and tilt, degrees."""
+    rows = []
+    for (day, tilt), printed in PAPER_TABLE_2.items():
+        hours = tuple(datetime.fromisoformat(f"{day}T{hour}:00+09:00") for hour in (12, 13, 14, 15))
+        found = [row["facets"][0]["incidence_deg"] for row in sun_rows(PAPER_SITE, hours, ((tilt, 180.0),))]
+        row: dict[str, Any] = {"date": day, "tilt_deg": tilt}
+        for hour, angle, paper in zip((12, 13, 14, 15), found, printed, strict=True):
+            row[f"{hour}h"], row[f"{hour}h_paper"] = round(angle, 4), paper
+        rows.append(row)
+    return rows
+
+
+def summary_rows(runs: Sequence[Run]) -> Rows:
+    """One row per start and estimator: errors of the tilt, then of the normal, degrees."""
+    rows = []
+    for run in runs:
+        tilt, angle = (
+            summarise(errors) for errors in (run.outcome.tilt_error_deg, run.outcome.normal_error_deg)
+        )
+        start = f"{run.start:%H:%M}"
+        both = {
+            f"tilt_{name}": value
+            for name, value in asdict(tilt).items()
+            if name not in ("slopes", "unsolved")
+        }
+        both |= {f"normal_{name}": getattr(angle, name) for name in ("mae", "p50", "p90", "largest")}
+        counts = {"slopes": tilt.slopes, "unsolved": tilt.unsolved}
+        paper = PAPER_P90_DEG.get(start, float("nan")) if run.method == "contours" else float("nan")
+        rows.append({"start": start, "estimator": run.method, **counts, **both, "paper_tilt_p90": paper})
+    return rows
+
+
+def direction_rows(runs: Sequence[Run]) -> Rows:
+    """Fig. 10 as numbers: mean absolute tilt error per start, estimator and direction."""
+    return [
+        {
+            "start": f"{run.start:%H:%M}",
+            "estimator": run.method,
+            "direction_deg": centre,
+            "tilt_mae_deg": error,
+        }
+        for run in runs
+        for centre, error in zip(*run.outcome.by_direction(), strict=True)
+    ]
+
+
+def cumulative_rows(runs: Sequence[Run]) -> Rows:
+    """Fig. 9 as numbers: tilt error at every percent of the slopes."""
+    percents = np.arange(1, 101)
+    rows = []
+    for run in runs:
+        errors = np.nan_to_num(run.outcome.tilt_error_deg, nan=np.inf)  # no answer is within no error
+        reached = np.percentile(errors, percents, method="lower")
+        rows += [
+            {
+                "start": f"{run.start:%H:%M}",
+                "estimator": run.method,
+                "percent": percent,
+                "tilt_error_deg": error,
+            }
+            for percent, error in zip(percents.tolist(), reached.tolist(), strict=True)
+        ]
+    return rows
+
+
+def figures(chosen: Choices, runs: Sequence[Run], days: Sequence[FieldDay]) -> dict[str, str]:
+    """Figures by name as SVG text; none without matplotlib."""
+    if not canvas.available():
+        return {}
+    drawn = _of_the_method(chosen)
+    for method in chosen.estimators:
+        mine = [run for run in runs if run.method == method]
+        errors = {f"{run.start:%H:%M}": run.outcome.tilt_error_deg for run in mine}
+        drawn[f"figure-09-{method}"] = study_figures.cumulative(errors)
+        turned = {f"{run.start:%H:%M}": run.outcome.by_direction() for run in mine}
+        drawn[f"figure-10-{method}"] = study_figures.directions(turned)
+    return drawn | _of_the_field(days)
+
+
+def _of_the_method(chosen: Choices) -> dict[str, str]:
+    """Figs. 5 to 8 and 14: tables at the first minutes of an hour and a half hour of contours."""
+    tilts, azimuths = np.arange(0.0, 30.25, 0.5), np.arange(0.0, 361.0)
+    try:
+        noon = _at_noon(chosen)
+    except NoAnswerError:  # polar winter, or weather without a noon
+        return {}
+    tables = {name: _table(sky.sun[0], sky.direct_w_m2[0], tilts, azimuths) for name, sky in noon.items()}
+    first = next(iter(tables.values()))
+    row, column = int(EXAMPLE[0] / 0.5), int(EXAMPLE[1])
+    measured = [float(table[row, column]) for table in tables.values()]
+    votes = sum(
+        (np.abs(table - value) <= 2.0).astype(np.float64)
+        for table, value in zip(tables.values(), measured, strict=True)
+    )
+    # a cloud takes a fifth of the beam at the last time; the table does not know of it
+    clouded = [*measured[:-1], 0.8 * measured[-1] - 20.0]
+    grid = (tilts, azimuths)
+    return {
+        "figure-05": study_figures.radiation_table(first, *grid),
+        "figure-06": study_figures.contour_on_table(first, *grid, measured[0]),
+        "figure-07": study_figures.contours(tables, *grid, measured, EXAMPLE),
+        "figure-08": study_figures.scores(np.asarray(votes), *grid),
+        "figure-14": study_figures.contours(tables, *grid, clouded, None),
+    }
+
+
+def _at_noon(chosen: Choices) -> dict[str, Conditions]:
+    noon = replace(chosen, minutes=1)
+    starts = (time(12), time(12, 30), time(13))
+    return {f"{start:%H:%M}": conditions(noon, start) for start in starts}
+
+
+def _table(sun: FloatArray, direct_w_m2: float, tilts: FloatArray, azimuths: FloatArray) -> FloatArray:
+    return np.asarray(direct_w_m2 * (normal(tilts[:, np.newaxis], azimuths) @ sun - sun[2]))
+
+
+def _of_the_field(days: Sequence[FieldDay]) -> dict[str, str]:
+    """Figs. 12 and 13, all days in one as in the paper."""
+    measured = {name: values for day in days for name, values in day.measured_k.items()}
+    modelled = {name: values for day in days for name, values in day.modelled_k.items()}
+    errors = {bed: spans for day in days for bed, spans in day.errors.items() if spans}
+    drawn = {}
+    if measured:
+        rmse_k = root_mean_square_error(
+            np.concatenate([modelled[name] for name in measured]), np.concatenate(list(measured.values()))
+        )
+        drawn["figure-12"] = measured_against_modelled(measured, modelled, rmse_k)
+    if errors:
+        drawn["figure-13"] = errors_over_local_time(errors, days[0].zone)
+    return drawn
+
+
+def field_days(sessions: Sequence[Path]) -> list[FieldDay]:
+    """Sessions, or the paper's two days under a simulated sky."""
+    if sessions:
+        return [recorded_day(path, f"#{number}") for number, path in enumerate(sessions, 1)]
+    # the paper's table ends at 30 degrees; its beds' direction was known
+    settings = EstimatorSettings(window_s=1200.0, azimuth="known", tilt_limit_deg=30.0)  # as in the paper
+    return [simulated_day(day, PAPER_SITE, settings) for day in PAPER_DAYS]
+
+
+def tables(runs: Sequence[Run], sensitivity: Rows, days: Sequence[FieldDay]) -> dict[str, Rows]:
+    """All tables by name, each a list of rows."""
+    return {
+        "table-2": table_2(),
+        "errors": summary_rows(runs),
+        "directions": direction_rows(runs),
+        "cumulative": cumulative_rows(runs),
+        "sensitivity": sensitivity,
+        "field": [
+            {"day": day.name, "rmse_k": day.rmse_k, "mean_tilt_error_deg": day.mean_error_deg} for day in days
+        ],
+        "field-errors": [
+            {
+                "bed": bed,
+                "hours_after_midnight": span.start_ns / 3.6e12,
+                "mean_deg": span.mean,
+                "sd_paper_deg": span.sd,
+                "n": span.count,
+            }
+            for day in days
+            for bed, spans in day.errors.items()
+            for span in spans
+        ],
+    }
+
+
+def document(chosen: Choices, made: dict[str, Rows]) -> dict[str, Any]:
+    """What was chosen and the short tables, for ``--json`` and ``study.json``."""
+    return {
+        "site": asdict(chosen.site),
+        "day": str(chosen.day),
+        "minutes": chosen.minutes,
+        "irradiance": chosen.light,
+        "noise_k": chosen.noise,
+        "quantum_k": chosen.quantum,
+        "tolerance_w_m2": chosen.tolerance,
+        "seed": chosen.seed,
+        **{
+            name.replace("-", "_"): made[name]
+            for name in ("table-2", "errors", "directions", "sensitivity", "field")
+        },
+    }
+
+
+def write(folder: Path, about: dict[str, Any], made: dict[str, Rows], drawn: dict[str, str]) -> None:
+    """Write everything; raises `StorageError` where the folder cannot be written."""
+    texts = {f"{name}.svg": svg for name, svg in drawn.items()}
+    texts["study.json"] = to_json(about)
+    texts["study.html"] = page(about, made, drawn)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, rows in made.items():
+            if rows:
+                _write_csv(folder / f"{name}.csv", rows)
+        for name, text in texts.items():
+            (folder / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(
+            f"cannot write into {folder}: {error.strerror}", fix="give another --out"
+        ) from error
+
+
+def _write_csv(path: Path, rows: Rows) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)

@@ -1,0 +1,173 @@
+"""What people type for a place, a facet, a moment, a day and a clock time, as click types.
+
+Angles in degrees; azimuth from north, clockwise. A moment must carry its zone: a forgotten
+one is the commonest mistake of all, an hour of sun wide.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from datetime import UTC, date, datetime, time
+from math import isfinite
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fieldkit.model.site import Site, known_zone, zone_by_longitude
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+YEARS = range(1700, 2251)
+"""64 bits of nanoseconds since 1970 reach from 1677 to 2262."""
+
+
+class _Typed(click.ParamType):  # type: ignore[type-arg]
+    """A click type made of a function from text; its ValueError becomes a usage error."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name = name
+        self._parse = parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The parsed value; a value that is no text is a default and passes."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self._parse(value)
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
+
+
+def parse_site(text: str) -> Site:
+    """``LAT,LON[,ALT]`` in degrees north, degrees east, metres; the zone is UTC."""
+    numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
+    latitude, longitude = numbers[:2]
+    if abs(latitude) > 90.0 or abs(longitude) > 360.0:
+        raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
+    return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
+
+
+def parse_words(text: str) -> str:
+    r"""Words as they can be stored; a byte that is not UTF-8, as on a Latin-1 terminal, becomes ``\xe9``."""
+    return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+
+def parse_facet(text: str) -> tuple[float, float]:
+    """``TILT,AZIMUTH`` in degrees."""
+    tilt, azimuth = _numbers(text, (2,), "TILT,AZIMUTH like 10,180")
+    if not 0.0 <= tilt <= 90.0 or not -360.0 <= azimuth <= 360.0:
+        raise ValueError("tilt must lie within 0..90 and azimuth within 0..360 degrees, tilt first")
+    return tilt, azimuth % 360.0
+
+
+def parse_moment(text: str) -> datetime:
+    """An ISO 8601 time with its zone."""
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ValueError("expected a time like 2017-08-30T12:00+09:00") from None
+    if moment.tzinfo is None:
+        raise ValueError(f"has no zone; write {text}Z for UTC, or add the offset like {text}+09:00")
+    _refuse_far(moment)
+    return moment
+
+
+def parse_day(text: str) -> date:
+    """A day of the calendar, ISO 8601."""
+    try:
+        day = date.fromisoformat(text)
+    except ValueError:
+        raise ValueError("expected a day like 2017-08-30") from None
+    _refuse_far(day)
+    return day
+
+
+def parse_hour(text: str) -> time:
+    """A clock time ``HH:MM`` in the site's zone."""
+    try:
+        found = time.fromisoformat(text if ":" in text else f"{text}:00".rjust(5, "0"))
+    except ValueError:
+        raise ValueError("expected a time of the day like 12:00") from None
+    if found.tzinfo is not None:
+        raise ValueError("is taken in the site's zone; leave the offset away")
+    return found
+
+
+def parse_xy(text: str) -> tuple[float, float]:
+    """``X,Y`` of a pixel."""
+    x, y = _numbers(text, (2,), "X,Y like 82,30")
+    return x, y
+
+
+def parse_rect(text: str) -> tuple[float, float, float, float]:
+    """``X,Y,WIDTH,HEIGHT`` in pixels."""
+    x, y, width, height = _numbers(text, (4,), "X,Y,WIDTH,HEIGHT like 82,30,32,61")
+    if width < 2 or height < 2:
+        raise ValueError("width and height must be at least 2 pixels")
+    return x, y, width, height
+
+
+def parse_zone(text: str) -> str:
+    """An IANA time zone that this computer knows."""
+    if known_zone(text) is None:
+        raise ValueError("is not a known time zone; write one like Asia/Tokyo or UTC")
+    return text
+
+
+def parse_or_record(text: str) -> float | str:
+    """A number, or ``@NAME`` of a calibration record."""
+    if text.startswith("@") and len(text) > 1:
+        return text
+    (number,) = _numbers(text, (1,), "a number, or a record like @uniformity")
+    return number
+
+
+def parse_record_name(text: str) -> str:
+    """The name of a calibration record, which becomes part of a file's name."""
+    plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.")
+    if text != plain:
+        advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
+        raise ValueError(f"a record's name has letters, digits, - _ . + only; {advice}")
+    return text
+
+
+def _refuse_far(when: date) -> None:
+    if when.year not in YEARS:
+        raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
+
+
+def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(map(isfinite, numbers)):
+        raise ValueError(f"expected {expected}")
+    return numbers
+
+
+WORDS = _Typed("TEXT", parse_words)
+SITE = _Typed("LAT,LON[,ALT]", parse_site)
+FACET = _Typed("TILT,AZIMUTH", parse_facet)
+MOMENT = _Typed("TIME", parse_moment)
+DAY = _Typed("YYYY-MM-DD", parse_day)
+HOUR = _Typed("HH:MM", parse_hour)
+ZONE = _Typed("ZONE", parse_zone)
+XY = _Typed("X,Y", parse_xy)
+RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
+OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
+RECORD_NAME = _Typed("NAME", parse_record_name)
+
+
+def utc_ns(moment: datetime) -> int:
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
+
+
+def with_zone(site: Site, zone: str | None) -> Site:
+    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
+    return replace(site, timezone=zone or zone_by_longitude(site.longitude_deg))

@@ -1,0 +1,196 @@
+"""The contract between instruments and the recorder: declare, then stream.
+
+A `Driver` knows one kind of instrument and finds and opens it; a `Device` is one that has
+been opened. Before its first sample a device declares its stream in a `StreamInfo`.
+Foreign exceptions (pyserial, V4L2, libusb) end inside the driver: a device raises only
+`fieldkit.model.errors.DeviceError` and its children.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol, runtime_checkable
+
+from fieldkit.model.clock import Clock
+from fieldkit.model.samples import Frame, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """What a device will deliver, declared before its first sample.
+
+    `shape` is (rows, cols) of a camera, (channels,) of a meter. A camera's kelvin are
+    ``counts * scale + offset``; `scale` is NaN where no temperature is known or the law is
+    not linear (then `law` names it). `rate_hz` 0 means irregular. `latency_s` is from the
+    measured instant to the stamp, `wire_time_s` the part of it spent on the wire,
+    `response_s` the sensor's own time constant, `accuracy` the standard uncertainty in `unit`.
+    `measures` names the component of radiation that each channel measures (`fieldkit.model.radiation`), ""
+    where that is unknown; empty for anything else.
+    """
+
+    name: str
+    quantity: str  # "brightness_temperature", "illuminance", "temperature", "irradiance", ...
+    unit: str  # "K", "lx", "W m-2"
+    shape: tuple[int, ...]
+    scale: float = 1.0
+    offset: float = 0.0
+    law: str = "linear"
+    metadata_shape: tuple[int, int] = (0, 0)
+    channels: tuple[str, ...] = ()
+    measures: tuple[str, ...] = ()
+    rate_hz: float = 0.0
+    driver: str = ""
+    vendor: str = ""
+    model: str = ""
+    serial_number: str = ""
+    firmware: str = ""
+    port: str = ""
+    identity: str = ""
+    latency_s: float = 0.0
+    wire_time_s: float = 0.0
+    response_s: float = 0.0
+    accuracy: float = float("nan")
+    raw_bytes: int = 0  # longest raw record of a meter
+    device_time_unit: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)  # gain, emissivity, backend ... as read back
+
+    @property
+    def is_camera(self) -> bool:
+        """Whether the stream is pictures."""
+        return len(self.shape) == 2
+
+    def has_the_columns_of(self, other: StreamInfo) -> bool:
+        """Whether samples of `other` can be stored in this stream."""
+        mine, theirs = (
+            (one.shape, one.metadata_shape, one.channels, one.is_camera or one.unit) for one in (self, other)
+        )
+        return mine == theirs
+
+    def is_read_as(self, other: StreamInfo) -> bool:
+        """Whether the numbers of `other` mean the same here; of two unknown scales (NaN) nothing is known."""
+        return repr((self.law, self.scale, self.offset)) == repr((other.law, other.scale, other.offset))
+
+
+@dataclass(frozen=True, slots=True)
+class Buffer:
+    """One picture as the video driver handed it over.
+
+    `mono_ns` is the kernel's stamp where there is one; `sequence` counts the pictures the
+    kernel saw (a gap is a loss on this computer), -1 where the backend does not tell;
+    `error` is the driver's own doubt about the bytes.
+    """
+
+    data: bytes
+    mono_ns: int
+    sequence: int = -1
+    error: bool = False
+
+
+class FrameSource(Protocol):
+    """Where a camera's bytes come from: the V4L2 reader, OpenCV, or the simulated field."""
+
+    backend: str
+    port: str
+
+    def read(self, timeout_s: float) -> Buffer | None:
+        """The next picture, or None; raises `DeviceLostError`."""
+
+    def skip_until(self, mono_ns: int) -> None:
+        """Let pictures go by until a monotonic time, keeping the stream alive."""
+
+    def get_control(self, unit: int, selector: int, length: int) -> bytes:
+        """Read a control of a UVC extension unit; raises `DeviceError` if there is none."""
+
+    def set_control(self, unit: int, selector: int, data: bytes) -> None:
+        """Write a control of a UVC extension unit; raises `DeviceError` if there is none."""
+
+    def close(self) -> None:
+        """Release the camera; a second call does nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSettings:
+    """What the configuration says about one device; `options` are the driver's own.
+
+    `source` stands in for the camera's port when the field is simulated.
+    """
+
+    name: str
+    driver: str
+    port: str = ""
+    identity: str = ""
+    every_s: float = 1.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    source: FrameSource | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One instrument that is plugged in and that a driver takes for its own.
+
+    `identity` is what to write into the configuration: ``vendor:product[:serial]`` or a USB
+    path, never an index. `doubt` says why the driver is not sure, or is empty.
+    """
+
+    driver: str
+    identity: str
+    port: str
+    title: str
+    doubt: str = ""
+
+
+@runtime_checkable
+class Device(Protocol):
+    """An opened instrument."""
+
+    info: StreamInfo
+
+    def read(self, timeout_s: float) -> Frame | Reading | None:
+        """The next sample, or None if none came within `timeout_s`.
+
+        Raises `DeviceLostError` when the instrument is gone; garbled bytes are skipped and
+        counted in `rejected`.
+        """
+
+    def close(self) -> None:
+        """Release the instrument; a second call does nothing."""
+
+    @property
+    def rejected(self) -> int:
+        """How many records were dropped because their bytes made no sense."""
+
+
+@runtime_checkable
+class Camera(Device, Protocol):
+    """A camera: pictures, and a shutter that can be run."""
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """The next picture; see `Device.read`."""
+
+    def run_shutter(self) -> bool:
+        """Start a shutter correction; False if this camera cannot."""
+
+    def skip_until(self, mono_ns: int) -> None:
+        """Let pictures go by undecoded until a monotonic time, keeping the stream alive."""
+
+
+class Driver(Protocol):
+    """The code that knows one kind of instrument.
+
+    A driver may say the names of its `options` in the configuration; any others are then refused for it.
+    """
+
+    name: str
+    title: str
+    quantity: str
+
+    def find(self) -> list[Found]:
+        """Instruments of this kind that are plugged in; never raises for absent libraries."""
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> Device:
+        """Open the instrument that `settings` names.
+
+        Raises `DeviceNotFoundError` (with what is there instead), `DeviceAccessError`,
+        `DeviceTimeoutError` or `DecodeError`.
+        """

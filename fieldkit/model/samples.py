@@ -1,0 +1,208 @@
+"""What instruments deliver: frames, readings and events, immutable and stamped near the wire.
+
+Two clocks stamp each sample: `mono_ns` (host monotonic nanoseconds, never steps) and
+`time_ns` (UTC nanoseconds since 1970, the monotonic stamp plus the one anchor taken at
+the start). Values are stored as they came; doubts travel beside them as `Quality` flags.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.numbered import NumberedEnum
+
+NO_COUNTER = -(2**63)
+"""Stands for "the device has no clock or counter of its own" in int64 columns."""
+
+UNNUMBERED = -1
+"""`seq` of a sample that the recorder has not taken yet."""
+
+new_tuple = tuple.__new__
+"""Makes a named tuple of all its fields, ``new_tuple(Reading, (...))``, without its own constructor.
+
+That is a function, and at ten readings a second, when nothing is left in the processor's caches, each step
+of a reading is felt.
+"""
+
+
+class Quality(enum.IntFlag):
+    """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
+
+    GOOD = 0
+    STALE = 1  # a value of another moment: held, a maximum, a minimum, or void by the device's own word
+    FROZEN = 2  # identical pictures for longer than a shutter correction lasts
+    DUPLICATE = 4  # the same picture once more (frame counter or pixels)
+    DROPPED_BEFORE = 8  # samples were lost between the previous one and this
+    SHUTTER = 16  # during, or within 10 s after, a shutter correction (FFC, NUC)
+    SATURATED = 32  # at the end of the camera's counts
+    OVERRANGE = 64  # at the end of the meter's range
+    CLOCK_STEP = 128  # the system clock was stepped since the previous sample
+    BAD_CRC = 256  # stored bytes do not match their checksum
+    INTERPOLATED = 512  # the value is sound, its time was not measured: it waited and arrived in a bunch
+    LOW_SUN = 1024  # sun too low for the estimate to mean anything
+    SHADED = 2048  # this region alone lost its sun
+    CLOUD = 4096  # the light changed faster than the sun can
+    UNRESOLVED = 8192  # data fit more than one slope
+    NO_VALUE = 16384  # open probe, overload, or no temperature scale known
+    MOVED = 32768  # the picture moved: regions may be off their beds
+
+
+UNUSABLE = (
+    Quality.STALE
+    | Quality.FROZEN
+    | Quality.DUPLICATE
+    | Quality.SHUTTER
+    | Quality.SATURATED
+    | Quality.OVERRANGE
+    | Quality.BAD_CRC
+    | Quality.NO_VALUE
+)
+"""Flags of samples whose numbers enter no result; the one definition, for frames and readings alike."""
+_UNUSABLE_BITS = int(UNUSABLE)
+_UNSHOWABLE_BITS = int(UNUSABLE & ~(Quality.SATURATED | Quality.NO_VALUE))
+
+
+@overload
+def is_usable(flags: int) -> bool: ...
+@overload
+def is_usable(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
+def is_usable(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+    """Whether a sample's numbers may enter a result, from its `Quality`.
+
+    One sample's flags, or an array of them as stored (any shape, any integer type).
+    """
+    return (flags & _UNUSABLE_BITS) == 0
+
+
+@overload
+def is_damaged(flags: int) -> bool: ...
+@overload
+def is_damaged(flags: NDArray[np.integer[Any]]) -> NDArray[np.bool_]: ...
+def is_damaged(flags: int | NDArray[np.integer[Any]]) -> bool | NDArray[np.bool_]:
+    """Whether stored bytes do not match their checksum: the numbers are not those that were measured."""
+    return (flags & int(Quality.BAD_CRC)) != 0
+
+
+def is_showable(flags: int) -> bool:
+    """Whether a frame may serve to find regions: also one at the end of its scale, or without a scale."""
+    return (flags & _UNSHOWABLE_BITS) == 0
+
+
+class Severity(NumberedEnum):
+    """How loudly an event should be told."""
+
+    INFO = 0
+    WARNING = 1
+    ERROR = 2
+
+
+class EventKind(NumberedEnum):
+    """What can happen in a session; the numbers are stored in the file."""
+
+    START = 0
+    STOP = 1
+    MARK = 2
+    LOST = 3
+    BACK = 4
+    GAP = 5
+    SHUTTER = 6
+    FROZEN = 7
+    GARBLED = 8
+    CLOUD = 9
+    CLOCK_STEP = 10
+    CLOCK_CHECK = 11
+    DISK = 12
+    ESTIMATOR = 13
+    VIEW = 14
+    RECOVERED = 15
+    IMPORTED = 16
+    SLEPT = 17
+    MOVED = 18
+    OVERRANGE = 19
+    REGION = 20
+    MODE = 21
+
+
+class Frame(NamedTuple):
+    """One picture of a camera.
+
+    `counts` has shape (rows, cols), uint16; `metadata_rows` (extra rows, cols), uint16, is
+    what the camera sent with it (telemetry), possibly of zero rows. `fpa_temperature_k` is
+    NaN where the camera does not tell. `seq` is given by the recorder.
+    """
+
+    stream: str
+    mono_ns: int
+    time_ns: int
+    counts: NDArray[np.uint16]
+    metadata_rows: NDArray[np.uint16]
+    quality: Quality = Quality.GOOD
+    device_time: int = NO_COUNTER
+    device_seq: int = NO_COUNTER
+    fpa_temperature_k: float = float("nan")
+    seq: int = UNNUMBERED
+
+
+class Reading(NamedTuple):
+    """One reading of a meter: a value per channel in the stream's unit, NaN where there is none.
+
+    `raw` keeps the bytes as they came. `seq` is given by the recorder.
+    """
+
+    stream: str
+    mono_ns: int
+    time_ns: int
+    values: tuple[float, ...]
+    raw: bytes = b""
+    quality: Quality = Quality.GOOD
+    device_time: int = NO_COUNTER
+    device_seq: int = NO_COUNTER
+    seq: int = UNNUMBERED
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One thing that happened, in words, with machine-readable details in `data`."""
+
+    kind: EventKind
+    mono_ns: int
+    time_ns: int
+    text: str
+    stream: str = ""
+    severity: Severity = Severity.INFO
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class StreamHealth:
+    """How one stream is doing: samples so far, lost so far, waiting now, worst delay of the last second."""
+
+    stream: str
+    received: int
+    dropped: int
+    queued: int
+    late_max_us: int = 0
+    rejected: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """How the recording is doing, once a second."""
+
+    mono_ns: int
+    time_ns: int
+    streams: tuple[StreamHealth, ...]
+    disk_free_bytes: int
+    written_bytes: int = 0
+    sync_ms: float = 0.0
+    cpu_percent: float = 0.0
+    lag_ms: float = 0.0
+
+
+Sample = Frame | Reading

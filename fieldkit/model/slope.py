@@ -1,0 +1,84 @@
+"""The answer: a slope estimate for one region at one minute, with how far it may be trusted.
+
+`tilt` is the angle of the surface from horizontal, `azimuth` the direction of its normal
+from north, clockwise; both in degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.model.numbered import NumberedEnum
+from fieldkit.model.samples import Quality
+
+NAN = float("nan")
+
+
+class SlopeState(NumberedEnum):
+    """What may be said about a slope; the numbers are stored in the session file."""
+
+    OK = 0
+    TOO_FEW = 1  # not enough minutes in the window yet
+    NOT_RESOLVED = 2  # more than one slope fits
+    FLAT = 3  # the likelihood region contains the vertical normal
+    NO_INTERSECTION = 4  # no slope explains the minutes together (the paper's Fig. 14)
+    HELD_CLOUD = 5  # the last estimate before the cloud is held
+    LOW_SUN = 6
+    SHADED = 7
+    NO_DATA = 8  # no frames, no irradiance or no reference in the window
+    UNCERTAIN = 9  # one slope fits, but its likelihood region is too wide to rely on (`is_too_wide`)
+
+
+CERTAIN_WITHIN_DEG = 3.0
+"""Widest 90 % region of a flat or gentle slope that may be relied on: as far as a tenth of a kelvin
+between two beds moves the tilt where a kelvin is worth 30 degrees, the limit in a plan of a day."""
+CERTAIN_SHARE = 0.2
+"""The same for a steep slope, as a share of its tilt: 30 degrees good to 27..33."""
+
+
+def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a tilt with these bounds of its 90 % region is uncertain; any shapes that broadcast, degrees.
+
+    True also where a bound is NaN: a region that is not known vouches for nothing.
+    """
+    width = np.subtract(high_deg, low_deg)
+    return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeEstimate:
+    """Slope of one region from the minutes `window_start_ns`..`time_ns`.
+
+    Angles in degrees, NaN where not determined; bounds are the projections of the 90 %
+    likelihood region, which allows for noise and for the stated doubts of scale and offset;
+    the `noise_` bounds allow for noise alone. Azimuth bounds are unwrapped (low <= azimuth
+    <= high, so below 0 or above 360 across north). `kelvin_per_degree` is the change of
+    surface temperature per degree of tilt here and now. `chi_square` is reduced (per degree
+    of freedom). `reason` says in words why the state is not `OK`.
+    """
+
+    time_ns: int
+    region: str
+    state: SlopeState
+    tilt_deg: float = NAN
+    azimuth_deg: float = NAN
+    tilt_low_deg: float = NAN
+    tilt_high_deg: float = NAN
+    azimuth_low_deg: float = NAN
+    azimuth_high_deg: float = NAN
+    second_tilt_deg: float = NAN
+    second_azimuth_deg: float = NAN
+    kelvin_per_degree: float = NAN
+    chi_square: float = NAN
+    flags: Quality = Quality.GOOD
+    window_start_ns: int = 0
+    n_bins: int = 0
+    model: str = ""
+    reason: str = ""
+    noise_tilt_low_deg: float = NAN
+    noise_tilt_high_deg: float = NAN
+    noise_azimuth_low_deg: float = NAN
+    noise_azimuth_high_deg: float = NAN

@@ -1,0 +1,34 @@
+"""The simulated field: sky, beds and truth, as a pure function of time and seed.
+
+``scene`` is the whole; ``sky`` what comes from above, ``facets`` the beds, ``heat`` how warm
+they get, ``curves`` all of it computed once on fine times, ``camera_picture`` what a thermal
+camera adds of its own, ``faults`` trouble, ``sand_slopes`` the scene of the demo.
+
+Truth does not share the estimator's simplifications: light of sky and ground, long wave,
+wind and stored heat count, and light meter and camera have errors of their own. Instruments
+and their bytes are not here (`fieldkit.drivers.simulated`).
+"""
+
+from fieldkit.simulation.camera_picture import Correction
+from fieldkit.simulation.curves import Moment
+from fieldkit.simulation.facets import Facet
+from fieldkit.simulation.faults import Fault, FaultKind, LightStep
+from fieldkit.simulation.heat import Exchange
+from fieldkit.simulation.sand_slopes import sand_slopes
+from fieldkit.simulation.scene import Scene
+from fieldkit.simulation.sky import ClearSky, MeasuredSky, Sky
+
+__all__ = [
+    "ClearSky",
+    "Correction",
+    "Exchange",
+    "Facet",
+    "Fault",
+    "FaultKind",
+    "LightStep",
+    "MeasuredSky",
+    "Moment",
+    "Scene",
+    "Sky",
+    "sand_slopes",
+]

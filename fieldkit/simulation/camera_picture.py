@@ -1,0 +1,84 @@
+"""What a thermal camera makes of the beds: soft edges, fixed pattern, drift, noise, corrections.
+
+Temperatures in, temperatures out; how a camera packs them into bytes is its driver's side.
+A shutter correction (FFC) leaves a new small level error and a new fine pattern; between
+corrections the level creeps away. All of it follows from the seed and the numbers of
+correction and frame, so a picture can be drawn again at any time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fieldkit.physics.facet import FloatArray
+from fieldkit.simulation.facets import PICTURE_SHAPE, Facet, pixel_shares
+
+Picture = NDArray[np.float32]
+
+_NOISE_K = 0.045  # the maker's "below 50 mK"
+_PATTERN_K = 0.04  # left by each correction, pixel by pixel
+_SHADING_K = 0.05  # over the whole picture, never corrected
+_TEXTURE_K = 0.25  # grains, footprints: the ground is not of one temperature
+_BED_TEXTURE = 0.3  # share of it that is left after raking a bed
+_LEVEL_K = 0.08  # level error a correction leaves
+_DRIFT_K_S = 0.0006  # how fast the level creeps away, about 0.1 K in three minutes
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """The last shutter correction before a picture: which, when it ended, and a level put wrong."""
+
+    number: int = 0
+    ended_ns: int = 0
+    step_k: float = 0.0
+
+
+class CameraPicture:
+    """Draws pictures of these facets; `seed` fixes the camera's own errors."""
+
+    def __init__(self, facets: Sequence[Facet], seed: int) -> None:
+        self._seed = seed
+        self._shares = pixel_shares(facets)
+        self._still = self._static_pattern()
+        self._pattern = lru_cache(maxsize=4)(self._draw_pattern)
+
+    def draw(self, brightness_k: FloatArray, time_ns: int, number: int, correction: Correction) -> Picture:
+        """Picture `number` of facets and ground at these brightness temperatures (k + 1,), in K."""
+        pattern, level_k, drift_k_s = self._pattern(correction.number)
+        age_s = (time_ns - correction.ended_ns) * 1e-9
+        level = np.float32(level_k + drift_k_s * age_s + correction.step_k)
+        noise = np.random.Generator(np.random.SFC64([self._seed, number, 1]))
+        picture = brightness_k.astype(np.float32) @ self._shares
+        picture += self._still
+        picture += pattern
+        picture += level
+        picture += np.float32(_NOISE_K) * noise.standard_normal(picture.size, dtype=np.float32)
+        return picture.reshape(PICTURE_SHAPE)
+
+    def _static_pattern(self) -> Picture:
+        """What does not change: shading of the lens, and the texture of ground and beds."""
+        random = np.random.default_rng([self._seed, 2])
+        shading = _unit(gaussian_filter(random.standard_normal(PICTURE_SHAPE), 40.0, mode="nearest"))
+        texture = _unit(gaussian_filter(random.standard_normal(PICTURE_SHAPE), 3.0, mode="nearest"))
+        on_bed = 1.0 - (1.0 - _BED_TEXTURE) * (1.0 - self._shares[-1].reshape(PICTURE_SHAPE))
+        still: Picture = (_SHADING_K * shading + _TEXTURE_K * on_bed * texture).astype(np.float32)
+        return still.ravel()
+
+    def _draw_pattern(self, correction: int) -> tuple[Picture, float, float]:
+        """Fine pattern (pixels,), level error [K] and drift [K/s] that a correction left behind."""
+        random = np.random.default_rng([self._seed, correction, 3])
+        pattern = np.float32(_PATTERN_K) * random.standard_normal(self._still.size, dtype=np.float32)
+        level, drift = random.standard_normal(2)
+        return pattern, _LEVEL_K * float(level), _DRIFT_K_S * float(drift)
+
+
+def _unit(field: FloatArray) -> FloatArray:
+    """The field with mean 0 and standard deviation 1."""
+    centred: FloatArray = field - field.mean()
+    return np.asarray(centred / centred.std())

@@ -1,0 +1,83 @@
+"""The beds: plane surfaces of sand, where they lie in the picture, and the ground around them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.slab import Slab
+
+PICTURE_SHAPE = (120, 160)
+"""Rows and columns of the picture in which facets are drawn."""
+
+_INSET = 0.78  # of a bed's outline: regions keep off the blurred edges
+_BLUR_PX = 0.7  # what a good lens does to an edge
+
+Outline = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Facet:
+    """One plane bed.
+
+    `vertices` are (x, y) in pixels of a 160x120 picture. `tilt_deg` is from horizontal,
+    `azimuth_deg` of the normal from north, clockwise: the truth. `emissivity` is the camera
+    band's. `depth_m` of sand lies over an insulating sheet; 0.2 m or more is as good as
+    bottomless for a day. `is_reference` marks the bed whose slope is told to the estimator.
+    """
+
+    name: str
+    vertices: Outline
+    tilt_deg: float = 0.0
+    azimuth_deg: float = 180.0
+    albedo: float = 0.20
+    emissivity: float = 0.90
+    emissivity_broadband: float = 0.90
+    depth_m: float = 0.02
+    conductivity_w_m_k: float = 0.25
+    heat_capacity_j_m3_k: float = 1.3e6
+    is_reference: bool = False
+
+    @property
+    def slab(self) -> Slab:
+        """The layer that stores the bed's heat."""
+        return Slab(self.depth_m, self.conductivity_w_m_k, self.heat_capacity_j_m3_k)
+
+    def region(self) -> Region:
+        """The region somebody careful would draw: the outline, drawn in by a tenth on each side."""
+        corners = np.asarray(self.vertices)
+        inner = corners.mean(axis=0) + _INSET * (corners - corners.mean(axis=0))
+        return Region(
+            name=self.name,
+            kind=RegionKind.REFERENCE if self.is_reference else RegionKind.TARGET,
+            vertices=tuple((round(float(x), 1), round(float(y), 1)) for x, y in inner),
+            tilt_deg=self.tilt_deg,
+            azimuth_deg=self.azimuth_deg,
+            emissivity=self.emissivity,
+        )
+
+
+GROUND = Facet("ground", (), albedo=0.19, depth_m=0.30)
+"""The natural ground around the beds: flat, bottomless, and everywhere else in the picture."""
+
+
+def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
+    """How much of each pixel shows each facet, shape (facets + 1, pixels); the last is the ground.
+
+    Edges are as soft as a lens makes them; each column adds up to 1. A facet covers those
+    before it.
+    """
+    seen = np.zeros((len(facets) + 1, *PICTURE_SHAPE))
+    seen[-1] = 1.0
+    for number, facet in enumerate(facets):
+        mask = Region(facet.name, RegionKind.TARGET, facet.vertices).mask(PICTURE_SHAPE)
+        seen[:, mask] = 0.0
+        seen[number, mask] = 1.0
+    soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in seen])
+    shares: NDArray[np.float32] = (soft / soft.sum(axis=0)).reshape(len(seen), -1).astype(np.float32)
+    return shares

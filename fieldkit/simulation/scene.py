@@ -1,0 +1,127 @@
+"""The simulated field as a pure function of time and seed, and the truth about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fieldkit.model.site import Region, Site
+from fieldkit.physics.facet import FloatArray
+from fieldkit.simulation.camera_picture import CameraPicture, Correction, Picture
+from fieldkit.simulation.curves import Curves, Moment, World
+from fieldkit.simulation.facets import GROUND, Facet
+from fieldkit.simulation.faults import SECOND_NS, Fault, FaultKind, LightStep, Veil, cloud_veil, step_veil
+from fieldkit.simulation.heat import EXCHANGE, Exchange
+from fieldkit.simulation.sky import Sky
+
+LEAD_S = 3 * 3600.0
+"""How long before the start the sand begins to store heat."""
+AFTER_S = 1800.0
+"""How long the scene goes on after its planned end, for whoever is late."""
+
+_LUX_NOISE = 0.002
+_PROBE_NOISE_K = 0.03
+_DISK_BEFORE, _DISK_FLOOR = 2_000_000_000, 40_000_000  # below any recorder's reserve
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Beds under a sky, and all that instruments could see of them.
+
+    Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to warm `LEAD_S`
+    earlier. `facets` carry the true slopes. `response_s` is the time constant of the contact
+    thermometers. Whatever is asked is answered from time and `seed` alone.
+    """
+
+    site: Site
+    sky: Sky
+    facets: tuple[Facet, ...]
+    start_ns: int
+    duration_s: float
+    seed: int = 1
+    faults: tuple[Fault, ...] = ()
+    light_steps: tuple[LightStep, ...] = ()
+    ground: Facet = GROUND
+    exchange: Exchange = EXCHANGE
+    response_s: float = 3.0
+
+    @property
+    def end_ns(self) -> int:
+        """Planned end, UTC nanoseconds."""
+        return self.start_ns + round(self.duration_s * SECOND_NS)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions somebody careful would draw, with the true slopes."""
+        return tuple(facet.region() for facet in self.facets)
+
+    def at(self, time_ns: int) -> Moment:
+        """The truth about one time (UTC); before and after the scene its ends are held."""
+        return self._curves.at(time_ns)
+
+    # --- what instruments read
+
+    def picture(self, time_ns: int, number: int, correction: Correction | None = None) -> Picture:
+        """Picture `number` as brightness temperatures, shape (120, 160), K."""
+        last = correction or Correction(ended_ns=self.start_ns)
+        return self._camera.draw(self.at(time_ns).brightness_k, time_ns, number, last)
+
+    def lux_reading(self, time_ns: int) -> float:
+        """What the light meter, lying flat, shows in lx."""
+        noise = float(self._random(time_ns, 4).standard_normal())
+        return self.at(time_ns).illuminance_lx * (1.0 + _LUX_NOISE * noise)
+
+    def probe_readings(self, time_ns: int) -> FloatArray:
+        """What contact thermometers in the facets' surfaces show, (facets,), K."""
+        probes = self.at(time_ns).contact_k[:-1]
+        return probes + _PROBE_NOISE_K * self._random(time_ns, 5).standard_normal(probes.size)
+
+    def disk_free_bytes(self, time_ns: int, real: int) -> int:
+        """Free space as the recorder sees it: the `real` one unless a fault takes it away."""
+        for begin, end in self.fault_spans(FaultKind.DISK):
+            if begin <= time_ns < end:
+                gone = min(1.0, 2.0 * (time_ns - begin) / (end - begin))
+                return min(real, round(_DISK_BEFORE + gone * (_DISK_FLOOR - _DISK_BEFORE)))
+        return real
+
+    # --- faults
+
+    def fault_spans(self, kind: FaultKind) -> list[tuple[int, int]]:
+        """Begin and end of the faults of a kind, UTC nanoseconds, in order of time."""
+        return sorted(
+            fault.span_ns(self.start_ns, self.duration_s) for fault in self.faults if fault.kind is kind
+        )
+
+    def is_on(self, kind: FaultKind, time_ns: int) -> bool:
+        """Whether a fault of a kind is going on."""
+        return any(begin <= time_ns < end for begin, end in self.fault_spans(kind))
+
+    # --- computed once
+
+    @cached_property
+    def _curves(self) -> Curves:
+        world = World(
+            self.site, self.sky, self.facets, self.ground, self.exchange, self._veils(), self.response_s
+        )
+        return world.curves(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
+
+    @cached_property
+    def _camera(self) -> CameraPicture:
+        return CameraPicture(self.facets, self.seed)
+
+    @property
+    def _origin_ns(self) -> int:
+        return self.start_ns - round(LEAD_S * SECOND_NS)
+
+    def _veils(self) -> list[Veil]:
+        def since_origin_s(time_ns: int) -> float:
+            return (time_ns - self._origin_ns) / SECOND_NS
+
+        steps = [step_veil(since_origin_s(step.time_ns), step.factor) for step in self.light_steps]
+        clouds = self.fault_spans(FaultKind.CLOUD)
+        return steps + [cloud_veil(since_origin_s(begin), since_origin_s(end)) for begin, end in clouds]
+
+    def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
+        return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))

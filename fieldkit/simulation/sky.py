@@ -1,0 +1,108 @@
+"""What comes from above: sun, sky light, long wave, air and wind; measured or clear by a formula."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.surface import STEFAN_BOLTZMANN
+from fieldkit.weather import Weather
+
+_DAY_H = 24.0
+_WARMEST_H = 15.0  # air is warmest some three hours after the sun is highest
+_WINDOW_DEFICIT = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Above:
+    """Sky and air at n times, each array (n,): W/m², K and m/s. `dhi` is on the horizontal."""
+
+    dni: FloatArray
+    dhi: FloatArray
+    longwave_down_w_m2: FloatArray
+    air_temperature_k: FloatArray
+    wind_m_s: FloatArray
+
+    def window_temperature_k(self) -> FloatArray:
+        """Sky temperature in the camera's 8-14 µm band, (n,).
+
+        The atmosphere is clearest there, so the sky looks colder than its whole long wave
+        says: by half as much again below the air. Clear dry air gives -40 to -60 °C, and
+        under an overcast all three are one, as observed (window-band sky -20 to -60 °C).
+        """
+        sky = (self.longwave_down_w_m2 / STEFAN_BOLTZMANN) ** 0.25
+        return self.air_temperature_k - _WINDOW_DEFICIT * (self.air_temperature_k - sky)
+
+
+class Sky(Protocol):
+    """Says what comes from above at any time."""
+
+    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+        """Sky and air at times (n,) with the sun at these cosines of its zenith angle (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredSky:
+    """The sky of a measured day, straight lines between the minutes; ends are held.
+
+    Raises `ConfigError` when asked about another day, or about what the station does not measure.
+    """
+
+    weather: Weather
+
+    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+        """See `Sky`; the sun is in the measurement already."""
+        day = self.weather
+        if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
+            measured = day.time_ns[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
+            raise ConfigError(
+                f"the weather was measured from {measured[0]} to {measured[1]} UTC, not at the scene's time",
+                fix="let the scene start on that day",
+            )
+        return Above(
+            dni=np.maximum(self._at(time_ns, "dni"), 0.0),
+            dhi=np.maximum(self._at(time_ns, "dhi"), 0.0),
+            longwave_down_w_m2=self._at(time_ns, "longwave_down_w_m2"),
+            air_temperature_k=self._at(time_ns, "air_temperature_k"),
+            wind_m_s=self._at(time_ns, "wind_m_s"),
+        )
+
+    def _at(self, time_ns: NDArray[np.int64], name: str) -> FloatArray:
+        column: FloatArray = getattr(self.weather, name)
+        known = np.isfinite(column)
+        if not known.any():
+            raise ConfigError(
+                f"{self.weather.source} has no {name}, which a simulated field needs",
+                fix="take a day of SURFRAD, whose stations measure it",
+            )
+        start_ns = self.weather.time_ns[0]
+        since, known_since = time_ns - start_ns, self.weather.time_ns[known] - start_ns
+        return np.asarray(np.interp(since, known_since, column[known]), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearSky:
+    """A cloudless sky by formula: `fieldkit.physics.clearsky` for light, Swinbank for long wave.
+
+    Air temperature swings by `swing_k` either way around its mean, warmest at 15 h solar time.
+    W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.
+    """
+
+    linke_turbidity: float = 3.0
+    air_temperature_k: float = 300.0
+    swing_k: float = 4.0
+    wind_m_s: float = 1.0
+
+    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+        """See `Sky`."""
+        dni, dhi = clear_sky(cos_zenith, time_ns, site.elevation_m, self.linke_turbidity)
+        solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
+        air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
+        return Above(dni, dhi, 5.31e-13 * air**6, air, np.full_like(air, self.wind_m_s))

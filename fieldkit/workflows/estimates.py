@@ -1,0 +1,154 @@
+"""Slopes of a session minute by minute, as columns: for tables, for the cache, for pandas and xarray."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeEstimate, SlopeState
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+ANGLES = tuple(field.name for field in fields(SlopeEstimate) if field.type == "float")
+MEASURED = ("temperature_k", "irradiance_w_m2")
+ROW = np.dtype(
+    [
+        ("time_ns", "<i8"),
+        ("window_start_ns", "<i8"),
+        ("region", "<i2"),
+        ("state", "i1"),
+        ("flags", "<i4"),
+        ("n_bins", "<i4"),
+        ("model", "<i4"),
+        ("reason", "<i4"),
+        *((name, "<f8") for name in (*ANGLES, *MEASURED)),
+    ]
+)
+"""One estimate; `region`, `model` and `reason` are places in the lists of names beside the rows."""
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Every slope of a session: rows of `ROW` by time, then by target; texts and regions they point at.
+
+    `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
+    direct normal irradiance; angles in degrees, NaN where nothing is known.
+    """
+
+    rows: NDArray[np.void]
+    texts: tuple[str, ...]
+    regions: tuple[Region, ...]
+
+    @classmethod
+    def of(
+        cls,
+        estimates: Sequence[SlopeEstimate],
+        temperature_k: ArrayLike,
+        irradiance_w_m2: ArrayLike,
+        regions: Sequence[Region],
+    ) -> Estimates:
+        """Estimates as rows, with what was measured of the same targets at the same minutes."""
+        places = {region.name: place for place, region in enumerate(regions)}
+        texts = {text: place for place, text in enumerate(dict.fromkeys(_texts(estimates)))}
+        rows = np.zeros(len(estimates), ROW)
+        rows["region"] = [places[one.region] for one in estimates]
+        for name in ("model", "reason"):
+            rows[name] = [texts[getattr(one, name)] for one in estimates]
+        for name in ("time_ns", "window_start_ns", "state", "flags", "n_bins", *ANGLES):
+            rows[name] = [getattr(one, name) for one in estimates]
+        rows["temperature_k"], rows["irradiance_w_m2"] = temperature_k, irradiance_w_m2
+        return cls(rows, tuple(texts), tuple(regions))
+
+    def __len__(self) -> int:
+        return self.rows.size
+
+    def __iter__(self) -> Iterator[SlopeEstimate]:
+        return (self._estimate(row) for row in self.rows)
+
+    def _estimate(self, row: np.void) -> SlopeEstimate:
+        return SlopeEstimate(
+            time_ns=int(row["time_ns"]),
+            region=self.regions[row["region"]].name,
+            state=SlopeState(int(row["state"])),
+            flags=Quality(int(row["flags"])),
+            window_start_ns=int(row["window_start_ns"]),
+            n_bins=int(row["n_bins"]),
+            model=self.texts[row["model"]],
+            reason=self.texts[row["reason"]],
+            **{name: float(row[name]) for name in ANGLES},
+        )
+
+    @property
+    def minutes(self) -> int:
+        """How many minutes there are."""
+        return int(np.unique(self.rows["time_ns"]).size)
+
+    def of_region(self, region: Region) -> NDArray[np.void]:
+        """The rows of one target."""
+        return np.asarray(self.rows[self.rows["region"] == self.regions.index(region)])
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The tidy table: a row for each target and minute; times in UTC, units in the names."""
+        regions = [self.regions[place] for place in self.rows["region"].tolist()]
+        states = {state.value: state.name.lower() for state in SlopeState}
+        return {
+            "time": [iso(time_ns) for time_ns in self.rows["time_ns"].tolist()],
+            "region": [region.name for region in regions],
+            "true_tilt_deg": [region.tilt_deg for region in regions],
+            "true_azimuth_deg": [region.azimuth_deg for region in regions],
+            "state": [states[state] for state in self.rows["state"].tolist()],
+            **{name: self.rows[name].tolist() for name in (*ANGLES, *MEASURED)},
+            "minutes": self.rows["n_bins"].tolist(),
+            "flags": [_words(flags) for flags in self.rows["flags"].tolist()],
+            "model": [self.texts[place] for place in self.rows["model"].tolist()],
+            "reason": [self.texts[place] for place in self.rows["reason"].tolist()],
+            "time_ns": self.rows["time_ns"].tolist(),
+            "window_start_ns": self.rows["window_start_ns"].tolist(),
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """The tidy table as a pandas frame by UTC; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        columns: Mapping[str, Any] = self.columns()
+        times = pd.to_datetime(np.asarray(columns["time_ns"], np.int64), utc=True).rename("time")
+        return pd.DataFrame({name: values for name, values in columns.items() if name != "time"}, index=times)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Angles and measurements over (time, region), given slopes beside them; needs ``fieldkit[lab]``."""
+        import xarray as xr
+
+        targets = [self.regions[place] for place in dict.fromkeys(self.rows["region"].tolist())]
+        grid = self.rows.reshape(-1, max(1, len(targets)))
+        return xr.Dataset(
+            {name: (("time", "region"), grid[name]) for name in ("state", *ANGLES, *MEASURED)},
+            coords={
+                "time": ("time", grid["time_ns"][:, 0].astype("datetime64[ns]")),
+                "region": ("region", [target.name for target in targets]),
+                "true_tilt_deg": ("region", [target.tilt_deg for target in targets]),
+                "true_azimuth_deg": ("region", [target.azimuth_deg for target in targets]),
+            },
+        )
+
+
+def iso(time_ns: int) -> str:
+    """A moment in UTC as ISO 8601."""
+    return datetime.fromtimestamp(time_ns / 1e9, UTC).isoformat()
+
+
+def _texts(estimates: Sequence[SlopeEstimate]) -> Iterator[str]:
+    for one in estimates:
+        yield from (one.model, one.reason)
+
+
+def _words(flags: int) -> str:
+    return " ".join(str(flag.name).lower() for flag in Quality(flags))

@@ -1,0 +1,186 @@
+"""Where runs are carried out: here, in processes of this computer, or on a Dask cluster that runs."""
+
+from __future__ import annotations
+
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from queue import SimpleQueue
+from typing import Any, Generic, TypeVar
+
+from fieldkit import __version__
+from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
+from fieldkit.workflows.cache import code_version
+
+Note = TypeVar("Note")
+
+RETRIES = 3
+"""How often work is given to another worker after the one that had it died."""
+ANSWER_S = 5
+"""How long a Dask scheduler may take to answer."""
+
+
+class Work(Generic[Note]):
+    """Work handed to an executor, each piece with a note of what it is.
+
+    What a killed process had is handed out again.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+        self._under_way: dict[Future[Any], tuple[Note, Callable[[], Any]]] = {}
+        self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
+
+    def hand_out(self, note: Note, work: Callable[[], Any]) -> None:
+        """Begin a piece, a callable that can be pickled.
+
+        Raises `FieldkitError` where processes are killed again and again.
+        """
+        try:
+            future = self._executor.submit(work)
+        except BrokenProcessPool as error:
+            raise FieldkitError(
+                "worker processes are killed again and again, perhaps for want of memory",
+                fix="what was finished is kept: run the same again, with fewer processes (-j)",
+            ) from error
+        self._under_way[future] = note, work
+        future.add_done_callback(self._finished.put)
+
+    def results(self) -> Iterator[tuple[Note, Any]]:
+        """Note and result of every piece as it comes, also of those handed out meanwhile.
+
+        A `FieldkitError` that was raised is the result.
+        """
+        while self._under_way:
+            future = self._finished.get()
+            note, work = self._under_way.pop(future)
+            try:
+                result = future.result()
+            except BrokenProcessPool:
+                self.hand_out(note, work)
+                continue
+            except FieldkitError as error:
+                result = error
+            yield note, result
+
+
+def cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def local(processes: int) -> Iterator[Executor]:
+    """So many processes of this computer; one means this very process."""
+    pool: Executor = ThreadPoolExecutor(1) if processes == 1 else Processes(processes)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+class Processes(Executor):
+    """So many processes, all started anew when one of them was killed; work under way must be given again."""
+
+    def __init__(self, count: int) -> None:
+        self._count, self._restarts = count, 0
+        self._pool = self._started()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """See `Executor`; raises `BrokenProcessPool` when processes died once more than `RETRIES`."""
+        while True:
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except (BrokenProcessPool, OSError) as error:  # OSError: one died while another was being started
+                if self._restarts == RETRIES:
+                    raise BrokenProcessPool(str(error)) from error
+            self._restarts += 1
+            self._pool = self._started()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See `Executor`."""
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def _started(self) -> ProcessPoolExecutor:
+        # spawned: a forked copy of a process with threads may hang
+        spawn = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._count, spawn, initializer=_begin)
+
+
+@contextmanager
+def dask(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster whose scheduler is at an address such as ``tcp://10.0.0.5:8786``.
+
+    Raises `ConfigError` where nothing answers or Dask is not installed, `RefusedError` where
+    a worker has another fieldkit.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError("Dask is not installed", fix="pip install 'fieldkit[dask]'") from error
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"no Dask scheduler answers at {address}: {error}",
+            fix="start one: dask scheduler, and dask worker ADDRESS",
+        ) from error
+    with client:
+        _refuse_other_versions(client.run(_asking_for_version()))
+        executor = client.get_executor(pure=False, retries=RETRIES)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)
+
+
+def _asking_for_version() -> Callable[[], str]:
+    """A function that gives a worker's version of the code, empty where it has no such fieldkit.
+
+    It stands inside another one so that Dask sends its code, not its name, which means nothing there.
+    """
+
+    def version() -> str:
+        try:
+            from fieldkit.workflows import cache
+        except ImportError:
+            return ""
+        return cache.code_version()
+
+    return version
+
+
+def _refuse_other_versions(found: dict[str, str]) -> None:
+    if not found:
+        raise RefusedError("the Dask cluster has no workers", fix="start some: dask worker ADDRESS")
+    if without := [worker for worker, version in found.items() if not version]:
+        raise RefusedError(
+            f"the Dask worker {without[0]} cannot import fieldkit",
+            fix=f"install fieldkit {__version__} and the same libraries in that worker's environment",
+        )
+    other = {worker: version for worker, version in found.items() if version != code_version()}
+    if other:
+        worker, version = next(iter(other.items()))
+        raise RefusedError(
+            f"the Dask worker {worker} has fieldkit {version}, here is {code_version()}",
+            fix="install the same fieldkit and libraries there; slopes would not be comparable",
+        )
+
+
+def _begin() -> None:
+    """In a new worker: Ctrl-C is for the process that hands out the work; end with it, however it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    multiprocessing.connection.wait([parent.sentinel])
+    os._exit(1)

@@ -1,0 +1,79 @@
+"""Which sessions are estimated, and by which configuration: a session's own, or the campaign's of now."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fieldkit.config import Config, config_from_text, find_campaign, load_config
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.site import Region, Site
+from fieldkit.sessions.reader import Session, open_session
+
+
+@dataclass(frozen=True)
+class Source:
+    """A session file to estimate: `checksum` is the file's SHA-256, `session_id` what it calls itself."""
+
+    path: Path
+    checksum: str
+    session_id: str
+    config: Config
+    regions: tuple[Region, ...]
+
+
+def source_of(path: Path, *, present: bool = False) -> Source:
+    """Look at a session once; `present` takes the campaign's configuration and regions of now.
+
+    Raises `SessionError` where it cannot be read or is still being recorded, `ConfigError`.
+    """
+    with open_session(path) as session:
+        if session.state == "recording":
+            raise SessionError(
+                f"{path} is still being recorded", fix="fieldkit stop, or wait until it is sealed"
+            )
+        config = config_for(session, present=present)
+        regions = regions_for(session, config, present=present)
+        return Source(path.resolve(), sha256(path), session.session_id, config, regions)
+
+
+def config_for(session: Session, settings: Sequence[str] = (), *, present: bool = False) -> Config:
+    """The configuration to estimate a session with.
+
+    The session's own, unless it has none (it was imported) or `present` asks for the
+    campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's,
+    where it was recorded or imported; only `settings` can replace it. Raises `ConfigError`.
+    """
+    settings = (*_site_settings(session.site), *settings)
+    if session.config_toml and not present:
+        return config_from_text(session.config_toml, session.path, settings=settings)
+    try:
+        return load_config(find_campaign(session.path.resolve().parent), settings=settings)
+    except ConfigError as error:
+        if session.config_toml or "no fieldkit.toml" not in error.message:
+            raise
+        raise ConfigError(
+            f"{session.path} has no configuration of its own (it was imported), and no campaign is around it",
+            fix="put it into recordings/ of a campaign (fieldkit init), and draw regions with fieldkit roi",
+        ) from error
+
+
+def _site_settings(site: Site) -> tuple[str, ...]:
+    """A site as settings, which stand above the campaign's file and below those given after them."""
+    return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
+
+
+def regions_for(session: Session, config: Config, *, present: bool = False) -> tuple[Region, ...]:
+    """The regions as the session has them, or as the campaign has them now."""
+    return config.regions if present or not session.regions else session.regions
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file; empty for a session of which only the journal is left."""
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,67 @@
+"""What worker processes do: read a session into minutes, and work slopes out of minutes.
+
+A session is read once for all parameters: most of them are used after the minutes are made,
+so that estimating again costs no reading. What does enter the minutes is what `runs.bin_settings`
+keeps. The results are those of the `Estimator`, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.estimation.binner import Binner
+from fieldkit.estimation.bins import Bin, History
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slopes import slopes
+from fieldkit.model.errors import FieldkitError, SessionError
+from fieldkit.model.site import Region, Site
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.workflows.estimates import Estimates
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[Session]:
+    """An open session; what its file refuses to tell becomes a `SessionError`."""
+    try:
+        with open_session(path) as session:
+            yield session
+    except FieldkitError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
+
+
+def read_minutes(
+    path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
+) -> list[History]:
+    """The minutes of a session for each site and `runs.bin_settings` wanted, in one pass over its samples.
+
+    Raises `SessionError`.
+    """
+    with reading(path) as session:
+        streams = tuple(session.streams.values())
+        binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
+        closed: list[list[Bin]] = [[] for _ in binners]
+        for sample in session.samples():
+            for binner, bins in zip(binners, closed, strict=True):
+                bins.extend(entry for entry, _ in binner.add(sample))
+    for binner, bins in zip(binners, closed, strict=True):
+        bins.extend(entry for entry, _ in binner.finish())
+    return [History.of(bins) for bins in closed]
+
+
+def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Estimates:
+    """Slopes of every target at every minute."""
+    names = [region.name for region in regions]
+    minutes = [slopes(history.until(last), regions, settings) for last in range(1, len(history) + 1)]
+    temperature_k = [
+        history.temperature_k[row, names.index(one.region)]
+        for row, minute in enumerate(minutes)
+        for one in minute
+    ]
+    light_w_m2 = np.repeat(history.direct_w_m2, [len(minute) for minute in minutes])
+    return Estimates.of([one for minute in minutes for one in minute], temperature_k, light_w_m2, regions)

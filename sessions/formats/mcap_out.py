@@ -1,0 +1,190 @@
+"""A session as one MCAP file: counts, readings, events and slopes as messages by time, with their schemas.
+
+Messages are JSON described by JSON Schema, so that a reader needs nothing of fieldkit's; pictures
+and events have the names and fields of Foxglove's schemas, which viewers draw at once, and carry
+fieldkit's stamps beside them. Bytes are base64; NaN, which JSON has not, is null.
+"""
+
+from __future__ import annotations
+
+import base64
+import heapq
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.sessions.analysis import channel_names
+from fieldkit.sessions.reader import Session
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+_LEVELS = {Severity.INFO: 2, Severity.WARNING: 3, Severity.ERROR: 4}  # as foxglove.Log has them
+_INTEGER, _NUMBER, _TEXT = {"type": "integer"}, {"type": ["number", "null"]}, {"type": "string"}
+_BYTES = {"type": "string", "contentEncoding": "base64"}
+_TIME = {"type": "object", "title": "time", "properties": {"sec": _INTEGER, "nsec": _INTEGER}}
+_STAMPS = {
+    "timestamp": _TIME,
+    "mono_ns": {**_INTEGER, "description": "host monotonic clock at the first byte"},
+    "seq": _INTEGER,
+    "device_seq": {"type": ["integer", "null"], "description": "the device's own counter, or the kernel's"},
+    "device_time": {"type": ["integer", "null"], "description": "the device's own stamp"},
+    "flags": {**_INTEGER, "description": "quality flags; meanings in the session file's reference"},
+}
+_PICTURE = {
+    **_STAMPS,
+    "frame_id": _TEXT,
+    "width": _INTEGER,
+    "height": _INTEGER,
+    "encoding": {**_TEXT, "description": "mono16: 16-bit counts, little-endian"},
+    "step": {**_INTEGER, "description": "bytes of a row"},
+    "data": _BYTES,
+    "metadata_rows": {**_BYTES, "description": "rows the camera sent with the picture, same width"},
+    "sensor_temperature_k": _NUMBER,
+}
+_EVENT = {
+    "timestamp": _TIME, "level": _INTEGER, "message": _TEXT, "name": _TEXT, "file": _TEXT, "line": _INTEGER,
+    "mono_ns": _INTEGER, "kind": _TEXT, "data": {"type": "object"},
+}  # fmt: skip
+_SLOPE_NUMBERS = (
+    "tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg", "azimuth_low_deg", "azimuth_high_deg",
+    "kelvin_per_degree", "chi_square",
+)  # fmt: skip
+_SLOPE = {
+    "timestamp": _TIME, "region": _TEXT, "state": _TEXT, "model": _TEXT, "reason": _TEXT, "minutes": _INTEGER,
+    **dict.fromkeys(_SLOPE_NUMBERS, _NUMBER),
+}  # fmt: skip
+
+
+def export_mcap(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """One ``.mcap`` with all streams, or the one named; of pictures every n-th.
+
+    Raises `ConfigError` where the mcap package is not installed.
+    """
+    try:
+        from mcap.writer import Writer
+    except ImportError as error:
+        raise ConfigError("MCAP needs the mcap package", fix="pip install 'fieldkit[lab]'") from error
+    path = folder / (f"{session.path.stem}.mcap" if stream is None else f"{session.path.stem}-{stream}.mcap")
+    names = tuple(session.streams) if stream is None else (session.stream(stream).info.name,)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(library=f"fieldkit {session.provenance['fieldkit_version']}")
+        _about(writer, session)
+        _messages(writer, session, names, every)
+        writer.finish()
+    return [path]
+
+
+def _about(writer: Writer, session: Session) -> None:
+    """What holds for the whole session: place, provenance, and the configuration as it was used."""
+    header, site = session.header, session.site
+    about = {
+        "title": header.title, "session_id": session.session_id, "state": session.state,
+        "latitude_deg": repr(site.latitude_deg), "longitude_deg": repr(site.longitude_deg),
+        "elevation_m": repr(site.elevation_m), "timezone": site.timezone,
+        "license": header.license, "references": header.references,
+    }  # fmt: skip
+    writer.add_metadata("fieldkit session", {**about, **session.provenance})
+    start_ns = session.start_ns
+    writer.add_attachment(
+        start_ns, start_ns, "fieldkit.toml", "application/toml", session.config_toml.encode()
+    )
+
+
+def _messages(writer: Writer, session: Session, names: tuple[str, ...], every: int) -> None:
+    """Samples and events by the monotonic clock, then the slopes."""
+    channels = {name: _stream_channel(writer, session.streams[name]) for name in names}
+    events = _channel(writer, "events", "foxglove.Log", _EVENT, {})
+    for item in heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns):
+        if isinstance(item, Event):
+            _put(writer, events, item.time_ns, item.mono_ns // 1_000_000, _event(item))
+        elif not isinstance(item, Frame) or item.seq % every == 0:
+            info = session.streams[item.stream]
+            _put(writer, channels[item.stream], item.time_ns, item.seq, _sample(item, info))
+    estimates = _channel(writer, "estimates", "fieldkit.Slope", _SLOPE, {})
+    for number, estimate in enumerate(session.estimates()):
+        _put(writer, estimates, estimate.time_ns, number, _slope(estimate))
+
+
+def _stream_channel(writer: Writer, info: StreamInfo) -> int:
+    declared = {
+        name: str(getattr(info, name))
+        for name in ("quantity", "unit", "scale", "offset", "law", "rate_hz", "driver", "vendor", "model",
+                     "serial_number", "firmware", "device_time_unit", "accuracy")
+    }  # fmt: skip
+    declared["settings"] = json.dumps(dict(info.settings), default=str)
+    if info.is_camera:
+        return _channel(writer, info.name, "foxglove.RawImage", _PICTURE, declared)
+    values = {name: {**_NUMBER, "description": info.unit} for name in channel_names(info)}
+    reading = {**_STAMPS, "values": {"type": "object", "properties": values}, "raw": _BYTES}
+    return _channel(writer, info.name, f"fieldkit.Reading.{info.name}", reading, declared)
+
+
+def _channel(
+    writer: Writer, topic: str, schema: str, properties: Mapping[str, Any], about: dict[str, str]
+) -> int:
+    text = json.dumps({"title": schema, "type": "object", "properties": properties})
+    known = writer.register_schema(schema, "jsonschema", text.encode())
+    return writer.register_channel(f"/{topic}", "json", known, about)
+
+
+def _put(writer: Writer, channel: int, time_ns: int, number: int, message: Mapping[str, Any]) -> None:
+    stamped = {"timestamp": {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}, **message}
+    data = json.dumps(stamped, allow_nan=False, ensure_ascii=False).encode()
+    writer.add_message(channel, time_ns, data, time_ns, number % 2**32)
+
+
+def _sample(sample: Sample, info: StreamInfo) -> dict[str, Any]:
+    stamps = {
+        "mono_ns": sample.mono_ns, "seq": sample.seq, "device_seq": _counter(sample.device_seq),
+        "device_time": _counter(sample.device_time), "flags": int(sample.quality),
+    }  # fmt: skip
+    if isinstance(sample, Frame):
+        return {**stamps, **_picture(sample)}
+    values = dict(zip(channel_names(info), map(_number, sample.values), strict=True))
+    return {**stamps, "values": values, "raw": _base64(sample.raw)}
+
+
+def _picture(frame: Frame) -> dict[str, Any]:
+    rows, cols = frame.counts.shape
+    return {
+        "frame_id": frame.stream, "width": cols, "height": rows, "encoding": "mono16", "step": 2 * cols,
+        "data": _base64(frame.counts.astype("<u2").tobytes()),
+        "metadata_rows": _base64(frame.metadata_rows.astype("<u2").tobytes()),
+        "sensor_temperature_k": _number(frame.fpa_temperature_k),
+    }  # fmt: skip
+
+
+def _event(event: Event) -> dict[str, Any]:
+    return {
+        "level": _LEVELS.get(event.severity, 3), "message": event.text, "name": event.stream,
+        "file": "", "line": 0,
+        "mono_ns": event.mono_ns, "kind": event.kind.name.lower(), "data": dict(event.data),
+    }  # fmt: skip
+
+
+def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
+    numbers = {name: _number(getattr(estimate, name)) for name in _SLOPE_NUMBERS}
+    return {
+        "region": estimate.region, "state": estimate.state.name.lower(), "model": estimate.model,
+        "reason": estimate.reason, "minutes": estimate.n_bins, **numbers,
+    }  # fmt: skip
+
+
+def _counter(value: int) -> int | None:
+    return None if value == NO_COUNTER else value
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()

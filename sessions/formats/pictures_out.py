@@ -1,0 +1,203 @@
+"""The pictures of a session: as radiometric TIFF, or to look at as PNG and MP4 with scale and regions."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import fieldkit
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.samples import Frame, is_damaged
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.pixel_axes import with_axes
+from fieldkit.sessions.datasets import iso_utc
+from fieldkit.sessions.formats.tiff import PictureTags, write_tiff
+from fieldkit.sessions.reader import Session
+
+TIFF_KELVIN_PER_COUNT = 0.01
+_WIDTH, _BAR = 640, 36
+_ROOM = "make room, or name another folder: -o DIR"
+_TABLES = "export --to csv, for what it has"
+_BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colour
+Image = NDArray[np.uint8]
+
+
+def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """16-bit TIFFs of 0.01 K per count with scale, time and flags in their tags: `import` reads them back.
+
+    The times stand in ``times.csv`` too. A pixel of 0 has no temperature; counts of a camera without a known
+    scale are written as they are. Raises `OSError`, and `ConfigError` where the camera is not known.
+    """
+    info = _camera(session, stream)
+    paths, rows = [], []
+    for frame in _frames(session, info.name, every):
+        path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
+        flags = tuple(str(flag.name).lower() for flag in frame.quality)
+        tags = PictureTags(time, TIFF_KELVIN_PER_COUNT if has_temperatures(info) else math.nan, flags=flags)
+        write_tiff(path, _tiff_counts(frame, info), tags, f"fieldkit {fieldkit.__version__}")
+        paths.append(path)
+        rows.append((path.name, time))
+    return [*paths, _write_times(folder / "times.csv", rows)]
+
+
+def _tiff_counts(frame: Frame, info: StreamInfo) -> NDArray[np.uint16]:
+    if not has_temperatures(info):
+        return frame.counts
+    hundredths = np.rint(frame_k(info, frame.counts, frame.metadata_rows) / TIFF_KELVIN_PER_COUNT)
+    return np.asarray(np.clip(np.nan_to_num(hundredths), 0, 65535), np.uint16)
+
+
+def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """Coloured pictures with the temperature scale, the regions and the time. Raises `StorageError`."""
+    import cv2
+
+    paths = []
+    info = _camera(session, stream)
+    for frame, image in _drawn(session, info, every):
+        path = folder / f"{_stem(session, info)}-{frame.seq:07}.png"
+        if not cv2.imwrite(str(path), image):
+            raise StorageError(f"cannot write {path}", fix=_ROOM)
+        paths.append(path)
+    return paths
+
+
+def export_mp4(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+    """The same as a film, 25 pictures a second. Raises `StorageError`."""
+    import cv2
+
+    info = _camera(session, stream)
+    path, film = folder / f"{_stem(session, info)}.mp4", None
+    for _, image in _drawn(session, info, every):
+        if film is None:
+            code = cv2.VideoWriter.fourcc(*"mp4v")
+            film = cv2.VideoWriter(str(path), code, 25.0, (image.shape[1], image.shape[0]))
+            if not film.isOpened():
+                raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
+        film.write(image)
+    if film is None:
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+    film.release()
+    return [path]
+
+
+def _camera(session: Session, stream: str | None) -> StreamInfo:
+    """The camera named, or the only one; raises `ConfigError`."""
+    names = _cameras(session)
+    if not names:
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+    if stream is None and len(names) > 1:
+        raise ConfigError(
+            f"{session.path} has pictures of {len(names)} cameras",
+            fix=f"--stream with one of {', '.join(names)}",
+        )
+    if stream is not None and stream not in names:
+        raise ConfigError(
+            f"{session.path} has no camera {stream!r}", fix=f"--stream with one of {', '.join(names)}"
+        )
+    return session.streams[stream or names[0]]
+
+
+def _cameras(session: Session) -> list[str]:
+    return [info.name for info in session.streams.values() if info.is_camera]
+
+
+def _stem(session: Session, info: StreamInfo) -> str:
+    """What the names of the files begin with: the camera is in it where the session has several."""
+    several = len(_cameras(session)) > 1
+    return f"{session.path.stem}-{info.name}" if several else session.path.stem
+
+
+def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
+    """The times of these pictures, beside those that other exports wrote into the same folder."""
+    known: dict[str, str] = {}
+    if table.exists():
+        with table.open(newline="", encoding="utf-8") as file:
+            known = {row[0]: row[1] for row in csv.reader(file) if len(row) == 2}
+    known = {"file": "time", **known, **dict(rows)}
+    with table.open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows(known.items())
+    return table
+
+
+def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
+    """The frames to be written; damaged ones are not among them, as a picture shows no flags."""
+    for sample in session.samples(camera):
+        if isinstance(sample, Frame) and sample.seq % every == 0 and not is_damaged(sample.quality):
+            yield sample
+
+
+def _drawn(session: Session, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
+    low, high = _range(session, info)
+    unit = " C" if has_temperatures(info) else ""
+    words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
+    for frame in _frames(session, info.name, every):
+        yield frame, _draw(session, frame, _shown(frame, info), (low, high), words)
+
+
+def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
+    """What a picture shows, (rows, cols): °C, or counts where the camera's scale is not known."""
+    if not has_temperatures(info):
+        return frame.counts.astype(np.float32)
+    return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(273.15)
+
+
+def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
+    """One colour scale for the whole session: it holds the middle 98 % of each of about fifty pictures.
+
+    Of each, not of all together: a bed that is warm for an hour only must not lie beyond the end.
+    """
+    reader, length = session.stream(info.name), session.count(info.name)
+    frames = (reader.frame(row) for row in range(0, length, max(1, length // 50)))
+    shown = [_shown(frame, info) for frame in frames if not is_damaged(frame.quality)]
+    ends = np.array([np.nanpercentile(one, (1, 99)) for one in shown if np.isfinite(one).any()])
+    if not len(ends):
+        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    return low, max(high, low + (0.01 if has_temperatures(info) else 1))
+
+
+def _draw(
+    session: Session, frame: Frame, shown: NDArray[np.float32], ends: tuple[float, float], words: list[str]
+) -> Image:
+    import cv2
+
+    factor = max(1, round(_WIDTH / frame.counts.shape[1]))
+    low, high = ends
+    grey = np.clip(np.nan_to_num((shown - low) / (high - low)) * 255, 0, 255).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    image: Image = cv2.applyColorMap(large, cv2.COLORMAP_INFERNO).astype(np.uint8)
+    for region in session.regions:
+        corners = np.array([((x + 0.5) * factor, (y + 0.5) * factor) for x, y in region.vertices], np.int32)
+        for colour, thickness in ((_BLACK, 3), (_WHITE, 1)):
+            cv2.polylines(image, [corners], True, colour, thickness, cv2.LINE_AA)
+        _write(image, region.name, (int(corners[0][0]) + 5, int(corners[0][1]) + 17))
+    image = with_axes(image, factor)
+    return np.vstack([image, _bar(image.shape[1], words, iso_utc(frame.time_ns)[:19] + "Z")])
+
+
+def _bar(width: int, words: list[str], moment: str) -> Image:
+    """The colour scale with its ends, and the time."""
+    import cv2
+
+    ramp = np.tile(np.linspace(0, 255, width).astype(np.uint8), (_BAR // 3, 1))
+    black = np.zeros((_BAR - _BAR // 3, width, 3), np.uint8)
+    bar: Image = np.vstack([cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO).astype(np.uint8), black])
+    _write(bar, words[0], (4, _BAR - 8))
+    _write(bar, moment, (width // 2 - 80, _BAR - 8))
+    _write(bar, words[1], (width - 80, _BAR - 8))
+    return bar
+
+
+def _write(image: Image, text: str, place: tuple[int, int]) -> None:
+    import cv2
+
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)
+    x, y = place
+    cv2.rectangle(image, (x - 2, y - height - 2), (x + width + 2, y + below), _BLACK, cv2.FILLED)
+    cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.45, _WHITE, 1, cv2.LINE_AA)

@@ -1,0 +1,124 @@
+r"""Recordings ``*.raw.y16.gz`` of the PureThermal Y16 recorder.
+
+A gzip stream: the signature ``PTY16V1\n``, a little-endian u32 length, a JSON header of that
+length; then per frame u64 number, f64 Unix seconds, i64 Unix milliseconds, and the
+picture, u16 little-endian. The stamps are arrivals at the recording program. The header
+says the counts are kelvin x 100 *if* the camera's TLinear was on.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Frame, Severity
+from fieldkit.sessions.formats.imported import Foreign, flag_bunched
+from fieldkit.sessions.formats.times import plausible_ns
+
+SIGNATURE = b"PTY16V1\n"
+_RECORD = struct.Struct("<Qdq")
+_MAX_HEADER, _MAX_SIDE, _MAX_NUMBER = 1_000_000, 4096, 2**63 - 1
+_MAX_RATE_HZ = 1000.0
+_UNREADABLE = (ValueError, KeyError, TypeError, OverflowError, RecursionError, OSError, EOFError, zlib.error)
+_PLAUSIBLE_K = (200.0, 700.0)
+
+
+def is_purethermal(path: Path) -> bool:
+    """Whether a file is such a recording."""
+    try:
+        with gzip.open(path) as file:
+            return file.read(len(SIGNATURE)) == SIGNATURE
+    except (OSError, EOFError, zlib.error):
+        return False
+
+
+def read_purethermal(path: Path, name: str = "camera") -> Foreign:
+    """A recording as a camera stream; a last frame that is cut off is left out and told.
+
+    It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
+    file is not such a recording.
+    """
+    remarks: list[tuple[Severity, str]] = []
+    time_ns: list[int] = []
+    median = float("nan")
+    try:
+        for frame in _frames(path, name):
+            if not time_ns:
+                median = float(np.median(frame.counts)) / 100.0
+            time_ns.append(frame.time_ns)
+    except gzip.BadGzipFile:
+        remarks.append((Severity.WARNING, f"{path.name} does not match its checksum: pictures may be wrong"))
+    except (EOFError, OSError, zlib.error):
+        remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was left out"))
+    scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
+    if scale == scale:
+        remarks.append(
+            (Severity.INFO, f"counts taken as K/100: the first picture's median is {median:.1f} K")
+        )
+    else:
+        remarks.append((Severity.WARNING, "the counts are no K/100 (TLinear off): temperatures unknown"))
+    with gzip.open(path) as file:
+        shape, rate_hz = _header(path, file)
+    flagged, bunches = flag_bunched(lambda: _frames(path, name), time_ns)
+    info = StreamInfo(
+        name, "brightness_temperature", "K", shape, scale,
+        rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
+    )  # fmt: skip
+    return Foreign((info,), flagged, (*remarks, *bunches))
+
+
+def _frames(path: Path, name: str) -> Iterator[Frame]:
+    """The frames; raises `EOFError`, `OSError` or `zlib.error` where the file ends within one."""
+    with gzip.open(path) as file:
+        shape, _ = _header(path, file)
+        while (frame := _frame(file, name, shape)) is not None:
+            yield frame
+
+
+def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
+    try:
+        signature, length = file.read(8), int.from_bytes(file.read(4), "little")
+        if signature != SIGNATURE or length > _MAX_HEADER:
+            raise ValueError("no such signature")
+        header = json.loads(file.read(length))
+        shape, rate_hz = (int(header["height"]), int(header["width"])), float(header["fps"])
+        if not all(0 < side <= _MAX_SIDE for side in shape):
+            raise ValueError(f"pictures of {shape}")
+        if not 0.0 < rate_hz <= _MAX_RATE_HZ:
+            raise ValueError(f"{rate_hz} pictures a second")
+        return shape, rate_hz
+    except _UNREADABLE as error:
+        raise ConfigError(
+            f"{path} is not a recording of the PureThermal Y16 recorder: {error}",
+            fix="fieldkit import reads .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
+        ) from error
+
+
+def _frame(file: gzip.GzipFile, name: str, shape: tuple[int, int]) -> Frame | None:
+    """The next frame, or None at the end; raises `EOFError` where it is cut off."""
+    record = file.read(_RECORD.size)
+    if not record:
+        return None
+    size = 2 * shape[0] * shape[1]
+    data = file.read(size)
+    if len(record) < _RECORD.size or len(data) < size:
+        raise EOFError
+    number, seconds, milliseconds = _RECORD.unpack(record)
+    if not math.isfinite(seconds) or number > _MAX_NUMBER:
+        raise ConfigError(
+            f"frame {number} was taken at {seconds} s: the file is damaged",
+            fix="copy it from the recorder again",
+        )
+    time_ns = plausible_ns(round(seconds * 1e6) * 1000)
+    counts = np.frombuffer(data, "<u2").reshape(shape)
+    rows = np.empty((0, 0), "<u2")
+    return Frame(name, time_ns, time_ns, counts, rows, device_time=milliseconds, device_seq=number)

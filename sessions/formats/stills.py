@@ -1,0 +1,210 @@
+"""Single pictures (16-bit TIFF, InfiRay IRG), of a folder or one alone, stamped in a table or in their names.
+
+What a count means is never guessed: the file says it, or it must be given, or said to be unknown.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import tzinfo
+from functools import reduce
+from operator import or_
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Frame, Quality, Severity
+from fieldkit.sessions.formats.imported import Foreign, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.irg import read_irg
+from fieldkit.sessions.formats.tiff import claimed_pixels, read_tags
+from fieldkit.sessions.formats.times import parse_times_ns
+
+SUFFIXES = (".tif", ".tiff", ".irg")
+_MOST_PIXELS = 1 << 24
+_OR_NONE = "or --kelvin-per-count none for pictures only"
+_SAY_SCALE = {
+    "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
+    "IRG": f"--kelvin-per-count 0.0625 (InfiRay C200) or 0.1 (others), {_OR_NONE}",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Kelvin = counts * `kelvin_per_count` + `kelvin_at_zero`; NaN where the temperature is not known."""
+
+    kelvin_per_count: float
+    kelvin_at_zero: float = 0.0
+
+
+def pictures_in(source: Path) -> list[Path]:
+    """The pictures of a folder, by name; or the one."""
+    if not source.is_dir():
+        return [source]
+    return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+
+
+def read_stills(
+    source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
+    zone: tzinfo | None = None, name: str = "camera",
+) -> Foreign:  # fmt: skip
+    """The pictures of a folder, or one, as a camera stream, in order of time.
+
+    `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
+    time; with a header line or without), from the file names by `time_format` (as for strptime, of
+    the name without its ending), or from the tags of pictures that fieldkit exported. Times without an
+    offset are taken in `zone`. Raises `ConfigError`.
+    """
+    paths = pictures_in(source)
+    if not paths:
+        raise ConfigError(
+            f"{source} has no pictures with temperatures",
+            fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
+        )
+    first, own, remarks = _first(paths)
+    if scale is None and own is None:
+        raise ConfigError(
+            f"what one count of these {_kind(paths[0])} pictures means is not known",
+            fix=_SAY_SCALE[_kind(paths[0])],
+        )
+    stamps = _stamps(paths, times, time_format, zone)
+    ordered = sorted(paths, key=stamps.__getitem__)
+    time_ns = [stamps[path] for path in ordered]
+    known = scale or own or Scale(float("nan"))
+    info = StreamInfo(
+        name, "brightness_temperature", "K", (first.shape[0], first.shape[1]), known.kelvin_per_count,
+        known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
+    )  # fmt: skip
+    flagged, bunches = flag_bunched(lambda: _frames(ordered, time_ns, info), time_ns)
+    return Foreign((info,), flagged, (*remarks, *bunches))
+
+
+def _stamps(
+    paths: Sequence[Path], times: Path | None, time_format: str | None, zone: tzinfo | None
+) -> dict[Path, int]:
+    """When each picture was taken, by the one way that was given, else by its own tags."""
+    if times is not None and time_format is None:
+        return _from_table(paths, times, zone)
+    if time_format is not None and times is None:
+        return _from_names(paths, time_format, zone)
+    tags = {path: read_tags(path) for path in paths} if times is None else {}
+    tagged = {path: one.time for path, one in tags.items() if one is not None}
+    found = dict(zip(tagged, parse_times_ns(list(tagged.values()), zone), strict=True))
+    if len(found) < len(paths):
+        raise ConfigError(
+            "when the pictures were taken must be said in one way",
+            fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
+        )
+    return found
+
+
+def _first(
+    paths: Sequence[Path],
+) -> tuple[NDArray[np.uint16], Scale | None, tuple[tuple[Severity, str], ...]]:
+    """A picture, what its file says of its counts, and what to remark."""
+    if len({_kind(path) for path in paths}) > 1:
+        raise ConfigError(
+            f"{paths[0].parent} has TIFF and IRG pictures", fix="import them from folders of their own"
+        )
+    if _kind(paths[0]) == "TIFF":
+        return _tiff(paths[0]), _own_scale(paths), ()
+    picture = read_irg(paths[0])
+    own = None if math.isnan(picture.kelvin_per_count) else Scale(picture.kelvin_per_count)
+    said = f"the camera's emissivity was {picture.emissivity:g}; whether the counts allow for it is not known"
+    return picture.counts, own, ((Severity.WARNING, said),)
+
+
+def _own_scale(paths: Sequence[Path]) -> Scale | None:
+    """What the tags of all pictures say of their counts, where they agree; None of other programs'."""
+    tags = [read_tags(path) for path in paths]
+    scales = {None if one is None else repr((one.scale, one.offset)) for one in tags}
+    first = tags[0]
+    return Scale(first.scale, first.offset) if first is not None and len(scales) == 1 else None
+
+
+def _kind(path: Path) -> str:
+    return "IRG" if path.suffix.lower() == ".irg" else "TIFF"
+
+
+def _frames(paths: Sequence[Path], time_ns: Sequence[int], info: StreamInfo) -> Iterator[Frame]:
+    """The pictures, read when they are asked for."""
+    empty = np.empty((0, 0), np.uint16)
+    for number, (path, stamp) in enumerate(zip(paths, time_ns, strict=True)):
+        counts = _picture(path)
+        if counts.shape != info.shape:
+            raise ConfigError(
+                f"{path} has {counts.shape} pixels, the first picture {info.shape}",
+                fix="import pictures of different sizes from folders of their own",
+            )
+        yield Frame(info.name, stamp, stamp, counts, empty, _quality(path), device_seq=number)
+
+
+def _quality(path: Path) -> Quality:
+    """The flags that an exported picture carries."""
+    tags = read_tags(path) if _kind(path) == "TIFF" else None
+    known = (
+        [Quality[name.upper()] for name in tags.flags if name.upper() in Quality.__members__] if tags else []
+    )
+    return reduce(or_, known, Quality.GOOD)
+
+
+def _picture(path: Path) -> NDArray[np.uint16]:
+    return _tiff(path) if _kind(path) == "TIFF" else read_irg(path).counts
+
+
+def _tiff(path: Path) -> NDArray[np.uint16]:
+    import cv2
+
+    if claimed_pixels(path) > _MOST_PIXELS:
+        raise ConfigError(
+            f"{path} says that it has more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
+        )
+    try:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # tags it does not know are no news
+        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # larger than OpenCV allows
+        found = None
+    if found is None:
+        raise ConfigError(
+            f"{path} cannot be read as a picture", fix="export it again, or take it out of the folder"
+        )
+    if found.dtype != np.uint16 or found.ndim != 2:
+        raise ConfigError(
+            f"{path} has {found.dtype} values of shape {found.shape}, not one 16-bit number per pixel",
+            fix="export the radiometric pictures, not the coloured ones",
+        )
+    return found.astype(np.uint16)
+
+
+def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict[Path, int]:
+    try:
+        lines = times.read_text(encoding="utf-8-sig").splitlines()
+        cells = csv.reader(lines, delimiter=_delimiter(lines))
+        rows = {row[0].strip(): row[1].strip() for row in cells if len(row) >= 2}
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"cannot read {times}: {error}", fix="save it as CSV, UTF-8") from error
+    missing = [path.name for path in paths if path.name not in rows]
+    if missing:
+        raise ConfigError(
+            f"{times} has no time for {len(missing)} pictures, the first {missing[0]}",
+            fix="add a line for each, or take them out of the folder",
+        )
+    wanted = {path.name: path for path in paths}
+    named = [name for name in rows if name in wanted]  # in the order of the table
+    times_ns = parse_times_ns([rows[name] for name in named], zone)
+    return {wanted[name]: time_ns for name, time_ns in zip(named, times_ns, strict=True)}
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """What parts the columns: semicolons or tabs where the first line has them, else commas."""
+    return next((mark for mark in ";\t" if lines and mark in lines[0]), ",")
+
+
+def _from_names(paths: Sequence[Path], time_format: str, zone: tzinfo | None) -> dict[Path, int]:
+    times_ns = parse_times_ns([path.stem for path in paths], zone, time_format)
+    return dict(zip(paths, times_ns, strict=True))

@@ -1,0 +1,76 @@
+"""What the user sees and the shell gets when a verb fails."""
+
+import sys
+from types import ModuleType
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import Row, VerbTable
+from fieldkit.cli.common import Verb
+from fieldkit.model import errors
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path):
+    """Runs a verb that raises what it is given."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+    def go(error: BaseException):
+        @click.command(cls=Verb)
+        def command() -> None:
+            raise error
+
+        module = ModuleType("fieldkit_failing_verb")
+        module.command = command
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        table = VerbTable({"Test": (Row("fail", module.__name__, "Fails."),)}, name="fieldkit")
+        return CliRunner().invoke(table, ["fail"])
+
+    return go
+
+
+# exit codes as docs/reference/command-line.md lists them
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (errors.ConfigError("x"), 3),
+        (errors.SessionError("x"), 3),
+        (errors.DeviceNotFoundError("x"), 4),
+        (errors.DeviceAccessError("x"), 4),
+        (errors.DeviceTimeoutError("x"), 4),
+        (errors.DeviceLostError("x"), 5),
+        (errors.StorageError("x"), 6),
+        (errors.IntegrityError("x"), 7),
+        (errors.NoAnswerError("x"), 8),
+        (errors.RefusedError("x"), 9),
+        (click.UsageError("x"), 2),
+        (KeyboardInterrupt(), 130),
+        (click.Abort(), 130),
+        (RuntimeError("x"), 1),
+    ],
+)
+def test_each_failure_has_its_exit_code(run, error, code):
+    assert run(error).exit_code == code
+
+
+def test_an_error_says_what_happened_and_what_to_do(run):
+    result = run(errors.DeviceAccessError("no permission for /dev/x", fix="first line\nsecond line"))
+    assert result.stdout == ""
+    assert result.stderr == "error: no permission for /dev/x\n  fix: first line\n       second line\n"
+
+
+def test_an_unexpected_error_leaves_a_log_and_names_it(run, tmp_path):
+    result = run(RuntimeError("the unthinkable"))
+    (log,) = (tmp_path / "fieldkit" / "log").glob("*-fail.log")
+    assert str(log) in result.stderr
+    assert "RuntimeError: the unthinkable" in log.read_text()
+    assert "Traceback" not in result.stderr
+
+
+def test_an_unexpected_error_is_shown_where_no_log_can_be_written(run, tmp_path):
+    (tmp_path / "fieldkit").write_text("a file where the folder should be")
+    result = run(RuntimeError("the unthinkable"))
+    assert result.exit_code == 1
+    assert "Traceback" in result.stderr

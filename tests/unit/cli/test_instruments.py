@@ -1,0 +1,236 @@
+"""The verbs about instruments: devices, doctor, decode, selftest."""
+
+import json
+from datetime import UTC, datetime
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.cli import main
+from fieldkit.drivers import access, survey
+from fieldkit.drivers.identity import UsbIdentity
+
+LUX = "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"
+SMP = "01 04 10 00 01 00 01 00 01 20 F5 20 C7 00 03 01 39 00 79 48 A8"
+
+
+def run(*words, **more):
+    return CliRunner().invoke(main, list(words), **more)
+
+
+def decoded(*words, **more):
+    answer = run("decode", *words, "--json", **more)
+    assert answer.exit_code == 0, answer.output
+    return json.loads(answer.stdout)
+
+
+def test_decode_has_the_promised_form():
+    assert decoded("lutron", *LUX.split(), "02", "34") == {
+        "schema": 1,
+        "readings": [{"value": 98760.0, "unit": "lx", "channel": "1", "flags": []}],
+        "rejected": [],
+        "rest": 2,
+        "notes": [],
+    }
+
+
+@pytest.mark.parametrize("hexadecimal", [LUX, LUX.replace(" ", ""), LUX.replace(" ", ":"), LUX.lower()])
+def test_hexadecimal_may_be_written_as_one_likes(hexadecimal):
+    assert decoded("lutron", hexadecimal)["readings"][0]["value"] == 98760.0
+
+
+@pytest.mark.parametrize("records", [20, 200, 3000])
+def test_hexadecimal_may_be_longer_than_a_file_name_may_be(records):
+    assert len(decoded("lutron", records * LUX.replace(" ", ""))["readings"]) == records
+
+
+def test_no_value_is_null_with_its_flag():
+    frame = "02 80 06 00 00 00 00 00 EF" + " 00" * 30 + " 0E 00 00 00 00 03"
+    readings = decoded("center-309", frame)["readings"]
+    assert [one["value"] for one in readings] == [23.9, None, None, None]
+    assert readings[1]["flags"] == ["no_value", "overload"]
+
+
+def test_rejected_bytes_have_a_reason_and_a_place():
+    found = decoded("lutron", "FF FF " + LUX)
+    assert found["rejected"] == [{"offset": 0, "length": 2, "reason": "does not begin with 02"}]
+
+
+def test_file_and_standard_input_are_read(tmp_path):
+    path = tmp_path / "bytes.bin"
+    path.write_bytes(bytes.fromhex(LUX) * 3)
+    assert len(decoded("lutron", str(path))["readings"]) == 3
+    assert len(decoded("lutron", "-", input=bytes.fromhex(LUX))["readings"]) == 1
+
+
+def test_modbus_without_a_map_gives_raw_registers():
+    raw = decoded("modbus", SMP)["readings"]
+    assert [one["value"] for one in raw] == [1, 1, 1, 8437, 8391, 3, 313, 121]
+    mapped = decoded("modbus", "--map", "kipp-smp", SMP)["readings"]
+    assert mapped[0]["value"] == pytest.approx(843.7)
+    assert "void_data" in mapped[0]["flags"]
+
+
+def test_sentences_may_be_typed_as_they_are():
+    pytest.importorskip("pynmeagps", reason="the extra [gps] is not installed")
+    sentence = "$GPGGA,021530.00,3541.3668,N,13945.3012,E,2,11,0.86,38.4,M,39.5,M,,0000*66"
+    readings = {one["channel"]: one["value"] for one in decoded("nmea", sentence)["readings"]}
+    assert (readings["altitude"], readings["fix"], readings["satellites"]) == (38.4, 2, 11)
+    assert readings["latitude"] == pytest.approx(35.689447, abs=1e-6)
+
+
+def test_pictures_are_summed_up_in_kelvin(tmp_path):
+    path = tmp_path / "frame.raw"
+    path.write_bytes(b"\x20\x80" * (256 * 192) + (18890).to_bytes(2, "little") * (256 * 192))
+    readings = decoded("p2pro", str(path))["readings"]
+    assert [one["channel"] for one in readings] == ["minimum", "mean", "maximum"]
+    assert readings[1]["value"] == pytest.approx(18890 / 64)
+    assert readings[1]["unit"] == "K"
+    assert "295.15625 K (22.01 °C)" in run("decode", "p2pro", str(path)).stdout
+
+
+def test_options_of_the_driver_can_be_given():
+    counts = "4B 73 " * (80 * 60)
+    assert decoded("y16", counts)["readings"][0]["unit"] == "counts"
+    kelvin = decoded("y16", counts, "-o", "kelvin_per_count=0.01")["readings"][0]
+    assert (kelvin["unit"], kelvin["value"]) == ("K", pytest.approx(295.15))
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("lutron", "02 3"), 3, "neither a file nor hexadecimal"),
+        (("lutron", "hello"), 3, "neither a file nor hexadecimal"),
+        (("lutrn", "02"), 3, "did you mean lutron?"),
+        (("modbus", "01", "--map", "nothing"), 3, "no register map 'nothing'"),
+        (("lutron", "02", "-o", "x"), 2, "is not KEY=VALUE"),
+    ],
+)
+def test_mistakes_are_explained(words, code, message):
+    answer = run("decode", *words)
+    assert answer.exit_code == code
+    assert message in answer.stderr
+
+
+@pytest.fixture
+def plugged(monkeypatch):
+    camera = ("/dev/video0", UsbIdentity(0x0408, 0x5362, "", "1-5", "Webcam"))
+    adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
+    for module, name, found in (
+        ("survey", "cameras", [camera]),
+        ("survey", "serial_ports", [adapter]),
+        ("ports", "serial_ports", [adapter]),
+        ("cameras.source", "cameras", [camera]),
+        ("access", "cameras", [camera]),
+        ("access", "serial_ports", [adapter]),
+    ):
+        monkeypatch.setattr(f"fieldkit.drivers.{module}.{name}", lambda found=found: found)
+
+
+def test_devices_lists_everything_with_its_identity(plugged):
+    found = json.loads(run("devices", "--json").stdout)
+    by_identity = {one["identity"]: one for one in found["devices"]}
+    assert by_identity["10c4:ea60:A7"]["port"] == "/dev/ttyUSB0"
+    assert {"lutron", "center-309", "pce-174", "modbus"} <= set(by_identity["10c4:ea60:A7"]["drivers"])
+    assert by_identity["0408:5362"]["drivers"] == []
+    assert "10c4:ea60:A7" in run("devices").stdout
+
+
+def test_devices_tells_of_a_driver_that_cannot_be_loaded(monkeypatch):
+    monkeypatch.setitem(
+        survey.registry.__dict__, "load_all", lambda: ([], ["the driver 'x' of y cannot be loaded"])
+    )
+    assert "warning: the driver 'x' of y cannot be loaded" in run("devices").stderr
+
+
+def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):
+    monkeypatch.setattr(access.os.path, "exists", lambda path: True)
+    monkeypatch.setattr(access.os, "access", lambda path, mode: "tty" not in str(path))
+    answer = run("doctor", "--json", "-C", str(tmp_path))
+    checks = {one["what"]: one for one in json.loads(answer.stdout)["checks"]}
+    assert answer.exit_code == 4
+    assert checks["/dev/ttyUSB0 (CP2102)"]["level"] == "fail"
+    assert "usermod -aG dialout" in checks["/dev/ttyUSB0 (CP2102)"]["fix"]
+    assert checks["/dev/video0 (Webcam)"]["level"] == "ok"
+    assert "fieldkit init" in checks["configuration"]["fix"]
+
+
+def test_doctor_knows_the_campaign(tmp_path):
+    assert run("init", str(tmp_path / "hill"), "--simulated").exit_code == 0
+    folder = str(tmp_path / "hill")
+    checks = json.loads(run("doctor", "--json", "-C", folder).stdout)["checks"]
+    assert next(one for one in checks if one["what"] == "configuration")["level"] == "ok"
+
+
+def configuration_checks(folder, text):
+    folder.mkdir(exist_ok=True)
+    (folder / "fieldkit.toml").write_text("[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n" + text)
+    checks = json.loads(run("doctor", "--json", "-C", str(folder)).stdout)["checks"]
+    return {one["what"]: one for one in checks}
+
+
+def test_doctor_warns_of_a_campaign_without_instruments(tmp_path):
+    found = configuration_checks(tmp_path / "hill", "")["configuration"]
+    assert (found["level"], found["text"][:13]) == ("warn", "0 instruments")
+    assert "fieldkit devices" in found["fix"]
+
+
+def test_doctor_tells_a_wrong_driver_beside_the_other_mistakes(tmp_path):
+    text = '\n[lux]\ndriver = "lutrn"\n[record]\nevery_s = -1\n'
+    found = configuration_checks(tmp_path / "hill", text)["configuration"]
+    assert found["level"] == "fail"
+    assert "did you mean lutron?" in found["text"]
+    assert "record.every_s" in found["text"]
+
+
+def test_doctor_misses_a_port_of_the_campaign(tmp_path):
+    lux = '\n[lux]\ndriver = "lutron"\nport = "/dev/ttyUSB-none"\noptions.range_max_lx = 4e5\n'
+    thermometer = f'[thermometer]\ndriver = "center-309"\nport = "{tmp_path}"\n'
+    found = configuration_checks(tmp_path / "hill", lux + thermometer)
+    assert (found["lux"]["level"], found["lux"]["text"]) == ("fail", "there is no /dev/ttyUSB-none")
+    assert "thermometer" not in found
+
+
+def test_doctor_doubts_an_old_calibration(tmp_path):
+    made, until = datetime(2020, 1, 1, tzinfo=UTC), datetime(2021, 1, 1, tzinfo=UTC)
+    for name, expires in (("sand", until), ("roof", datetime(9999, 1, 1, tzinfo=UTC))):
+        kind = "emissivity" if name == "sand" else "irradiance"
+        record = CalibrationRecord(kind, name, made, 0.93, 0.01, "1", "test", expires=expires)
+        save(record, tmp_path / "hill/calibration")
+    text = '\n[surface]\nemissivity = "@sand"\n[irradiance]\nmodel = "calibrated"\nfactor = "@roof"\n'
+    checks = configuration_checks(tmp_path / "hill", text)
+    assert checks["surface.emissivity"]["level"] == "warn"
+    assert "was good until 2021-01-01" in checks["surface.emissivity"]["text"]
+    assert checks["surface.emissivity"]["fix"] == "fieldkit calibrate emissivity"
+    assert checks["irradiance.factor"]["level"] == "ok"
+
+
+def test_doctor_misses_an_instrument_of_the_campaign_and_names_the_others(plugged, tmp_path):
+    assert run("init", str(tmp_path / "hill")).exit_code == 0
+    written = tmp_path / "hill/fieldkit.toml"
+    with written.open("a") as config:
+        config.write('\n[lux]\ndriver = "lutron"\nidentity = "0403:6001:GONE"\n')
+        config.write('\n[thermometer]\ndriver = "center-309"\nidentity = "10c4:ea60"\n')
+    checks = json.loads(run("doctor", "--json", "-C", str(tmp_path / "hill")).stdout)["checks"]
+    levels = {(one["what"], one["level"]) for one in checks}
+    assert ("lux", "fail") in levels
+    assert ("thermometer", "ok") in levels
+    printed = run("doctor", "--udev", "-C", str(tmp_path / "hill")).stdout
+    assert 'ATTRS{serial}=="GONE", SYMLINK+="fieldkit/lux"' in printed
+
+
+def test_udev_rules_are_printed_whole():
+    printed = run("doctor", "--udev").stdout
+    assert 'LABEL="fieldkit_end"' in printed
+    assert 'ATTR{idVendor}=="1e4e", ATTR{idProduct}=="0100"' in printed
+
+
+def test_selftest_passes_our_drivers_and_exits_accordingly(monkeypatch):
+    answer = run("selftest", "lutron", "--json")
+    assert answer.exit_code == 0
+    assert json.loads(answer.stdout)["passed"] is True
+    monkeypatch.setattr("fieldkit.drivers.meters.lutron.Lutron.find", lambda self: 1 / 0)
+    answer = run("selftest", "lutron")
+    assert answer.exit_code == 4
+    assert "ZeroDivisionError" in answer.stdout

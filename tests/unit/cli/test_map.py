@@ -1,0 +1,227 @@
+"""``fieldkit map`` on 25 minutes recorded from simulated instruments."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main, mapping
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
+from fieldkit.physics.facet import angle_between_deg, normal
+from fieldkit.physics.radiance import brightness_temperature_k
+from fieldkit.sessions.reader import open_session
+
+
+def fieldkit(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    made = fieldkit("record", "-C", folder, "--for", "25m", "-q", "--set", "simulation.speed=max")
+    assert made.exit_code == 0, made.output
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.fixture(scope="module")
+def mapped(session, tmp_path_factory):
+    base = tmp_path_factory.mktemp("map") / "beds"
+    done = fieldkit("map", session, "-o", base, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+def of_region(document, name):
+    return next(one for one in document["regions"] if one["region"] == name)
+
+
+def test_the_pixels_of_a_bed_agree_with_the_estimate_of_its_region(session, mapped):
+    slopes = json.loads(fieldkit("estimate", session, "--json").stdout)["slopes"]
+    assert [one["region"] for one in slopes] == ["b05", "b15", "b25"]
+    for estimate in slopes:
+        bed = of_region(mapped, estimate["region"])
+        assert bed["states"] == {estimate["state"]: 1.0} == {"uncertain": 1.0}
+        assert bed["tilt_deg"] == pytest.approx(estimate["tilt_deg"], abs=1.0)
+        assert bed["tilt_low_deg"] < bed["tilt_deg"] < bed["tilt_high_deg"]
+        found = normal(bed["tilt_deg"], bed["azimuth_deg"])
+        assert angle_between_deg(found, normal(estimate["tilt_deg"], estimate["azimuth_deg"])) < 1.0
+    assert of_region(mapped, "flat")["tilt_deg"] < 1.0
+    assert of_region(mapped, "flat")["states"]["flat"] > 0.8
+
+
+def test_a_pixel_is_as_sure_as_the_region_it_lies_in(session, mapped):
+    """To first order in the scale, which the region follows further: 22 % more is not 22 % less."""
+    slopes = json.loads(fieldkit("estimate", session, "--json").stdout)["slopes"]
+    for estimate in slopes[:2]:
+        low, high = of_region(mapped, estimate["region"])["tilt_region_deg"]
+        assert low == pytest.approx(estimate["tilt_region_deg"][0], rel=0.25)
+        assert low < estimate["tilt_deg"] < high < 1.1 * estimate["tilt_region_deg"][1]
+
+
+def test_ground_outside_the_regions_is_not_vouched_for(mapped):
+    assert set(mapped["states"]) == {"flat", "uncertain"}
+    arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
+    with h5py.File(arrays) as file:
+        outside = file["region"][:] == 0
+        assert outside.mean() > 0.5
+        assert (file["state"][:][outside] == SlopeState.UNCERTAIN).all()
+        assert np.isfinite(
+            file["tilt_deg"][:][outside]
+        ).all()  # what fits is still there, if somebody knows better
+        for name in ("tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg"):
+            assert name in file["tilt_deg"].attrs["ancillary_variables"].decode().split()
+            assert file[name].attrs["units"] == b"degree"
+        assert (file["tilt_low_deg"][:] <= file["tilt_deg"][:]).all()
+        assert (file["tilt_deg"][:] <= file["tilt_high_deg"][:] + 1e-4).all()
+
+
+def test_map_of_a_damaged_session_is_made_without_the_damaged_frames(session, mapped, tmp_path):
+    path = tmp_path / "a.h5"
+    shutil.copy(session, path)
+    with h5py.File(path, "r+") as file:
+        stamps = file["camera/fpa_temperature"]
+        stamps[10] += 1.0
+        counts = file["camera/counts"]
+        whole = counts[10]
+        counts[10] = whole + 500  # five kelvin in one frame of its minute
+    done = fieldkit("map", path, "-o", tmp_path / "x", "--json")
+    assert done.exit_code == 7
+    assert "1 frames do not match their checksum; the map is made without them" in done.stderr
+    found = json.loads(done.stdout)
+    for name in ("b05", "b15", "b25"):
+        assert of_region(found, name)["tilt_deg"] == pytest.approx(
+            of_region(mapped, name)["tilt_deg"], abs=0.1
+        )
+
+
+def test_arrays_say_what_they_are_and_where_they_come_from(session, mapped):
+    arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
+    with h5py.File(arrays) as file, open_session(session) as source:
+        assert file["tilt_deg"].shape == file["state"].shape == (120, 160)
+        for name, standard in (("tilt_deg", "slope_angle"), ("azimuth_deg", "slope_direction")):
+            assert file[name].attrs["standard_name"].decode() == f"ground_{standard}"
+            assert file[name].attrs["units"] == b"degree"
+        meanings = file["state"].attrs["flag_meanings"].decode().split()
+        values = file["state"].attrs["flag_values"]
+        assert dict(zip(meanings, values, strict=True))["no_intersection"] == SlopeState.NO_INTERSECTION
+        assert [dim[0].name for dim in file["tilt_deg"].dims] == ["/y", "/x"]
+        assert file.attrs["session_id"].decode() == source.session_id
+        assert file.attrs["minutes"] == mapped["minutes"] == 25
+        b15 = next(region for region in source.regions if region.name == "b15")
+        inside = b15.mask((120, 160))
+        assert (file["region"][:][inside] == 3).all()
+        assert np.median(file["tilt_deg"][:][inside]) == pytest.approx(of_region(mapped, "b15")["tilt_deg"])
+
+
+def test_arrays_open_as_netcdf(mapped):
+    xr = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    arrays = next(file for file in mapped["files"] if file.endswith(".nc"))
+    with xr.open_dataset(arrays, engine="h5netcdf") as data:
+        assert data["tilt_deg"].dims == ("y", "x")
+        assert float(data["latitude"]) == 37.7
+
+
+def test_picture_is_a_whole_multiple_of_the_cameras_with_room_for_the_legend(mapped):
+    picture = cv2.imread(next(file for file in mapped["files"] if file.endswith(".png")))
+    rows, cols, _ = picture.shape
+    assert rows > 720
+    assert cols > 960
+
+
+def test_beds_steeper_than_the_limit_have_no_slope(session, tmp_path):
+    done = fieldkit(
+        "map", session, "-o", tmp_path / "x.png", "--set", "estimator.tilt_limit_deg=20", "--json"
+    )
+    document = json.loads(done.stdout)
+    assert of_region(document, "b25")["states"] == {"no_intersection": 1.0}
+    assert of_region(document, "b25")["tilt_deg"] is None
+    assert of_region(document, "b05")["states"] == {"uncertain": 1.0}
+    assert (tmp_path / "x.png").exists()
+    assert (tmp_path / "x.nc").exists()
+
+
+def test_window_chooses_the_minutes(session, tmp_path):
+    whole = json.loads(fieldkit("map", session, "-o", tmp_path / "a", "--window", "all", "--json").stdout)
+    assert whole["minutes"] == 25
+    short = fieldkit("map", session, "-o", tmp_path / "b", "--window", "1m")
+    assert short.exit_code == 8
+    assert "2 minutes" in short.output
+    assert not (tmp_path / "b.png").exists()
+
+
+def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
+    bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
+    flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
+    pictures = []
+    monkeypatch.setattr(mapping.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
+    monkeypatch.setattr(mapping, "with_bounds", lambda *_: (np.zeros(0), None))
+    monkeypatch.setattr(mapping, "_within_regions", lambda slopes, regions: slopes)
+    seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
+    monkeypatch.setattr(mapping, "mean_picture", lambda *_: np.full((4, 4), seen))
+    estimator = SimpleNamespace(regions=(flat, bed), settings=EstimatorSettings(offsets_k={"b": 1.0}))
+    one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, direct_w_m2=800.0)
+    mapping._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])
+    assert pictures[0] == pytest.approx(318.15, abs=1e-3)
+
+
+def test_files_go_to_the_campaigns_results(session):
+    done = fieldkit("map", session)
+    folder = session.parent.parent / "results" / session.stem
+    assert done.stdout.splitlines()[-2:] == [str(folder / "slope-map.png"), str(folder / "slope-map.nc")]
+    assert "b15" in done.stdout
+
+
+def test_what_only_regions_have_is_said(session, tmp_path):
+    wishes = ("--set", "estimator.model=full", "--set", "estimator.azimuth=known")
+    done = fieldkit("map", session, "-o", tmp_path / "x", *wishes)
+    assert "by the paper's model" in done.stderr
+    assert "leaves the azimuth free" in done.stderr
+
+
+def test_folder_that_cannot_be_made_is_named(session, tmp_path):
+    (tmp_path / "file").write_text("")
+    done = fieldkit("map", session, "-o", tmp_path / "file" / "map")
+    assert done.exit_code == 6
+    assert str(tmp_path / "file" / "map") in done.output
+
+
+def test_many_sessions_are_mapped_by_several_processes_and_a_torn_one_does_not_stop_the_others(
+    session, mapped, tmp_path
+):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ("a", "b"):
+        shutil.copy(session, folder / f"{name}.h5")
+    (folder / "torn.h5").write_bytes(session.read_bytes()[:5000])
+    done = fieldkit("map", folder, "-j", 2, "-o", tmp_path / "maps", "--json")
+    assert done.exit_code == 3
+    assert "1 of 3 sessions could not be estimated; the others are done" in done.stderr
+    assert "torn.h5" in done.stderr
+    documents = json.loads(done.stdout)["sessions"]
+    assert [Path(one["session"]).name for one in documents] == ["a.h5", "b.h5"]
+    for one in documents:
+        assert one["regions"] == mapped["regions"]
+        with h5py.File(one["files"][1]) as arrays, h5py.File(mapped["files"][1]) as alone:
+            assert arrays["tilt_deg"][:].tobytes() == alone["tilt_deg"][:].tobytes()
+
+
+def test_maps_of_one_name_are_not_written_over_each_other(session, tmp_path):
+    other = tmp_path / session.name
+    shutil.copy(session, other)
+    done = fieldkit("map", session, other, "-o", tmp_path / "maps")
+    assert done.exit_code == 2
+    assert "one name" in done.stderr

@@ -1,0 +1,212 @@
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.cli.plan import command
+from fieldkit.views.report import canvas
+
+PAPER = ["--site", "35.558675,139.395232,9"]
+WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
+AUGUST = ["--on", "2017-08-30", "--facet", "10,180", "--facet", "20,180"]
+
+
+def run(*words: str):
+    return CliRunner().invoke(command, [*PAPER, *words], catch_exceptions=False)
+
+
+def document(*words: str) -> dict:
+    return json.loads(run(*words, "--json").stdout)
+
+
+def at(plan: dict, hour: str) -> dict:
+    return next(row for row in plan["rows"] if f"T{hour}" in row["time"])
+
+
+def test_winter_day_of_sand_slopes():
+    # S 800 W/m2: W/m2 per degree of 5, 15 and 25 degrees towards the south, K per degree by eq. (6) at 295 K
+    plan = document(*WINTER)
+    for hour, light, kelvin in [
+        ("10:00", (10.7, 9.2, 7.5), (0.36, 0.32, 0.26)),
+        ("12:00", (11.2, 9.6, 7.7), (0.38, 0.33, 0.26)),
+        ("15:00", (8.8, 7.9, 6.8), (0.30, 0.27, 0.23)),
+    ]:
+        beds = at(plan, hour)["facets"]
+        assert [bed["w_m2_per_degree"] for bed in beds] == pytest.approx(light, abs=0.06)
+        # the plan expects warmer sand than 295 K, which makes a kelvin worth 2 % more light
+        assert [bed["kelvin_per_degree"] for bed in beds] == pytest.approx(kelvin, rel=0.04)
+    assert at(plan, "11:30")["verdict"] == "good"
+    # low sun matters where the beds are determined: two hours of it are
+    hours = document(*WINTER, "--window", "90")
+    assert at(hours, "08:00")["verdict"] == "fair: low sun, long shadows"
+    # the sun sinks from 9 to 4 degrees in the half hour after
+    assert at(plan, "15:30")["verdict"] == "poor: the sun is too low within 20 min"
+    assert at(plan, "16:00")["verdict"].startswith("poor")
+
+
+def test_sun_of_the_winter_day_in_one_line():
+    # sunrise and sunset with refraction and half the sun's width, as almanacs count them
+    line = run(*WINTER).stdout.splitlines()[0]
+    assert "sun up 06:42–16:29, noon 11:35, el 31.5°" in line
+    assert "UTC+09:00" in line
+
+
+@pytest.mark.parametrize(
+    ("place", "zone", "day", "told"),
+    [
+        # Tokyo on clocks of Greenwich: the same sunrise and sunset, nine hours less
+        ("35.558675,139.395232,9", "UTC", "2026-12-11", "sun up 21:42–07:29, noon 02:35"),
+        # in Fairbanks the sun of midsummer sets after midnight; it is up for all but two hours
+        ("64.8378,-147.7164", "America/Anchorage", "2026-06-21", "sun up 02:58–00:47, noon 13:53"),
+        ("78.2,15.6", "Arctic/Longyearbyen", "2026-06-21", "sun up all day, noon 12:59"),
+    ],
+)
+def test_a_day_is_not_cut_where_clocks_show_midnight_in_sunlight(place, zone, day, told):
+    words = ["--site", place, "--zone", zone, "--on", day, "--facet", "10,180"]
+    lines = CliRunner().invoke(command, words, catch_exceptions=False).stdout.splitlines()
+    assert told in lines[0]
+    assert "°" in lines[2]
+
+
+def test_rows_of_a_day_on_the_clocks_of_another_place_are_in_order():
+    here, far = document(*WINTER), document(*WINTER, "--zone", "UTC")
+    assert [row["verdict"] for row in far["rows"]] == [row["verdict"] for row in here["rows"]]
+    assert far["rows"][0]["time"] == "2026-12-10T22:00:00+00:00"
+    assert far["rows"][-1]["time"] == "2026-12-11T07:00:00+00:00"
+
+
+def test_august_says_the_steep_bed_is_weak_after_two():
+    plan = document(*AUGUST)
+    assert any("20°/180° bed is weak" in line and "after 14:00" in line for line in plan["warnings"])
+    assert "weak for 20°/180°" in at(plan, "14:30")["verdict"]
+    assert at(plan, "11:30")["verdict"] == "good"
+
+
+def test_an_hour_with_a_wide_region_is_not_called_good():
+    # 13:30: 0.04 K per degree at 20 degrees and a deviation of 9.3 degrees within 20 minutes
+    row = at(document(*AUGUST), "13:30")
+    assert row["facets"][1]["kelvin_per_degree"] == pytest.approx(0.04, abs=0.005)
+    assert row["facets"][1]["bound_tilt_deg"] == pytest.approx(9.3, abs=0.1)
+    assert row["verdict"] == "uncertain for all"
+    # every good hour of three beds determines each to the larger of 3 degrees and a fifth of its tilt at 90 %
+    plan = document(*AUGUST, "--facet", "35,180", "--step", "10")
+    for row in plan["rows"]:
+        for bed in row["facets"] if row["verdict"] == "good" else ():
+            assert 2.0 * 2.146 * bed["bound_tilt_deg"] <= max(3.0, bed["tilt_deg"] / 5.0) + 1e-3
+            assert not bed["uncertain"]
+    assert {"good", "uncertain for all"} <= {row["verdict"] for row in plan["rows"]}
+
+
+def test_a_deviation_beyond_all_slopes_is_not_printed_as_a_number():
+    printed = run(*AUGUST, "--facet", "35,180").stdout
+    assert ">45" in printed
+    assert "298" not in printed
+    assert not re.search(r"\b\d{3}\.\d", printed.split("S 800")[1])
+
+
+def test_a_campaign_with_known_azimuths_is_planned_with_them(tmp_path):
+    region = '[[region]]\nname = "b{0}"\nkind = "{1}"\ntilt_deg = {0}\nazimuth_deg = 180\n'
+    beds = "".join(
+        region.format(tilt, "target" if tilt else "reference") + "points_px = [[0, 0], [9, 0], [9, 9]]\n"
+        for tilt in (0, 10, 20)
+    )
+    site = "[site]\nlatitude_deg = 35.558675\nlongitude_deg = 139.395232\nelevation_m = 9\n"
+    site += 'timezone = "Asia/Tokyo"\n'
+    (tmp_path / "fieldkit.toml").write_text(f'{site}[estimator]\nazimuth = "known"\n{beds}')
+    found = CliRunner().invoke(
+        main, ["plan", "-C", str(tmp_path), "--on", "2017-08-30", "--json"], catch_exceptions=False
+    )
+    row = at(json.loads(found.stdout), "12:00")
+    assert at(document(*AUGUST), "12:00")["verdict"] == "uncertain for all"
+    assert row["verdict"] == "good"
+
+
+def test_the_chart_marks_weakness_on_both_sides_of_zero(tmp_path, monkeypatch):
+    # a steep bed in August: a steeper facet turns away from the sun, so a degree is worth less than nothing
+    drawn = []
+    svg = canvas.svg
+    monkeypatch.setattr(canvas, "svg", lambda figure: drawn.append(figure) or svg(figure))
+    run(*AUGUST, "--facet", "35,180", "--out", str(tmp_path / "plan.html"))
+    (band,) = drawn[0].axes[0].patches
+    assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((-1 / 30, 1 / 30))
+
+
+def test_august_names_the_twins():
+    # mirror image of 20 degrees south in the plane of the sun's motion about noon: 33 degrees, 180
+    plan = document(*AUGUST)
+    bed = at(plan, "12:00")["facets"][1]
+    assert bed["bound_mirror_tilt_deg"] == pytest.approx(33.0, abs=0.6)
+    assert any("33°/180°" in line for line in plan["warnings"])
+
+
+def test_steep_beds_are_allowed_less_bias():
+    budget = [bed["kelvin"] for bed in document(*WINTER)["bias_budget"]]
+    assert budget == sorted(budget, reverse=True)
+    # 2 degrees at 15 degrees: 0.6 K between beds
+    assert budget[1] == pytest.approx(0.6, abs=0.06)
+
+
+def test_clear_sky_model_replaces_the_constant():
+    constant, modelled = document(*AUGUST), document(*AUGUST, "--clear-sky", "3")
+    assert at(constant, "12:00")["direct_normal_w_m2"] == 800.0
+    assert at(modelled, "17:00")["direct_normal_w_m2"] < 0.8 * at(modelled, "12:00")["direct_normal_w_m2"]
+
+
+def test_page_is_one_file_that_asks_for_nothing(tmp_path):
+    out = tmp_path / "plans" / "plan.html"
+    run(*AUGUST, "--out", str(out))
+    page = out.read_text(encoding="utf-8")
+    assert "data:image/svg+xml;base64," in page
+    assert not re.findall(r'(?:src|href)\s*=\s*"(?!data:)', page)
+    assert "after 14:00" in page
+
+
+WITHOUT_MATPLOTLIB = """
+import sys
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
+from fieldkit.cli.plan import command
+from fieldkit.views.report import canvas
+command(sys.argv[1:])
+"""
+
+
+def test_page_without_matplotlib_says_what_to_install(tmp_path):
+    out = tmp_path / "plan.html"
+    words = [*PAPER, *AUGUST, "--out", str(out)]
+    subprocess.run([sys.executable, "-c", WITHOUT_MATPLOTLIB, *words], check=True, timeout=500)
+    page = out.read_text(encoding="utf-8")
+    assert "fieldkit[lab]" in page
+    assert "<table>" in page
+
+
+def test_polar_night_has_no_plan():
+    from fieldkit.model.errors import NoAnswerError
+
+    with pytest.raises(NoAnswerError, match="does not rise"):
+        run("--site", "78.2,15.6", "--on", "2026-12-21", "--facet", "10,180")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--window", "0"], ["--step", "0"], ["--zone", "Mars/Jezero"], ["--dni", "-1"], ["--on", "2500-01-01"]],
+)
+def test_impossible_numbers_are_refused(words):
+    done = CliRunner().invoke(command, [*PAPER, *AUGUST, *words])
+    assert done.exit_code == 2
+    assert words[0] in done.stderr
+
+
+def test_the_suns_azimuth_over_the_day_is_nrels():
+    solarposition = pytest.importorskip("pvlib.solarposition", reason="pvlib comes with the [lab] extra")
+    pandas = pytest.importorskip("pandas")
+    shown = dict(re.findall(r"^(\d\d:\d\d) +\S+ +(\d+)°", run(*AUGUST, "--zone", "Asia/Tokyo").stdout, re.M))
+    assert len(shown) > 20
+    times = pandas.DatetimeIndex([f"2017-08-30T{at}" for at in shown], tz="Asia/Tokyo")
+    expected = solarposition.get_solarposition(times, 35.558675, 139.395232, altitude=9.0)["azimuth"]
+    assert [int(one) for one in shown.values()] == pytest.approx(expected.to_numpy(), abs=0.6)

@@ -1,0 +1,160 @@
+"""``fieldkit report`` and ``fieldkit live`` on a simulated campaign with one short recording."""
+
+import io
+import json
+import re
+
+import cv2
+import pytest
+from click.testing import CliRunner
+from rich.console import Console
+
+from fieldkit.cli import main, report
+from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
+from fieldkit.cli.status import latest_of
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
+from fieldkit.sessions.reader import open_session
+from fieldkit.views.screen import THEMES, snapshot
+
+FAST = ("--set", "simulation.speed=max")
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("campaign")
+    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    made = CliRunner().invoke(
+        main, ["record", "-C", str(folder), "--for", "9m", "--name", "short", "-q", *FAST]
+    )
+    assert made.exit_code == 0, made.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(campaign):
+    (path,) = (campaign / "recordings").glob("*.h5")
+    return path
+
+
+def fieldkit(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_probes(campaign, session):
+    with open_session(session) as opened:
+        config = config_for(opened)
+        whole = list(minutes_of(opened, estimator_for(opened, config)))
+        latest = latest_of(opened)
+        last = next(minute for minute in reversed(whole) if minute.time_ns == latest.minute.time_ns)
+        assert latest.minute.temperature_k == last.temperature_k
+        stored = [(one.time_ns, one.region, one.tilt_deg) for one in opened.estimates()[-3:]]
+        assert [(one.time_ns, one.region, one.tilt_deg) for one in latest.minute.estimates] == stored
+    paper = Console(file=io.StringIO(), width=80)
+    with paper.use_theme(THEMES["dark"]):
+        paper.print(snapshot(latest, 80))
+    lines = paper.file.getvalue().splitlines()
+    b15 = next(line for line in lines if line.startswith("b15"))
+    assert f"{last.temperature_k['b15'] - 273.15:.2f}" in b15
+    assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  T4 \S+ °C", "\n".join(lines))
+
+
+def test_report_goes_to_the_campaigns_reports(campaign, session):
+    found = fieldkit("report", session)
+    assert found.exit_code == 0, found.output
+    written = campaign / "reports" / f"{session.stem}.html"
+    assert found.stdout.strip() == str(written)
+    text = written.read_text(encoding="utf-8")
+    assert "No slope is certain. Uncertain: b05 " in text
+    assert "Estimated again with them (model “full”)" in text
+
+
+def test_report_of_a_session_elsewhere_lies_beside_it(session, tmp_path):
+    moved = tmp_path / session.name
+    moved.write_bytes(session.read_bytes())
+    found = json.loads(fieldkit("report", "--json", moved).stdout)
+    assert found == {"schema": 1, "sessions": [str(moved)], "report": str(moved.with_suffix(".html"))}
+    assert moved.with_suffix(".html").exists()
+
+
+def test_report_with_other_settings_than_recorded(session, tmp_path):
+    out = tmp_path / "full.html"
+    assert fieldkit("report", session, "-o", out, "--set", "estimator.model=full").exit_code == 0
+    assert "estimated with the full model, which has them" in out.read_text(encoding="utf-8")
+
+
+def test_report_shows_the_configuration_it_was_made_with(session, tmp_path):
+    out = tmp_path / "white.html"
+    assert fieldkit("report", session, "-o", out, "--set", "surface.albedo=0.35").exit_code == 0
+    shown = out.read_text(encoding="utf-8").split("Configuration in force")[1]
+    assert "\nalbedo = 0.35\n" in shown.split("[surface]")[1].split("[")[0]
+
+
+def test_report_of_no_session_named_is_of_the_newest(campaign, session):
+    found = fieldkit("report", "-C", campaign)
+    assert found.stdout.strip() == str(campaign / "reports" / f"{session.stem}.html")
+
+
+def test_report_of_several_sessions_leaves_out_what_is_none_and_says_so(session, tmp_path):
+    folder = tmp_path / "sand" / "recordings"
+    folder.mkdir(parents=True)
+    for name in ("a.h5", "b.h5"):
+        (folder / name).write_bytes(session.read_bytes())
+    (folder / "c.h5").write_text("nothing")
+    found = fieldkit("report", folder)
+    assert found.exit_code == 3
+    assert "1 of 3 sessions are not in the report" in found.stderr
+    text = (tmp_path / "sand" / "reports" / "campaign.html").read_text(encoding="utf-8")
+    assert "<h1>sand</h1>" in text
+    assert "2 sessions" in text
+    assert text.count("<strong>b15</strong>") == 2
+
+
+def test_report_that_cannot_be_written_is_a_matter_of_storage(session, tmp_path):
+    (tmp_path / "file").touch()
+    found = fieldkit("report", session, "-o", tmp_path / "file" / "report.html")
+    assert found.exit_code == 6
+    assert "cannot write" in found.stderr
+    assert "-o" in found.stderr
+
+
+def test_report_of_what_is_no_session_explains_itself(tmp_path):
+    (tmp_path / "x.h5").write_text("nothing")
+    assert fieldkit("report", tmp_path / "x.h5").exit_code == 3
+
+
+def test_picture_of_the_report_is_from_the_middle_and_without_doubts(session):
+    with open_session(session) as opened:
+        frame = report.middle_frame(opened)
+        assert not frame.quality
+        assert abs(frame.time_ns - (opened.start_ns + opened.end_ns) / 2) < 90e9
+
+
+def test_live_writes_one_picture_with_regions(campaign, tmp_path):
+    png = tmp_path / "now.png"
+    found = fieldkit("live", "-C", campaign, "--png", png, *FAST)
+    assert found.exit_code == 0, found.output
+    assert found.stdout.strip() == str(png)
+    assert cv2.imread(str(png)).shape == (720 + BELOW_PX, LEFT_PX + 960 + 110, 3)
+
+
+def test_live_shows_minutes_and_records_nothing(campaign, session):
+    found = fieldkit("live", "-C", campaign, "--for", "3m", *FAST)
+    assert found.exit_code == 0, found.output
+    assert found.stderr.count("W/m² (eq10 /0.44") >= 2
+    assert list((campaign / "recordings").glob("*.h5")) == [session]
+
+
+def test_live_needs_no_regions(campaign, tmp_path):
+    toml = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
+    (tmp_path / "fieldkit.toml").write_text(toml.split("[[region]]")[0], encoding="utf-8")
+    found = fieldkit("live", "-C", tmp_path, "--png", tmp_path / "now.png", *FAST)
+    assert found.exit_code == 0, found.output
+
+
+def test_live_says_which_instrument_is_missing(campaign, tmp_path):
+    toml = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
+    gone = toml + '\n[device.second]\ndriver = "lutron"\nport = "/dev/ttyNOSUCH"\n'
+    (tmp_path / "fieldkit.toml").write_text(gone, encoding="utf-8")
+    found = fieldkit("live", "-C", tmp_path, "--png", tmp_path / "now.png", *FAST)
+    assert found.exit_code == 0, found.output
+    assert "not plugged in: second" in found.stderr

@@ -1,0 +1,72 @@
+"""``fieldkit report`` as PDF, and of results that `estimate` wrote."""
+
+import json
+import re
+import zlib
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pdf")
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    made = fieldkit("record", "-C", folder, "--for", "8m", "-q", "--set", "simulation.speed=max")
+    assert made.exit_code == 0, made.output
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def fieldkit(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_a_report_can_be_a_pdf_with_the_page_beside_it(session, tmp_path):
+    pytest.importorskip("weasyprint")
+    found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
+    assert found.exit_code == 0, found.output
+    assert found.stdout.strip() == str(tmp_path / "day.pdf")
+    printed = (tmp_path / "day.pdf").read_bytes()
+    assert printed.startswith(b"%PDF-")
+    assert printed.rstrip().endswith(b"%%EOF")
+    streams = re.findall(rb"stream\r?\n(.*?)\r?\nendstream", printed, re.DOTALL)
+    objects = b"".join(zlib.decompressobj().decompress(stream) for stream in streams if stream[:1] == b"x")
+    assert len(re.findall(rb"/MediaBox\s*\[\s*0 0 595\.\d+ 841\.\d+\s*\]", objects)) >= 2  # A4, in points
+    assert (tmp_path / "day.html").exists()
+
+
+def test_without_the_printer_it_is_refused_before_the_work(session, tmp_path, monkeypatch):
+    monkeypatch.setattr("fieldkit.views.report.pdf.find_spec", lambda name: None)
+    found = fieldkit("report", session, "-o", tmp_path / "day.pdf")
+    assert found.exit_code == 3
+    assert "fieldkit[pdf]" in found.stderr
+    assert not (tmp_path / "day.html").exists()
+
+
+def test_results_stand_for_their_sessions_and_parameters(session, tmp_path):
+    assert (
+        fieldkit("estimate", session, "--set", "surface.albedo=0.31", "-o", tmp_path / "base").exit_code == 0
+    )
+    found = fieldkit("report", tmp_path / "base", "-o", tmp_path / "base.html", "--json")
+    assert json.loads(found.stdout)["sessions"] == [str(session)]
+    by_hand = tmp_path / "by-hand.html"
+    assert fieldkit("report", session, "--set", "surface.albedo=0.31", "-o", by_hand).exit_code == 0
+    assert (tmp_path / "base.html").read_text("utf-8") == by_hand.read_text("utf-8")
+    assert fieldkit("report", session, "-o", tmp_path / "plain.html").exit_code == 0
+    assert (tmp_path / "plain.html").read_text("utf-8") != by_hand.read_text("utf-8")
+
+
+def test_a_sweep_has_no_one_report(session, tmp_path):
+    grid = ("--set", "surface.albedo=0.2,0.3")
+    assert fieldkit("sweep", session, *grid, "-j", 1, "-o", tmp_path / "many").exit_code == 0
+    found = fieldkit("report", tmp_path / "many")
+    assert found.exit_code == 3
+    assert "many sets of parameters" in found.stderr

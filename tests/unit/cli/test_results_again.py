@@ -1,0 +1,85 @@
+"""Results of ``fieldkit estimate -o`` and what ``fieldkit report`` makes of them again."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import batch, main
+from fieldkit.model.errors import ConfigError
+
+
+def fieldkit(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("again")
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    made = fieldkit(
+        "record", "-C", folder, "--for", "6m", "--name", "short", "-q", "--set", "simulation.speed=max"
+    )
+    assert made.exit_code == 0, made.output
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+def test_results_of_the_campaigns_configuration_are_reported_with_it(session, tmp_path):
+    base, settings = tmp_path / "r", ("surface.albedo=0.35",)
+    assert fieldkit("estimate", session, "-j", 1, "-o", base).exit_code == 0
+    assert batch.recalled((base,), settings) == ((session,), settings, False)
+    assert fieldkit("estimate", session, "-j", 1, "-o", base, "--campaign").exit_code == 0
+    assert batch.recalled((base,), settings) == ((session,), settings, True)
+    campaign = session.parent.parent / "fieldkit.toml"
+    before = campaign.read_text("utf-8")
+    campaign.write_text("nonsense")
+    try:
+        found = fieldkit("report", base, "-o", tmp_path / "report.html")
+    finally:
+        campaign.write_text(before)
+    assert found.exit_code == 3
+    assert "fieldkit.toml" in found.stderr
+
+
+@pytest.mark.parametrize("ending", batch.ENDINGS)
+def test_results_may_be_named_by_any_of_their_files(session, tmp_path, ending):
+    assert fieldkit("estimate", session, "-j", 1, "-o", tmp_path / "r").exit_code == 0
+    assert batch.recalled((tmp_path / f"r{ending}",), ())[0] == (session,)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "cannot be read"),
+        ("[1]", "is not what estimate -o wrote"),
+        ('{"weather": "fine"}', "is not what estimate -o wrote"),
+        (json.dumps({"sessions": [], "parameters": {}}), "many sets of parameters"),
+    ],
+)
+def test_what_is_no_result_is_called_so(tmp_path, text, said):
+    (tmp_path / "bad.json").write_text(text)
+    with pytest.raises(ConfigError, match=said):
+        batch.recalled((tmp_path / "bad",), ())
+
+
+def test_the_folder_one_is_in_may_be_reported(session, monkeypatch):
+    monkeypatch.chdir(session.parent)
+    assert fieldkit("report", ".").exit_code == 0
+
+
+@pytest.mark.parametrize("nameless", [".", ".."])
+@pytest.mark.parametrize("verb", [("estimate",), ("map",), ("sweep", "--set", "surface.albedo=0.1,0.2")])
+def test_a_folder_is_no_name_for_results(session, tmp_path, monkeypatch, verb, nameless):
+    monkeypatch.chdir(tmp_path)
+    found = fieldkit(*verb, session, "-o", nameless)
+    assert found.exit_code == 2, found.output
+    assert f"-o {nameless} names no file" in found.stderr
+    assert not list(tmp_path.glob("**/*.csv"))

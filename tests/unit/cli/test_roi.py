@@ -1,0 +1,260 @@
+import json
+from datetime import UTC, datetime
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.cli import main
+from fieldkit.cli.region_check import check_regions
+from fieldkit.config import load_config
+from fieldkit.model.site import Region, RegionKind
+
+
+@pytest.fixture
+def roi(tmp_path, monkeypatch):
+    (tmp_path / "home").mkdir()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "home"))
+    assert CliRunner().invoke(main, ["init", str(tmp_path)]).exit_code == 0
+    file = tmp_path / "fieldkit.toml"
+    camera = '\n[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
+    file.write_text(file.read_text() + camera, encoding="utf-8")
+    return lambda *arguments: CliRunner().invoke(
+        main, ["roi", arguments[0], "-C", str(tmp_path), *arguments[1:]]
+    )
+
+
+def regions(tmp_path):
+    return load_config(tmp_path / "fieldkit.toml", environment={}).regions
+
+
+def test_regions_are_added_by_rectangle_and_by_corners(roi, tmp_path):
+    assert roi("add", "flat", "--reference", "--rect", "6,30,32,61").exit_code == 0
+    corners = ("--points", "82,30", "113,30", "113,90.5", "82,90")
+    assert (
+        roi("add", "b15", *corners, "--tilt", "15", "--azimuth", "180", "--emissivity", "0.93").exit_code == 0
+    )
+    assert regions(tmp_path) == (
+        Region(
+            "flat",
+            RegionKind.REFERENCE,
+            ((6, 30), (37, 30), (37, 90), (6, 90)),
+            0.0,
+            0.0,
+            pytest.approx(float("nan"), nan_ok=True),
+        ),
+        Region("b15", RegionKind.TARGET, ((82, 30), (113, 30), (113, 90.5), (82, 90)), 15.0, 180.0, 0.93),
+    )
+
+
+def test_the_first_region_may_be_a_target(roi):
+    assert roi("add", "b15", "--rect", "82,30,32,61").exit_code == 0
+    assert roi("list").exit_code == 0
+    check = roi("check")
+    assert check.exit_code == 3
+    assert "no reference" in check.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("b15",), 2, "--points, or a rectangle"),
+        (("b15", "--rect", "1,1,9,9", "--points", "1,1"), 2, "--points, or a rectangle"),
+        (("b15", "--rect", "1,1,9,1"), 2, "at least 2 pixels"),
+        (("b15", "--points", "1,1", "2,2"), 3, "at least 3"),
+        (("b15", "--points", "1,1", "2,x", "3,3"), 2, "expected X,Y"),
+        (("b15", "--rect", "150,100,32,61"), 3, "outside the picture of 160 x 120"),
+        (("b15", "--rect", "1,1,9,9", "--tilt", "15"), 3, "also needs azimuth_deg"),
+        (("b15", "--rect", "1,1,9,9", "--tilt", "95"), 2, "0<=x<=90"),
+    ],
+)
+def test_what_is_no_region_is_not_added(roi, tmp_path, arguments, code, said):
+    result = roi("add", *arguments)
+    assert result.exit_code == code
+    assert said in result.stderr
+    assert regions(tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("rect", "said"), [("6,30,3,3", "too small, needs 100 px"), ("70,40,32,61", "shares 1000 px with b15")]
+)
+def test_a_region_that_cannot_be_used_is_told_when_it_is_added(roi, tmp_path, rect, said):
+    assert "check" not in roi("add", "b15", "--reference", "--rect", "82,40,20,50").stderr
+    result = roi("add", "b20", "--rect", rect)
+    assert result.exit_code == 0
+    assert said in result.stderr
+    assert "fieldkit roi check" in result.stderr
+    assert len(regions(tmp_path)) == 2
+
+
+def test_list_prints_one_line_per_region_and_json(roi):
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    assert "flat  reference  0/0           6,30 37,30 37,90 6,90" in roi("list").stdout
+    (document,) = json.loads(roi("list", "--json").stdout)["regions"]
+    assert document["kind"] == "reference"
+    assert document["points_px"] == [[6, 30], [37, 30], [37, 90], [6, 90]]
+    assert document["emissivity"] is None
+
+
+def test_an_empty_list_says_what_to_type(roi):
+    result = roi("list")
+    assert result.stdout == ""
+    assert "fieldkit roi add" in result.stderr
+
+
+def test_a_region_is_removed(roi, tmp_path):
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    assert roi("remove", "flat").exit_code == 0
+    assert regions(tmp_path) == ()
+    assert roi("remove", "flat").exit_code == 3
+
+
+def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
+    roi("add", "b15", "--reference", "--rect", "82,30,32,61", "--tilt", "15", "--azimuth", "180")
+    file = tmp_path / "fieldkit.toml"
+    file.write_text(
+        file.read_text().replace("\n[[region]]", "\n[[region]]  # sand of Tuesday"), encoding="utf-8"
+    )
+    assert roi("edit", "b15", "--shrink", "4", "--tilt", "15.5").exit_code == 0
+    (changed,) = regions(tmp_path)
+    assert changed.vertices == ((86, 34), (109, 34), (109, 86), (86, 86))
+    assert (changed.tilt_deg, changed.azimuth_deg) == (15.5, 180.0)
+    assert "[[region]]  # sand of Tuesday" in file.read_text()
+    told = roi("edit", "b15", "--shrink", "9")
+    assert told.exit_code == 0
+    assert "too small, needs 100 px" not in told.stderr
+    assert "too small, needs 100 px" in roi("edit", "b15", "--shrink", "2").stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("b15",), 2, "say what to change"),
+        (("b16", "--shrink", "2"), 3, "there are b15"),
+        (("b15", "--shrink", "16"), 3, "nothing of region 'b15' is 16 px inside its edge"),
+        (("b15", "--tilt", "15"), 3, "also needs azimuth_deg"),
+    ],
+)
+def test_a_change_that_is_none_or_wrong_leaves_the_file_alone(roi, tmp_path, arguments, code, said):
+    roi("add", "b15", "--rect", "82,30,32,61")
+    before = (tmp_path / "fieldkit.toml").read_bytes()
+    result = roi("edit", *arguments)
+    assert result.exit_code == code
+    assert said in result.stderr
+    assert (tmp_path / "fieldkit.toml").read_bytes() == before
+
+
+def test_check_counts_pixels_and_passes_good_regions(roi):
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    result = roi("check")
+    assert result.exit_code == 0
+    assert f"{32 * 61} px" in result.stdout
+
+
+@pytest.mark.parametrize(("scale", "code"), [("0.01", 0), ("none", 3)])
+def test_check_looks_at_the_pictures_of_a_session(roi, tmp_path, scale, code):
+    """Twelve pictures of a bed at 310 K on ground at 300 K, 0.01 K a count, the region drawn on the bed."""
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    counts = np.full((120, 160), 30_000, np.uint16)
+    counts[30:91, 6:38] = 31_000
+    for minute in range(12):
+        cv2.imwrite(str(pictures / f"20260512T12{minute:02}00.tiff"), counts)
+    names = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", scale)
+    session = tmp_path / "pictures.h5"
+    imported = CliRunner().invoke(
+        main, ["import", str(pictures), "-C", str(tmp_path), *names, "-o", str(session)]
+    )
+    assert imported.exit_code == 0, imported.stderr
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    result = roi("check", "--on", str(session), "--json")
+    assert result.exit_code == code
+    if code:
+        assert "no good picture with temperatures" in result.stderr
+    else:
+        (look,) = json.loads(result.stdout)["regions"]
+        assert (look["level"], look["spread_k"], look["edge_k"]) == ("ok", 0.0, 0.0)
+
+
+def region(name: str, *corners: tuple[float, float]) -> Region:
+    return Region(name, RegionKind.TARGET, corners)
+
+
+def square(name: str, x: int, side: int) -> Region:
+    return region(name, (x, 10), (x + side - 1, 10), (x + side - 1, 9 + side), (x, 9 + side))
+
+
+def test_a_region_below_100_pixels_is_too_small():
+    small, large = check_regions([square("a", 0, 9), square("b", 20, 10)], (120, 160))
+    assert (small.pixels, small.level) == (81, "FAIL")
+    assert (large.pixels, large.level) == (100, "ok")
+
+
+def test_a_region_outside_the_picture_fails():
+    (look,) = check_regions([square("a", 155, 20)], (120, 160))
+    assert look.failures == ["outside the picture of 160 x 120 pixels"]
+
+
+def test_regions_that_overlap_are_told_with_the_pixels_they_share():
+    looks = check_regions([square("a", 0, 20), square("b", 15, 20)], (120, 160))
+    assert [look.level for look in looks] == ["ok", "FAIL"]
+    assert looks[1].failures == ["shares 100 px with a"]
+
+
+def test_without_a_picture_size_regions_are_checked_against_each_other():
+    looks = check_regions([square("a", 0, 20), square("b", 500, 20)], None)
+    assert [look.level for look in looks] == ["ok", "ok"]
+    assert check_regions([], None) == []
+
+
+def test_a_rim_that_sees_something_else_is_a_warning():
+    """A bed of 16 x 16 pixels at 310 K, drawn two pixels too large on ground at 300 K."""
+    picture = np.full((60, 60), 300.0)
+    picture[12:28, 12:28] = 310.0
+    drawn, exact = square("drawn", 10, 20), region("exact", (12, 12), (27, 12), (27, 27), (12, 27))
+    too_large, right = check_regions([drawn], picture.shape, picture) + check_regions(
+        [exact], picture.shape, picture
+    )
+    assert too_large.level == "warn"
+    assert too_large.edge_k == pytest.approx(-10.0)
+    assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
+    assert right.level == "ok"
+    assert right.spread_k == 0.0
+
+
+def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path):
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
+    roi("add", "b15", "--rect", "82,30,32,61")
+    record = CalibrationRecord(
+        "uniformity", "board", datetime(2026, 12, 10, tzinfo=UTC), 0.31, 0.06, "K", "a board",
+        values={"b15": 0.31}, uncertainties={"b15": 0.06},
+    )  # fmt: skip
+    save(record, tmp_path / "calibration")
+    assert roi("edit", "b15", "--offset", "@board").exit_code == 0
+    assert 'offset_k = "@board"' in (tmp_path / "fieldkit.toml").read_text()
+    assert load_config(tmp_path / "fieldkit.toml").estimator_settings().offsets_k == {"b15": 0.31}
+    assert roi("edit", "b15", "--offset", "-0.2").exit_code == 0
+    assert load_config(tmp_path / "fieldkit.toml").estimator_settings().offsets_k == {"b15": -0.2}
+    unknown = roi("edit", "b15", "--emissivity", "@sand")
+    assert unknown.exit_code == 3
+    assert "no calibration 'sand'" in unknown.output
+    assert "@sand" not in (tmp_path / "fieldkit.toml").read_text()
+    assert roi("edit", "b15", "--offset", "warm").exit_code == 2
+
+
+def test_a_region_over_the_whole_picture_is_doubted():
+    whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
+    (look,) = check_regions([whole], (120, 160))
+    assert look.level == "warn"
+    assert look.warnings == ["covers 100% of the picture, not one bed"]
+
+
+def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
+    tie = ("--points", "6,30", "37,90", "37,30", "6,90")
+    added = roi("add", "flat", "--reference", *tie)
+    assert "its outline crosses itself" in added.stderr
+    checked = roi("check")
+    assert checked.exit_code == 3
+    assert "give the corners in their order" in checked.stdout

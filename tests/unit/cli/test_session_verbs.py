@@ -1,0 +1,362 @@
+"""The verbs about sessions, as they are typed: what they print and how they end."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.cli import (
+    calibrate_surface,
+    calibrate_uniformity,
+    check,
+    estimate,
+    export,
+    import_session,
+    init,
+    ls,
+    record,
+    recover,
+    replay,
+    report,
+    show,
+)
+from fieldkit.cli.estimating import estimator_for, minutes_of
+from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError
+from fieldkit.model.samples import Severity
+from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from fieldkit.workflows.sources import config_for, source_of
+from tests.harness.recording import START_NS, CountedClock, fill, header, sample
+
+
+def run(module: Any, *words: object) -> Result:
+    return CliRunner().invoke(module.command, [str(word) for word in words], catch_exceptions=True)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """A folder with a sealed and an interrupted session."""
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
+        clock = CountedClock()
+        writer = SessionWriter(folder / name, header((24, 32)), clock)
+        fill(writer, 20, clock)
+        writer.close() if "a.h5" in name else writer.abandon()
+    return tmp_path
+
+
+def test_ls_tells_state_length_and_samples(campaign: Path) -> None:
+    lines = run(ls, campaign).stdout.splitlines()
+    assert lines[0].split()[:2] == ["session", "state"]
+    assert "20261211T025512Z-a.h5  sealed" in lines[1]
+    assert "camera 20  lux 5  thermometer 5" in lines[1]
+    assert "20261212T025512Z-b.h5  interrupted" in lines[2]
+    sessions = json.loads(run(ls, campaign, "--json").stdout)["sessions"]
+    assert [one["state"] for one in sessions] == ["sealed", "interrupted"]
+    assert sessions[0]["samples"] == {"camera": 20, "lux": 5, "thermometer": 5}
+
+
+@pytest.mark.parametrize("zone", ["Mars/Jezero", "Asia", "x" * 300])
+def test_ls_of_a_session_whose_time_zone_is_unknown_here_is_in_utc(tmp_path: Path, zone: str) -> None:
+    clock, known = CountedClock(), header((24, 32))
+    unknown = replace(known, site=replace(known.site, timezone=zone))
+    writer = SessionWriter(tmp_path / "a.h5", unknown, clock)
+    fill(writer, 1, clock)
+    writer.close()
+    done = run(ls, tmp_path)
+    assert done.exit_code == 0
+    assert " UTC " in done.stdout.splitlines()[1]
+
+
+def test_ls_lists_what_it_cannot_read(campaign: Path) -> None:
+    (campaign / "recordings" / "photo.h5").write_bytes(b"no session")
+    assert "unreadable" in run(ls, campaign).stdout
+
+
+def test_show_without_a_name_shows_the_newest(campaign: Path) -> None:
+    done = run(show, "-C", campaign / "recordings")
+    assert done.exit_code == 0
+    document = json.loads(run(show, campaign / "recordings" / "20261211T025512Z-a.h5", "--json").stdout)
+    assert document["schema"] == 1
+    assert document["title"] == "three beds – テスト"
+    assert [one["samples"] for one in document["streams"]] == [20, 5, 5]
+    assert document["regions"][1]["tilt_deg"] == 5.0
+    assert document["events"][0]["text"] == "wolke über b05"
+
+
+def test_check_ends_with_an_integrity_error_where_one_is_interrupted(campaign: Path) -> None:
+    done = run(check, campaign, "--no-estimates")
+    assert isinstance(done.exception, IntegrityError)
+    assert "FAIL  state" in done.stdout
+    good = run(check, campaign / "recordings" / "20261211T025512Z-a.h5", "--no-estimates", "--json")
+    assert good.exit_code == 0
+    (session,) = json.loads(good.stdout)["sessions"]
+    assert session["level"] in ("ok", "warn")
+    assert any("every checksum matches" in one["text"] for one in session["findings"])
+
+
+def test_check_applies_nothing_where_nothing_is_to_be_corrected(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    assert isinstance(run(check, path, "--apply", "--no-estimates").exception, RefusedError)
+
+
+def test_check_goes_on_where_one_of_several_needs_no_correction(campaign: Path) -> None:
+    run(recover, campaign / "recordings" / "20261212T025512Z-b.h5")
+    done = run(check, campaign, "--apply", "--no-estimates")
+    assert done.exit_code == 0
+    for name in ("a.h5", "b.h5"):
+        assert f"{name}: its clock comparisons ask for no correction" in done.stderr
+        assert f"{name}\n" in done.stdout
+
+
+def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    for name in ("20261211T025512Z-a.h5", "20261212T025512Z-b.h5"):
+        assert name in run(show, "-C", campaign, name).stdout
+    for verb in (show, recover, replay, calibrate_surface, calibrate_uniformity):
+        gone = run(verb, "-C", campaign, "c.h5").exception
+        assert str(gone) == "there is no session c.h5"
+
+
+def test_an_interrupted_session_is_recovered_by_its_bare_name(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    assert "recovered" in run(recover, "-C", campaign, "20261212T025512Z-b.h5").stdout
+
+
+def test_recover_finishes_all_of_a_campaign_and_then_nothing(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    done = run(recover, "-C", campaign)
+    assert done.exit_code == 0
+    assert "20261212T025512Z-b.h5" in done.stdout
+    assert "camera: 20 samples" in done.stdout
+    again = json.loads(run(recover, campaign / "recordings" / "20261212T025512Z-b.h5", "--json").stdout)
+    assert again["sessions"][0]["was_complete"]
+    tidied = run(recover, "-C", campaign, "--tidy")
+    assert "deleted" in tidied.stderr
+    assert "b.h5.crashed" in tidied.stderr
+    assert "nothing to tidy" in run(recover, "-C", campaign, "--tidy").stderr
+    names = sorted(path.name for path in (campaign / "recordings").iterdir())
+    assert names == ["20261211T025512Z-a.h5", "20261212T025512Z-b.h5"]
+
+
+def test_a_session_that_cannot_be_recovered_does_not_keep_the_others_from_it(campaign: Path) -> None:
+    (campaign / "fieldkit.toml").write_text("schema = 1\n")
+    broken = campaign / "recordings" / "20261210T025512Z-0.h5"
+    broken.touch()
+    broken.with_name(broken.name + ".journal").mkdir()
+    done = run(recover, "-C", campaign)
+    assert done.exit_code != 0
+    assert str(broken) in done.stderr
+    assert "camera: 20 samples" in done.stdout
+    assert "recovered" in run(ls, "-C", campaign).stdout
+
+
+def test_lost_samples_are_named_on_the_screen_and_in_json(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    whole = path.read_bytes()
+    with h5py.File(path) as file:
+        last = file["camera/counts"].id.get_chunk_info_by_coord((18, 0, 0)).byte_offset
+    path.write_bytes(whole[: last + 10])
+    told = run(recover, path)
+    assert isinstance(told.exception, IntegrityError)
+    assert "LOST camera: 2 samples, numbers 18 to 19, after 2016-11-24T15:06:45" in told.stdout
+    path.write_bytes(whole[: last + 10])
+    (session,) = json.loads(run(recover, path, "--json").stdout)["sessions"]
+    (lost,) = [one for one in session["lost"] if one["stream"] == "camera"]
+    assert (lost["first"], lost["last"], lost["samples"], lost["before"]) == (18, 19, 2, None)
+
+
+@pytest.mark.parametrize("module", [check, estimate, replay, report, show])
+def test_every_verb_offers_to_recover_an_interrupted_session(campaign: Path, module: Any) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    assert f"fieldkit recover {path}" in run(module, path).stderr
+    assert "fieldkit recover" not in run(module, campaign / "recordings" / "20261211T025512Z-a.h5").stderr
+
+
+def test_calibration_says_which_samples_it_is_made_without(tmp_path: Path) -> None:
+    about = header((24, 32))
+    writer = SessionWriter(tmp_path / "board.h5", about, CountedClock())
+    for number in range(40):
+        now = number * 1_000_000_000
+        writer.append(sample(about.streams[0], number, now, START_NS + now))
+    writer.close()
+    whole = run(calibrate_uniformity, tmp_path / "board.h5")
+    with h5py.File(tmp_path / "board.h5", "r+") as file:
+        file["camera/fpa_temperature"][20] += 1.0
+    done = run(calibrate_uniformity, tmp_path / "board.h5", "--name", "again")
+    assert done.exit_code == 0
+    said = "1 of 40 samples of camera do not match their checksum and are excluded"
+    assert "do not match" not in whole.stderr
+    assert said in done.stderr
+
+
+@pytest.mark.parametrize("kind", ["csv", "netcdf", "mcap", "tiff"])
+def test_export_of_a_damaged_session_writes_the_rest_and_says_so(campaign: Path, kind: str) -> None:
+    path = campaign / "recordings/20261211T025512Z-a.h5"
+    with h5py.File(path, "r+") as file:
+        file["camera/fpa_temperature"][4] += 1.0
+    done = run(export, path, "--to", kind, "-o", campaign / "out")
+    assert isinstance(done.exception, IntegrityError)
+    assert "1 of 20 samples of camera do not match their checksum" in done.exception.message
+    assert done.exception.fix == f"fieldkit check {path}"
+    files = [Path(line) for line in done.stdout.splitlines() if not line.startswith("and")]
+    assert files
+    assert all(file.exists() for file in files)
+    assert not isinstance(run(export, path, "--to", "mcap", "--stream", "lux").exception, IntegrityError)
+
+
+def test_exports_lie_in_the_results_of_their_campaign_or_beside_a_session_elsewhere(
+    campaign: Path, tmp_path: Path
+) -> None:
+    path = campaign / "recordings/20261211T025512Z-a.h5"
+    assert run(export, path, "--to", "csv").exit_code == 0
+    assert list((campaign / "results" / path.stem).glob("*.csv"))
+    alone = tmp_path / "stick" / "a.h5"
+    alone.parent.mkdir()
+    alone.write_bytes(path.read_bytes())
+    assert run(export, alone, "--to", "csv").exit_code == 0
+    assert list((tmp_path / "stick" / "a-export").glob("*.csv"))
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "netcdf"])
+def test_export_of_every_stream_refuses_to_pass_over_the_one_named(campaign: Path, kind: str) -> None:
+    path = campaign / "recordings" / "20261211T025512Z-a.h5"
+    done = run(export, path, "--to", kind, "--stream", "nope")
+    assert isinstance(done.exception, ConfigError)
+    assert "--stream nope" in str(done.exception)
+    assert not (campaign / "results").exists()
+
+
+def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    path.unlink()
+    done = run(show, path)
+    assert f"fieldkit recover {path}" in done.stderr
+    assert getattr(done.exception, "fix", "") == f"fieldkit recover {path}"
+    assert run(recover, path).exit_code == 0
+
+
+def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign: Path) -> None:
+    path = campaign / "recordings" / "20261212T025512Z-b.h5"
+    marks_folder(path).mkdir()
+    drop_mark(marks_folder(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
+    drop_mark(marks_folder(path), Mark("moved"))
+    run(recover, path)
+    events = {event["text"]: event for event in json.loads(run(show, path, "--json").stdout)["events"]}
+    assert events["lightning"]["label"] == "storm"
+    assert events["lightning"]["end"] == "2026-12-12 12:10:00 JST"
+    assert (events["moved"]["label"], events["moved"]["end"]) == ("", "")
+
+
+def test_session_that_does_not_exist_is_named() -> None:
+    for module in (check, show, recover, replay):
+        done = run(module, "nowhere.h5")
+        assert isinstance(done.exception, SessionError)
+        assert "nowhere.h5" in str(done.exception)
+        assert "fieldkit ls" in (done.exception.fix or "")
+
+
+def test_recovering_what_is_no_session_says_what_to_do_and_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "junk.h5"
+    path.write_bytes(b"no session")
+    done = run(recover, path)
+    assert isinstance(done.exception, SessionError)
+    assert "nothing can be read" in str(done.exception)
+    assert ".journal" in (done.exception.fix or "")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_import_makes_a_session_and_asks_for_what_it_cannot_know(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for second in range(3):
+        cv2.imwrite(str(folder / f"20260512T01000{second}.tif"), np.full((5, 7), 29_500, np.uint16))
+    out = tmp_path / "a.h5"
+    place = ("--site=35.5,139.4,9", "-C", tmp_path)
+    without_scale = run(import_session, folder, *place)
+    assert isinstance(without_scale.exception, ConfigError)
+    assert "--kelvin-per-count" in (without_scale.exception.fix or "")
+    said = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", "0.01")
+    without_site = run(import_session, folder, *said, "-C", tmp_path)
+    assert isinstance(without_site.exception, ConfigError)
+    assert "--site" in (without_site.exception.fix or "")
+    done = run(import_session, folder, *place, *said, "-o", out, "--json")
+    assert done.exit_code == 0
+    assert json.loads(done.stdout)["samples"] == {"camera": 3}
+    assert "29500 K" not in run(show, out).stdout
+    assert run(check, out, "--no-estimates").exit_code == 0
+
+
+def test_import_without_a_site_warns_that_the_campaigns_is_taken(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for second in range(3):
+        cv2.imwrite(str(folder / f"20260512T01000{second}.tif"), np.full((5, 7), 29_500, np.uint16))
+    said = ("--time-format", "%Y%m%dT%H%M%S", "--zone", "UTC", "--kelvin-per-count", "0.01")
+    assert run(init, tmp_path / "fresh", "--quiet").exit_code == 0
+    done = run(import_session, folder, *said, "-C", tmp_path / "fresh", "-o", tmp_path / "a.h5")
+    assert "warning: no --site" in done.stderr
+    assert "the paper's" in done.stderr
+    with open_session(tmp_path / "a.h5") as session:
+        warned = [event for event in session.events() if event.severity is Severity.WARNING]
+        assert "import it again with --site" in warned[0].text
+        assert session.site.latitude_deg == 35.558675
+    run(init, tmp_path / "own", "--site", "47.1,8.5,400", "--quiet")
+    own = run(import_session, folder, *said, "-C", tmp_path / "own", "-o", tmp_path / "b.h5")
+    assert "47.1, 8.5; if it was elsewhere" in own.stderr
+    given = run(import_session, folder, *said, "--site=1,2", "-C", tmp_path / "own", "-o", tmp_path / "c.h5")
+    assert "no --site" not in given.stderr
+
+
+@pytest.mark.parametrize("present", [False, True])
+def test_an_imported_session_is_estimated_under_the_sun_of_its_own_site(
+    tmp_path: Path, present: bool
+) -> None:
+    """In Tokyo it is night when it is noon at Alamosa; SPA (pvlib) gives 29.3 degrees there at 19:05 UTC."""
+    campaign = tmp_path / "tokyo"
+    assert run(init, campaign, "--quiet").exit_code == 0
+    log = tmp_path / "light.csv"
+    log.write_text("time,lux [lx]\n" + "".join(f"2016-01-01T19:{m:02}:00Z,50000\n" for m in range(3, 7)))
+    out = campaign / "recordings" / "noon.h5"
+    place = ("--site", "37.70,-105.92,2317", "-C", campaign)
+    assert run(import_session, log, *place, "-o", out).exit_code == 0
+    source = source_of(out, present=present)
+    assert source.config.site.latitude_deg == 37.70
+    with open_session(out) as session:
+        assert source.config.site == session.site
+        minutes = list(minutes_of(session, estimator_for(session, source.config, present=present)))
+        moved = config_for(session, ("site.latitude_deg=47.0",), present=present)
+    assert [90.0 - minute.sun_zenith_deg for minute in minutes] == pytest.approx([29.3] * 4, abs=0.2)
+    assert moved.site.latitude_deg == 47.0
+    assert moved.site.longitude_deg == -105.92
+
+
+def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> None:
+    table = tmp_path / "log.csv"
+    table.write_text("time,T1 [C]\n2026-05-12T01:00:00Z,3\n")
+    done = run(import_session, table, "--offset", "auto", "--site=1,2")
+    assert done.exit_code == 2
+    assert "--into SESSION" in done.stderr
+    for name in ("events", "a/b", "", "x y"):
+        assert "cannot name a stream" in run(import_session, table, "--as", name, "--site=1,2").stderr
+    wrong = run(import_session, table, "--offset", "soon", "--site=1,2")
+    assert "write +12s or -2m, or auto" in wrong.stderr
+
+
+@pytest.mark.parametrize("name", ["beds/1", "../../oops", "a\\b"])
+def test_a_name_cannot_put_a_session_where_no_verb_looks(tmp_path: Path, name: str) -> None:
+    assert run(init, "--simulated", tmp_path / "c").exit_code == 0
+    done = run(record, "-C", tmp_path / "c", "--for", "10s", "--name", name)
+    assert isinstance(done.exception, ConfigError)
+    assert "has a slash" in str(done.exception)
+    assert not list(tmp_path.rglob("*.h5"))

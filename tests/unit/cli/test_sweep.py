@@ -1,0 +1,249 @@
+"""``fieldkit sweep`` and ``fieldkit estimate`` over several sessions."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows import work
+
+GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep")
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    for seed in (1, 2, 3):
+        settings = ("--set", "simulation.speed=max", "--set", f"simulation.seed={seed}")
+        made = fieldkit("record", "-C", folder, "--for", "8m", "--name", f"s{seed}", "-q", *settings)
+        assert made.exit_code == 0, made.output
+    return folder / "recordings"
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def fieldkit(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_sweep_has_a_row_for_each_session_set_and_bed(recordings, tmp_path):
+    found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "results" / "a")
+    assert found.exit_code == 0, found.output
+    table = rows(tmp_path / "results" / "a.csv")
+    assert len(table) == 3 * 6 * 3
+    assert table[0]["session"].endswith("-s1")
+    assert {row["surface.albedo"] for row in table} == {"0.15", "0.2", "0.25"}
+    assert {(row["region"], row["true_tilt_deg"]) for row in table} == {
+        ("b05", "5.0"),
+        ("b15", "15.0"),
+        ("b25", "25.0"),
+    }
+    darker = [
+        float(row["median_tilt_deg"])
+        for row in table
+        if row["region"] == "b15" and row["surface.emissivity"] == "0.9"
+    ]
+    # of the same heat a whiter bed must have had more sun: tilt grows with the albedo assumed
+    assert darker[0] < darker[1] < darker[2]
+
+
+def test_the_row_of_a_set_is_what_estimate_gives_with_it(recordings, tmp_path):
+    fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "sweep")
+    settings = ("--set", "surface.albedo=0.25", "--set", "surface.emissivity=0.88")
+    assert fieldkit("estimate", recordings, *settings, "-o", tmp_path / "one.csv").exit_code == 0
+    minutes = [
+        row
+        for row in rows(tmp_path / "one.csv")
+        if row["region"] == "b25"
+        and row["session"].endswith("s2")
+        and row["state"] in ("ok", "flat", "uncertain", "not_resolved")
+    ]
+    errors = [float(row["tilt_deg"]) - 25.0 for row in minutes]
+    (row,) = (
+        row
+        for row in rows(tmp_path / "sweep.csv")
+        if (row["session"][-2:], row["surface.albedo"], row["surface.emissivity"], row["region"])
+        == ("s2", "0.25", "0.88", "b25")
+    )
+    assert int(row["answered"]) == len(errors) > 0
+    assert int(row["uncertain"]) == sum(minute["state"] == "uncertain" for minute in minutes) > 0
+    assert float(row["mean_abs_error_deg"]) == pytest.approx(sum(map(abs, errors)) / len(errors), abs=1e-12)
+    assert float(row["worst_abs_error_deg"]) == max(map(abs, errors))
+
+
+def test_again_gives_the_same_bytes_from_the_cache_or_afresh_by_one_process_or_two(
+    recordings, tmp_path, monkeypatch
+):
+    made = {}
+    for name, jobs in (("fresh", 1), ("cached", 1), ("two", 2)):
+        if name == "two":
+            monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "other"))
+        folder = tmp_path / name
+        found = fieldkit("sweep", recordings, *GRID, "-j", jobs, "-o", folder / "r")
+        assert found.exit_code == 0, found.output
+        assert f"{18 if name == 'cached' else 0} of them known before" in found.stderr
+        made[name] = {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+    assert made["fresh"] == made["cached"] == made["two"]
+
+
+def test_provenance_names_content_and_code(recordings, tmp_path):
+    fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
+    about = json.loads((tmp_path / "r.json").read_text("utf-8"))
+    assert about["schema"] == 1
+    assert about["parameters"] == {
+        "surface.albedo": ["0.15", "0.20", "0.25"],
+        "surface.emissivity": ["0.88", "0.90"],
+    }
+    paths = sorted(recordings.glob("*.h5"))
+    assert [one["sha256"] for one in about["sessions"]] == [
+        hashlib.sha256(p.read_bytes()).hexdigest() for p in paths
+    ]
+    assert about["files"]["r.csv"] == hashlib.sha256((tmp_path / "r.csv").read_bytes()).hexdigest()
+    assert about["code_version"].startswith("0.1.0+")
+    assert {"command_line", "python", "platform", "packages", "ranking"} <= set(about)
+
+
+def test_parquet_is_the_same_table(recordings, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
+    table = parquet.read_table(tmp_path / "r.parquet").to_pylist()
+    assert [{k: str(v) for k, v in row.items()} for row in table] == rows(tmp_path / "r.csv")
+
+
+def test_an_unknown_key_is_refused_before_anything_runs(recordings, tmp_path, cache):
+    found = fieldkit("sweep", recordings, "--set", "surface.albdo=0.1,0.2", "-o", tmp_path / "r")
+    assert found.exit_code == 3
+    assert "did you mean albedo" in found.stderr
+    assert not cache.exists()
+    assert not (tmp_path / "r.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        ("surface.albedo=0.1,1.2", "1.2"),
+        ("record.every_s=30,60", "does not enter an estimate"),
+        ("simulation.albedo=0.1,0.2", "does not enter an estimate"),
+        ("surface.albedo=0.3:0.1:0.1", "no range"),
+    ],
+)
+def test_values_that_cannot_be_are_refused_before_anything_runs(recordings, cache, setting, said):
+    found = fieldkit("sweep", recordings, "--set", setting)
+    assert found.exit_code == 3
+    assert said in found.stderr
+    assert not cache.exists()
+
+
+def test_a_corrupt_session_among_twenty_is_told_and_the_others_are_done(recordings, tmp_path):
+    folder = tmp_path / "twenty"
+    folder.mkdir()
+    originals = sorted(recordings.glob("*.h5"))
+    for number in range(19):
+        shutil.copy(originals[number % 3], folder / f"day{number:02}.h5")
+    whole = originals[0].read_bytes()
+    (folder / "day19.h5").write_bytes(whole[: len(whole) // 3])
+    found = fieldkit("sweep", folder, *GRID, "-j", 1, "-o", tmp_path / "r")
+    assert found.exit_code == 3
+    assert "day19.h5" in found.stderr
+    assert "1 of 20 sessions could not be estimated; the others are done" in found.stderr
+    assert len({row["session"] for row in rows(tmp_path / "r.csv")}) == 19
+    (problem,) = json.loads((tmp_path / "r.json").read_text("utf-8"))["problems"]
+    assert problem["path"].endswith("day19.h5")
+
+
+def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_path):
+    folder = tmp_path / "three"
+    shutil.copytree(recordings, folder)
+    torn = sorted(folder.glob("*.h5"))[1]
+    with open_session(torn) as session:
+        brick = session.group("camera")["counts"].id.get_chunk_info(1)
+    with torn.open("r+b") as file:
+        file.seek(brick.byte_offset)
+        file.write(b"\xaa" * brick.size)
+    found = fieldkit("estimate", folder, "-j", 1, "-o", tmp_path / "r")
+    assert found.exit_code == 7
+    assert f"{torn} has damaged samples in 3 minutes; they were left out" in found.stderr
+    assert "1 of 3 sessions are damaged in part" in found.stderr
+    table = [row for row in rows(tmp_path / "r.csv") if row["session"].endswith("s2")]
+    damaged = [row["temperature_k"] for row in table if "bad_crc" in row["flags"]]
+    assert damaged == [""] * 9  # three minutes of three beds: nothing rather than the filling of a lost brick
+    assert fieldkit("estimate", torn).exit_code == 7
+
+
+def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
+    real, count = work.estimate, 0
+
+    def stopped_after_five(*arguments):
+        nonlocal count
+        count += 1
+        if count > 5:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr("fieldkit.workflows.work.estimate", stopped_after_five)
+    found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
+    assert found.exit_code == 130
+    monkeypatch.setattr("fieldkit.workflows.work.estimate", real)
+    found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
+    assert found.exit_code == 0
+    assert "5 of them known before" in found.stderr
+
+
+def test_best_parameters_and_their_worth_are_told(recordings, tmp_path):
+    found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r", "--json")
+    document = json.loads(found.stdout)
+    ranking = document["ranking"]
+    assert ranking["sessions"] == 3
+    assert set(ranking["sensitivity"]) == {"surface.albedo", "surface.emissivity"}
+    table = rows(tmp_path / "r.csv")
+    by_set: dict[str, dict[str, list[float]]] = {}
+    for row in table:
+        by_set.setdefault(row["set"], {}).setdefault(row["session"], []).append(
+            float(row["median_abs_error_deg"])
+        )
+    errors = [
+        sum(sum(beds) / len(beds) for beds in of_set.values()) / len(of_set) for of_set in by_set.values()
+    ]
+    assert ranking["error_deg"] == pytest.approx(min(errors), abs=1e-12)
+
+
+def test_estimate_of_many_prints_each_and_keeps_every_minute(recordings, tmp_path):
+    found = fieldkit("estimate", recordings, "-j", 1, "-o", tmp_path / "base")
+    assert found.exit_code == 0, found.output
+    assert [line for line in found.stdout.splitlines() if line.endswith(("-s1", "-s2", "-s3"))]
+    table = rows(tmp_path / "base.csv")
+    assert {row["session"][-2:] for row in table} == {"s1", "s2", "s3"}
+    assert {"time", "region", "tilt_deg", "flags", "temperature_k", "irradiance_w_m2"} <= set(table[0])
+    documents = json.loads(fieldkit("estimate", recordings, "--json").stdout)["sessions"]
+    assert [len(document["slopes"]) for document in documents] == [3, 3, 3]
+    assert {document["minutes"] for document in documents} <= {8, 9}  # eight, and what began of the next
+
+
+def test_a_session_named_twice_counts_once(recordings, tmp_path):
+    path = sorted(recordings.glob("*.h5"))[0]
+    fieldkit("estimate", path, recordings, "-j", 1, "-o", tmp_path / "r")
+    assert len(json.loads((tmp_path / "r.json").read_text("utf-8"))["sessions"]) == 3
+
+
+def test_a_cluster_needs_its_address(recordings):
+    found = fieldkit("sweep", recordings, *GRID, "--executor", "dask")
+    assert found.exit_code == 2
+    assert "--address" in found.stderr

@@ -1,0 +1,152 @@
+"""Sessions of which nobody has drawn regions yet, such as one just imported."""
+
+from __future__ import annotations
+
+import json
+import re
+import warnings
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.cli.simulation import scene_of
+from fieldkit.config import load_config
+from fieldkit.simulation.sand_slopes import BEDS
+
+
+def fieldkit(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def session(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    campaign = tmp_path / "c"
+    assert fieldkit("init", campaign, "--site=-33.86,151.2,20").exit_code == 0
+    log = tmp_path / "log.csv"
+    rows = [f"2024-01-05T10:{minute}:{second}+11:00,80000" for minute in range(10, 20) for second in (10, 40)]
+    log.write_text("\n".join(["time,lux [lx]", *rows]) + "\n")
+    made = fieldkit("import", log, "-C", campaign)
+    assert made.exit_code == 0, made.output
+    (path,) = (campaign / "recordings").glob("*.h5")
+    return path
+
+
+@pytest.mark.parametrize("arguments", [("estimate",), ("sweep", "--set", "surface.albedo=0.1,0.2")])
+def test_what_needs_beds_says_how_to_draw_them_and_writes_nothing(session, tmp_path, arguments):
+    verb, *options = arguments
+    found = fieldkit(verb, session, *options, "-j", 1, "-o", tmp_path / "results" / "r")
+    assert found.exit_code == 3, found.output
+    assert f"{session.name} has no beds to estimate" in found.stderr
+    assert "fieldkit roi add" in found.stderr
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_light_can_be_reported_and_replayed_without_beds(session):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        found = fieldkit("report", session)
+    assert found.exit_code == 0, found.output
+    replayed = fieldkit("replay", session, "--speed", "max")
+    assert replayed.exit_code == 0
+    assert "no region is a target" in replayed.stderr
+
+
+def test_a_scale_without_a_known_bed_is_refused_without_a_warning(session):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = fieldkit("calibrate", "surface", session)
+    assert "has no bed of known slope" in found.stderr
+
+
+def test_the_report_of_several_without_beds_says_that_nothing_was_found(session):
+    other = session.with_name("other.h5")
+    other.write_bytes(session.read_bytes())
+    found = fieldkit("report", session.parent)
+    assert found.exit_code == 0, found.output
+    text = (session.parent.parent / "reports" / "campaign.html").read_text("utf-8")
+    assert "No slope of a bed of known tilt was found" in text
+
+
+@pytest.fixture
+def undrawn(tmp_path, monkeypatch):
+    """A simulated campaign before anybody has drawn a region."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    folder = tmp_path / "undrawn"
+    assert fieldkit("init", "--simulated", folder).exit_code == 0
+    file = folder / "fieldkit.toml"
+    tables = re.split(r"(?m)^(?=\[)", file.read_text())
+    file.write_text("".join(table for table in tables if not table.startswith("[[region]]")))
+    return folder
+
+
+def draw(folder, names=("flat", "b05", "b15", "b25")):
+    for bed in (bed.region() for bed in BEDS if bed.name in names):
+        first, *more = (f"{x},{y}" for x, y in bed.vertices)
+        words = ["--reference"] if bed.name == "flat" else ["--tilt", bed.tilt_deg, "--azimuth", 180]
+        added = fieldkit("roi", "add", bed.name, "-C", folder, "--points", first, *more, *words)
+        assert added.exit_code == 0, added.output
+
+
+def test_from_a_recording_without_regions_to_slopes_as_the_tutorial_says(undrawn):
+    fast = ("--set", "simulation.speed=max")
+    made = fieldkit("record", "-C", undrawn, "--for", "6m", "--name", "look", *fast)
+    assert made.exit_code == 0, made.output
+    assert "warning: no regions are drawn" in made.stderr
+    assert "fieldkit roi add" in made.stderr
+    assert " 12:05 MST  S " in made.stderr  # the light of each minute is shown all the same
+    (path,) = (undrawn / "recordings").glob("*.h5")
+    reported = fieldkit("report", path)
+    assert reported.exit_code == 0, reported.output
+    page = (undrawn / "reports" / f"{path.stem}.html").read_text(encoding="utf-8")
+    assert "The axes count its 160 x 120 pixels" in page
+    for tick in range(0, 160, 20):
+        assert f">{tick}</text>" in page
+    draw(undrawn)
+    checked = fieldkit("roi", "check", "-C", undrawn, "--on", path)
+    assert checked.exit_code == 0, checked.output
+    estimated = fieldkit("estimate", path, "--campaign", "--set", "estimator.azimuth=known", "--json")
+    assert estimated.exit_code == 0, estimated.output
+    for slope in json.loads(estimated.stdout)["slopes"]:
+        assert slope["tilt_region_deg"][0] < slope["true_tilt_deg"] < slope["tilt_region_deg"][1]
+
+
+def test_the_picture_to_find_pixels_in_says_that_it_is_enlarged(undrawn, tmp_path):
+    found = fieldkit("live", "-C", undrawn, "--png", tmp_path / "p.png", "--set", "simulation.speed=max")
+    assert found.exit_code == 0, found.output
+    assert "160 x 120 pixels, enlarged 6 times; the axes count camera pixels" in found.stderr
+
+
+def test_the_simulated_field_shows_its_beds_before_and_while_they_are_drawn(undrawn):
+    def beds():
+        scene = scene_of(load_config(undrawn / "fieldkit.toml"), 60.0)
+        return {facet.name: facet for facet in scene.facets}
+
+    assert list(beds()) == [f"undrawn {bed.name}" for bed in BEDS]
+    assert [bed.vertices for bed in beds().values()] == [bed.vertices for bed in BEDS]
+    draw(undrawn, ("flat",))
+    assert list(beds()) == ["flat", "undrawn b05", "undrawn b15", "undrawn b25"]
+    draw(undrawn, ("b05", "b15", "b25"))
+    assert sorted(beds()) == ["b05", "b15", "b25", "flat"]
+
+
+def test_a_field_of_other_beds_has_no_others(undrawn):
+    added = fieldkit("roi", "add", "flat", "-C", undrawn, "--reference", "--rect", "74,2,10,20")
+    assert added.exit_code == 0
+    assert [facet.name for facet in scene_of(load_config(undrawn / "fieldkit.toml"), 60.0).facets] == ["flat"]
+
+
+def test_the_newest_session_is_the_one_that_began_last_whatever_its_name(session):
+    log = session.parent.parent / "later.csv"
+    log.write_text("time,lux [lx]\n2025-01-05T10:10:10+11:00,80000\n2025-01-05T10:10:40+11:00,80100\n")
+    later = session.parent / "0.h5"
+    made = fieldkit("import", log, "-C", session.parent.parent, "-o", later)
+    assert made.exit_code == 0, made.output
+    shown = json.loads(fieldkit("show", "-C", session.parent.parent, "--json").stdout)
+    assert shown["session"] == str(later)
+    # ISO 8601, with the offset of the campaign's zone, which is of its longitude
+    assert shown["start"] == "2025-01-05T09:10:10+10:00"
+    listed = json.loads(fieldkit("ls", "-C", session.parent.parent, "--json").stdout)["sessions"]
+    assert [one["start"] for one in listed] == ["2025-01-05T09:10:10+10:00", "2024-01-05T09:10:10+10:00"]
+    assert [one["end"] for one in listed] == ["2025-01-05T09:10:40+10:00", "2024-01-05T09:19:40+10:00"]

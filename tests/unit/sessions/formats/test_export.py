@@ -1,0 +1,430 @@
+"""What other programs get is what was recorded, with units and times."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import UTC
+from pathlib import Path
+
+import cv2
+import h5py
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.samples import Event, EventKind, Frame, Reading
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.camera_laws import temperature_k
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
+from fieldkit.sessions.datasets import LIBVER
+from fieldkit.sessions.formats.mcap_out import export_mcap
+from fieldkit.sessions.formats.netcdf_out import export_netcdf
+from fieldkit.sessions.formats.pictures_out import export_mp4, export_pngs, export_tiffs
+from fieldkit.sessions.formats.stills import Scale, read_stills
+from fieldkit.sessions.formats.tables_out import export_tables
+from fieldkit.sessions.formats.tiff import read_tags
+from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.faults import small_session
+from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
+
+HEADER = header((24, 32))
+TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0], name="cam2")))
+FRAMES = 20
+
+
+def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> Session:
+    clock = CountedClock()
+    writer = SessionWriter(path, about, clock)
+    fill(writer, frames, clock)
+    writer.close()
+    return open_session(path)
+
+
+@pytest.fixture
+def session(tmp_path: Path):
+    with recorded(tmp_path / "field.h5") as opened:
+        yield opened
+
+
+@pytest.fixture
+def two_cameras(tmp_path: Path):
+    with recorded(tmp_path / "field.h5", TWO_CAMERAS, frames=4) as opened:
+        yield opened
+
+
+def test_region_series_is_mean_and_spread_of_its_pixels(session: Session) -> None:
+    series = session.region_series()
+    assert series.regions == ("flat", "b05")
+    mask = HEADER.regions[0].mask((24, 32))
+    expected = np.array([picture(n, (24, 32))[mask] * 0.01 for n in range(FRAMES)])
+    assert series.mean_k[:, 0] == pytest.approx(expected.mean(axis=1), abs=1e-9)
+    assert series.spread_k[:, 0] == pytest.approx(expected.std(axis=1), abs=1e-9)
+    assert series.pixels.tolist() == [mask.sum()] * 2
+    assert series.flags[7] == 16  # shutter
+    assert series.time_ns[0] == next(session.samples("camera")).time_ns
+
+
+def test_another_calibration_may_be_chosen(session: Session) -> None:
+    doubled = session.kelvin(0, 2, calibration=lambda counts: counts * 0.02)
+    assert doubled == pytest.approx(2 * session.kelvin(0, 2), abs=1e-9)
+    assert np.array_equal(session.raw("camera")[3], picture(3, (24, 32)))
+
+
+def test_region_outside_the_picture_and_meters_are_refused(session: Session) -> None:
+    outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
+    with pytest.raises(SessionError, match="no pixel"):
+        session.region_series([outside])
+    with pytest.raises(SessionError, match="not a camera"):
+        session.raw("lux")
+    with pytest.raises(SessionError, match="no stream 'sonar'"):
+        session.to_pandas("sonar")
+
+
+def test_pandas_has_units_in_its_columns(session: Session) -> None:
+    pytest.importorskip("pandas")
+    table = session.to_pandas("thermometer")
+    assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
+    assert table["T3 [K]"].iloc[4] == 2 + 4 / 3
+    assert str(table.index.tz) == "UTC"
+    assert list(session.to_pandas("lux").columns[:1]) == ["illuminance [lx]"]
+
+
+def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    SessionWriter(tmp_path / "a.h5", header((24, 32)), CountedClock()).close()
+    with open_session(tmp_path / "a.h5") as session:
+        table = session.to_pandas("thermometer")
+    assert (len(table), list(table.columns[:2])) == (0, ["T1 [K]", "T2 [K]"])
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: str) -> None:
+    pd = pytest.importorskip("pandas")
+    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
+    assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
+    read = pd.read_csv if kind == "csv" else pd.read_parquet
+    regions = read(paths["camera-regions"])
+    assert len(regions) == 2 * FRAMES
+    flat = regions[regions["region"] == "flat"]["temperature [K]"].to_numpy()
+    assert flat == pytest.approx(session.region_series().mean_k[:, 0], abs=1e-9)
+    spread = regions[regions["region"] == "flat"]["spread [K]"].to_numpy()
+    inside = session.regions[0].mask((24, 32))
+    assert spread == pytest.approx(session.kelvin()[:, inside].std(axis=1), abs=1e-9)
+    assert read(paths["events"])["text"].iloc[0] == "wolke über b05"
+
+
+def test_table_of_slopes_has_both_ends_of_each_region(tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    with open_session(small_session(tmp_path / "field.h5")) as session:
+        paths = {path.stem: path for path in export_tables(session, tmp_path, "csv")}
+    (row,) = pd.read_csv(paths["field-slopes"]).to_dict("records")
+    assert (row["tilt low [deg]"], row["tilt [deg]"], row["tilt high [deg]"]) == (4.0, 5.1, 6.0)
+    assert (row["azimuth low [deg]"], row["azimuth [deg]"], row["azimuth high [deg]"]) == (
+        170.0,
+        181.0,
+        190.0,
+    )
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -> None:
+    pd = pytest.importorskip("pandas")
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", HEADER, clock)
+    fill(writer, 1, clock)
+    data = {"label": "cloud", "end_ns": START_NS + 60 * 10**9 + 1_000}
+    writer.event(Event(EventKind.MARK, 0, START_NS, "over b05", data=data))
+    writer.event(Event(EventKind.MARK, 1, START_NS + 1, "lightning"))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        path = next(path for path in export_tables(session, tmp_path, kind) if "events" in path.name)
+    table = pd.read_csv(path, keep_default_na=False) if kind == "csv" else pd.read_parquet(path)
+    marks = table[table["kind"] == "mark"]
+    assert marks["label"].tolist() == ["", "cloud", ""]
+    _, first, second = pd.to_datetime(marks["end"], utc=True)
+    assert first == pd.Timestamp(data["end_ns"], tz="UTC")
+    assert pd.isna(second)
+
+
+def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    paths = export_tiffs(session, folder, every=4)
+    assert len(paths) == FRAMES // 4 + 1
+    foreign = read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
+    frames = list(foreign.samples)
+    originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
+    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
+    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
+    session: Session, tmp_path: Path
+) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    export_tiffs(session, folder)
+    (folder / "times.csv").unlink()
+    foreign = read_stills(folder, None)
+    originals = list(session.samples("camera"))
+    frames = list(foreign.samples)
+    assert (foreign.streams[0].scale, foreign.streams[0].offset) == (0.01, 0.0)
+    assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
+    assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
+    assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
+
+
+def test_tiffs_are_read_by_other_programs_with_their_tags(session: Session, tmp_path: Path) -> None:
+    """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
+    image = pytest.importorskip("PIL.Image")
+    path = export_tiffs(session, tmp_path)[7]
+    with image.open(path) as opened:
+        tags, counts = dict(opened.tag_v2), np.array(opened)
+    assert np.array_equal(counts, picture(7, (24, 32)))
+    assert json.loads(tags[270])["flags"] == ["shutter"]
+    assert json.loads(tags[270])["time"].startswith("2016-11-24T")
+    assert tags[306].startswith("2016:11:24 ")
+    assert '<Item name="SCALE" sample="0" role="scale">0.01</Item>' in tags[42112]
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"time": 3}', "[" * 10_000, '{"time": "t", "flags": 1}'])
+def test_descriptions_of_other_programs_are_no_tags_of_ours(tmp_path: Path, text: str) -> None:
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "other.tiff"
+    image.fromarray(np.full((4, 4), 30_000, np.uint16)).save(path, description=text)
+    assert read_tags(path) is None
+    with pytest.raises(ConfigError, match="what one count"):
+        read_stills(path, None)
+
+
+def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None:
+    """Its law takes four words and five coefficients from the metadata rows of each frame."""
+    info = replace(
+        HEADER.streams[0], shape=(24, 256), law="ht301", scale=float("nan"), metadata_shape=(4, 256)
+    )
+    words = np.zeros((4, 256), "<u2")
+    words[0, 1], words[1, 0], words[1, 1] = 8617, 5000, 2932
+    words.reshape(-1)[259:269] = np.array([0.01, 8.0, 0.0, 0.0, 0.6], "<f4").view("<u2")
+    corners = ((1.0, 1.0), (90.0, 1.0), (90.0, 20.0), (1.0, 20.0))
+    about = replace(HEADER, streams=(info,), regions=(Region("bed", RegionKind.TARGET, corners),))
+    writer = SessionWriter(tmp_path / "a.h5", about, CountedClock())
+    for seq in range(12):
+        rows = words.copy()
+        rows[1, 1] += 5 * seq  # the shutter warms by half a kelvin from frame to frame
+        counts = np.full((24, 256), 4900 + seq, "<u2")
+        writer.append(sample(info, seq)._replace(counts=counts, metadata_rows=rows))
+    writer.close()
+    with open_session(tmp_path / "a.h5") as session:
+        frames = list(session.samples())
+        expected = [temperature_k("ht301", one.counts, one.metadata_rows, {}).mean() for one in frames]
+        series, kelvin = session.region_series(), session.kelvin()
+        paths = export_tiffs(session, tmp_path)[:-1]
+    assert 280.0 < min(expected) < max(expected) < 310.0
+    assert np.ptp(expected) > 5.0
+    assert kelvin.mean(axis=(1, 2)) == pytest.approx(expected, abs=1e-4)
+    assert series.mean_k[:, 0] == pytest.approx(expected, abs=1e-4)
+    written = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED).mean() * 0.01 for path in paths]
+    assert written == pytest.approx(expected, abs=0.01)
+
+
+def test_cells_of_a_table_are_as_short_as_the_number(session: Session, tmp_path: Path) -> None:
+    pytest.importorskip("pandas")
+    paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+    cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
+    assert max(map(len, cells)) <= len("295.123456789")
+    assert paths["lux"].read_text().splitlines()[2].split(",")[1] == "0.333333333333"
+
+
+def test_a_spreadsheet_computes_nothing_that_somebody_typed(tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    lux = replace(HEADER.streams[1], shape=(2,), channels=("=1+1", "right"))
+    writer = SessionWriter(tmp_path / "field.h5", replace(HEADER, streams=(lux,)), CountedClock())
+    writer.append(sample(lux, 0)._replace(values=(-3.0, 1.0)))
+    for text in ('=HYPERLINK("http://a.example")', "+1", "-2", "@SUM(A1)", "\tx", "5 = 5"):
+        writer.event(Event(EventKind.MARK, 0, START_NS, text))
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
+    texts = pd.read_csv(paths["events"])["text"].tolist()
+    assert [text[0] for text in texts] == ["'", "'", "'", "'", "'", "5"]
+    assert texts[0] == '\'=HYPERLINK("http://a.example")'
+    table = pd.read_csv(paths["lux"])
+    assert list(table.columns[1:3]) == ["'=1+1 [lx]", "right [lx]"]
+    assert table["'=1+1 [lx]"].tolist() == [-3.0]
+
+
+def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: Path) -> None:
+    folder = tmp_path / "tiffs"
+    folder.mkdir()
+    with recorded(tmp_path / "a.h5", frames=2) as first, recorded(tmp_path / "b.h5", frames=2) as second:
+        for session in (first, second, first):
+            export_tiffs(session, folder)
+    assert len((folder / "times.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert len(list(read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC).samples)) == 4
+
+
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+def test_pictures_of_each_camera_have_files_of_their_own(
+    two_cameras: Session, tmp_path: Path, export
+) -> None:
+    first, second = ({path for path in export(two_cameras, tmp_path, stream=name) if path.suffix != ".csv"}
+                     for name in ("camera", "cam2"))  # fmt: skip
+    assert not first & second
+    assert all(path.exists() for path in first | second)
+
+
+@pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
+def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: Path, export) -> None:
+    with pytest.raises(ConfigError, match="pictures of 2 cameras") as caught:
+        export(two_cameras, tmp_path)
+    assert caught.value.fix == "--stream with one of camera, cam2"
+    with pytest.raises(ConfigError, match="no camera 'lux'"):
+        export(two_cameras, tmp_path, stream="lux")
+
+
+def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> None:
+    (path,) = export_pngs(session, tmp_path, every=FRAMES)
+    image = cv2.imread(str(path))
+    assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
+    first = HEADER.regions[0].vertices[0]
+    x, y = (int((one + 0.5) * 20) for one in first)
+    x += LEFT_PX
+    assert image[y, x + 40].min() > 200  # the outline's upper edge
+    assert image[y + 7, x + 4].max() < 20  # beside the name
+    (film,) = export_mp4(session, tmp_path)
+    reader = cv2.VideoCapture(str(film))
+    assert int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES
+    reader.release()
+
+
+def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Path) -> None:
+    clock, info = CountedClock(), HEADER.streams[0]
+    writer = SessionWriter(tmp_path / "cooling.h5", HEADER, clock)
+    for seq in range(FRAMES):
+        counts = np.full((24, 32), 29_000, "<u2")
+        counts[14:18, 20:24] = 29_800 if seq else 30_000  # 2 % of the pixels, warmer by 2 K in the first
+        counts[19:23, 20:24] = 29_900
+        frame = sample(info, seq)
+        writer.append(frame._replace(counts=counts))
+    writer.close()
+    with open_session(tmp_path / "cooling.h5") as session:
+        first, second, *_ = export_pngs(session, tmp_path)
+    colours = [cv2.imread(str(path))[16 * 20, LEFT_PX + 22 * 20].tolist() for path in (first, second)]
+    same = cv2.imread(str(first))[21 * 20, LEFT_PX + 22 * 20].tolist()
+    assert colours[0] != same  # 30 000 and 29 900 counts in one picture
+    assert colours[0] != colours[1]
+
+
+def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    names = {path.name for path in export_netcdf(session, tmp_path)}
+    assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
+    with xr.open_dataset(tmp_path / "field-camera.nc", engine="h5netcdf") as camera:
+        assert camera["counts"].sizes == {"time": FRAMES, "y": 24, "x": 32}
+        assert camera["counts"].values == pytest.approx(session.kelvin(), abs=1e-9)
+        assert camera.attrs["title"] == HEADER.title
+        assert camera.attrs["session_id"] == session.session_id
+
+
+def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
+    """Read back with the format's own reader, checksums on."""
+    reading = pytest.importorskip("mcap.reader")
+    (path,) = export_mcap(session, tmp_path)
+    with path.open("rb") as file:
+        reader = reading.make_reader(file, validate_crcs=True)
+        messages = [(channel.topic[1:], message, json.loads(message.data))
+                    for _, channel, message in reader.iter_messages()]  # fmt: skip
+        schemas = {one.name: json.loads(one.data) for one in reader.get_summary().schemas.values()}
+        (attachment,) = reader.iter_attachments()
+        (about,) = reader.iter_metadata()
+    assert attachment.data.decode() == HEADER.config_toml
+    assert float(about.metadata["longitude_deg"]) == HEADER.site.longitude_deg
+    assert {"foxglove.RawImage", "foxglove.Log", "fieldkit.Reading.lux"} <= set(schemas)
+    assert set(schemas["fieldkit.Reading.thermometer"]["properties"]["values"]["properties"]) == {
+        "T1", "T2", "T3", "T4",
+    }  # fmt: skip
+    for original in session.samples():
+        message, told = next(
+            (message, told) for topic, message, told in messages
+            if topic == original.stream and told["seq"] == original.seq
+        )  # fmt: skip
+        assert message.log_time == told["timestamp"]["sec"] * 10**9 + told["timestamp"]["nsec"]
+        assert message.log_time == original.time_ns
+        assert (told["mono_ns"], told["flags"]) == (original.mono_ns, int(original.quality))
+        if isinstance(original, Frame):
+            assert base64.b64decode(told["data"]) == original.counts.tobytes()
+            assert base64.b64decode(told["metadata_rows"]) == original.metadata_rows.tobytes()
+            assert told["step"] * told["height"] == original.counts.nbytes
+        else:
+            assert isinstance(original, Reading)
+            assert tuple(told["values"].values()) == original.values
+            assert base64.b64decode(told["raw"]) == original.raw
+    assert [told["message"] for topic, _, told in messages if topic == "events"] == ["wolke über b05"]
+
+
+def test_mcap_of_one_stream_and_every_nth_picture(session: Session, tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
+    assert path.name == "field-camera.mcap"
+    with path.open("rb") as file:
+        topics = [channel.topic for _, channel, _ in reading.make_reader(file).iter_messages()]
+    assert topics.count("/camera") == FRAMES // 5
+    assert "/lux" not in topics
+    with pytest.raises(SessionError, match="no stream 'sonar'"):
+        export_mcap(session, tmp_path, stream="sonar")
+
+
+SECRET = 424242.0
+
+
+def _linked_scale(file: h5py.File, beside: Path) -> None:
+    file["lux/humidity"] = h5py.ExternalLink(str(beside), "/secret")
+
+
+def _stored_elsewhere(file: h5py.File, beside: Path) -> None:
+    with h5py.File(beside) as other:
+        place = other["secret"].id.get_offset()
+    file.create_dataset("lux/humidity", (8,), "<f8", external=[(str(beside), place, 64)])
+
+
+def _mapped_together(file: h5py.File, beside: Path) -> None:
+    layout = h5py.VirtualLayout((8,), "<f8")
+    layout[:] = h5py.VirtualSource(str(beside), "secret", (8,))
+    file.create_virtual_dataset("lux/humidity", layout)
+
+
+@pytest.mark.parametrize("lead_out", [_linked_scale, _stored_elsewhere, _mapped_together])
+def test_numbers_of_another_file_never_come_along(
+    tmp_path: Path, lead_out: Callable[[h5py.File, Path], None]
+) -> None:
+    recorded(tmp_path / "field.h5").close()
+    with h5py.File(tmp_path / "beside.h5", "w", libver=LIBVER) as other:
+        other["secret"] = np.full(8, SECRET)
+    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER, track_order=True) as file:
+        lead_out(file, tmp_path / "beside.h5")
+    out = tmp_path / "out"
+    out.mkdir()
+    with open_session(tmp_path / "field.h5") as session:
+        with pytest.raises(SessionError, match=r"lux/humidity|points somewhere else"):
+            export_netcdf(session, out)
+        with pytest.raises(SessionError):
+            session.to_xarray("lux")
+        export_tables(session, out, "csv")
+    written = b"".join(path.read_bytes() for path in out.iterdir())
+    assert np.float64(SECRET).tobytes() not in written
+    assert str(int(SECRET)).encode() not in written
+
+
+def test_netcdf_has_what_a_newer_version_adds(tmp_path: Path) -> None:
+    recorded(tmp_path / "field.h5").close()
+    with h5py.File(tmp_path / "field.h5", "r+", libver=LIBVER, track_order=True) as file:
+        file["lux/humidity"] = np.full(5, 0.6)
+    with open_session(tmp_path / "field.h5") as session:
+        export_netcdf(session, tmp_path)
+    with h5py.File(tmp_path / "field-lux.nc") as copy:
+        assert copy["humidity"][:].tolist() == [0.6] * 5

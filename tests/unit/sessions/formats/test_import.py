@@ -1,0 +1,431 @@
+"""Foreign recordings become sessions with their stamps and counts as they are."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from datetime import UTC
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import EventKind, Frame, Quality, Severity
+from fieldkit.model.site import Site
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, write_foreign
+from fieldkit.sessions.formats.purethermal import is_purethermal, read_purethermal
+from fieldkit.sessions.formats.stills import Scale, read_stills
+from fieldkit.sessions.formats.times import parse_times_ns
+from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.reader import open_session
+from tests.harness.foreign_files import FFF_CONSTANTS, fff, irg, purethermal, radiometric_jpeg
+from tests.shared_data import shared
+
+SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
+
+
+def written(path: Path, stamps_s: list[float], cut: int = 0, count: int = 29_500) -> Path:
+    """A recording in the PureThermal recorder's format, its end cut off by some bytes."""
+    data = purethermal(stamps_s, count=count)
+    path.write_bytes(gzip.compress(data[: len(data) - cut]))
+    return path
+
+
+def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
+    """Expected numbers: the README beside the recording."""
+    source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
+    foreign = read_purethermal(source)
+    report = write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    assert report.counts == {"camera": 82}
+    with open_session(tmp_path / "a.h5") as session:
+        frames = [frame for frame in session.samples("camera") if isinstance(frame, Frame)]
+        assert (frames[0].counts.min(), frames[0].counts.max()) == (29354, 30656)
+        assert frames[0].counts.mean() == pytest.approx(29591.0263, abs=1e-4)
+        assert (frames[0].counts[60, 80], frames[0].counts[0, 0]) == (29523, 29558)
+        assert (frames[81].counts.min(), frames[81].counts.max()) == (29318, 30427)
+        assert (session.end_ns - session.start_ns) / 1e9 == pytest.approx(9.22071, abs=1e-5)
+        assert session.streams["camera"].scale == 0.01
+        # gaps of 0.412, 0.032, 0.015 and 0.017 s at the beginning: a burst of waiting pictures
+        assert [frame.seq for frame in frames if frame.quality & Quality.INTERPOLATED] == [1, 2, 3, 4]
+        assert any("came in bunches" in event.text for event in session.events())
+
+
+def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
+    path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
+    foreign = read_purethermal(path)
+    assert len(list(foreign.samples)) == 4
+    assert len(list(foreign.samples)) == 4, "read again whenever asked for"
+    assert "ends within frame 4" in foreign.remarks[0][1]
+
+
+def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
+    foreign = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
+    assert np.isnan(foreign.streams[0].scale)
+    assert "TLinear off" in foreign.remarks[0][1]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"plain",
+        gzip.compress(b"PTY16V1\n\xff\xff\xff\xff", mtime=0),
+        gzip.compress(b"PTY16V1\n\2\0\0\0{}", mtime=0),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "other.gz"
+    path.write_bytes(data)
+    assert is_purethermal(path) == data.startswith(gzip.compress(b"")[:2])
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
+@pytest.mark.parametrize("rate", ["NaN", "Infinity", "-9", "0", "1e6", "[9]", "null", "9" * 400])
+def test_a_rate_that_no_camera_has_is_refused(tmp_path: Path, rate: str) -> None:
+    header = b'{"width": 4, "height": 3, "fps": %s}' % rate.encode()
+    path = tmp_path / "rate.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
+def test_a_header_of_endless_depth_is_refused(tmp_path: Path) -> None:
+    header = b"[" * 100_000
+    path = tmp_path / "deep.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="not a recording"):
+        read_purethermal(path)
+
+
+def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
+    header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
+    path = tmp_path / "huge.gz"
+    path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
+    with pytest.raises(ConfigError, match="pictures of"):
+        read_purethermal(path)
+
+
+def tiffs(folder: Path, names: list[str]) -> Path:
+    folder.mkdir()
+    for number, name in enumerate(names):
+        cv2.imwrite(str(folder / name), np.full((5, 7), 6900 + number, np.uint16))
+    return folder
+
+
+def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path) -> None:
+    folder = tiffs(tmp_path / "f", ["c.tif", "a.tif", "b.tiff"])
+    times = tmp_path / "times.csv"
+    times.write_text(
+        "file,time\na.tif,2026-05-12T10:00:01\nb.tiff,2026-05-12T10:00:02\nc.tif,2026-05-12T10:00:00.5\n"
+    )
+    foreign = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    assert [int(frame.counts[0, 0]) for frame in frames] == [6900, 6901, 6902]
+    assert frames[0].time_ns == 1_778_547_600_500_000_000  # 2026-05-12T01:00:00.5Z by date(1)
+    assert foreign.streams[0].scale == 0.04
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, mark: str) -> None:
+    folder = tiffs(tmp_path / "f", ["a.tif"])
+    times = tmp_path / "times.csv"
+    times.write_text(f"file{mark}time\na.tif{mark}2026-05-12 10:00:01\n", encoding="utf-8-sig")
+    (frame,) = read_stills(folder, Scale(0.04), times=times, zone=ZoneInfo("Asia/Tokyo")).samples
+    assert frame.time_ns == 1_778_547_601_000_000_000  # 2026-05-12T01:00:01Z by date(1)
+
+
+def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
+    folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
+    foreign = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
+    assert [frame.time_ns for frame in foreign.samples] == [
+        1_778_547_600_000_000_000,
+        1_778_547_601_000_000_000,
+    ]
+    assert np.isnan(foreign.streams[0].scale)
+
+
+def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
+    folder = tiffs(tmp_path / "f", ["a.tif", "b.tif"])
+    (tmp_path / "empty").mkdir()
+    times = tmp_path / "times.csv"
+    times.write_text("a.tif,2026-05-12T10:00:01Z\n")
+    with pytest.raises(ConfigError, match="no pictures with temperatures"):
+        read_stills(tmp_path / "empty", Scale(1.0), times=times)
+    with pytest.raises(ConfigError, match=r"no time for 1 pictures, the first b\.tif"):
+        read_stills(folder, Scale(1.0), times=times)
+    with pytest.raises(ConfigError, match="one way"):
+        read_stills(folder, Scale(1.0))
+    with pytest.raises(ConfigError, match="no zone"):
+        read_stills(tiffs(tmp_path / "g", ["20260512.tif"]), Scale(1.0), time_format="%Y%m%d")
+    cv2.imwrite(str(folder / "b.tif"), np.zeros((5, 7, 3), np.uint8))
+    times.write_text("a.tif,2026-05-12T10:00:01Z\nb.tif,2026-05-12T10:00:02Z\n")
+    with pytest.raises(ConfigError, match="16-bit"):
+        list(read_stills(folder, Scale(1.0), times=times).samples)
+    (folder / "b.tif").write_bytes(b"not a picture")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        list(read_stills(folder, Scale(1.0), times=times).samples)
+
+
+def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
+    folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
+    (folder / "20260512T010001.tif").write_bytes(b"not a picture")
+    foreign = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    with pytest.raises(ConfigError):
+        write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
+    assert [path.name for path in tmp_path.iterdir()] == ["f"]
+
+
+def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
+    foreign = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
+    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "a.gz")
+    with open_session(tmp_path / "a.h5") as session:
+        assert session.events()[0].kind is EventKind.IMPORTED
+        assert session.events()[0].text == "imported from a.gz"
+
+
+def test_bunched_stamps() -> None:
+    steady = np.arange(10, dtype=np.int64) * 100
+    assert not bunched(steady).any()
+    moved = steady.copy()
+    moved[4] = 495  # late, so it came together with the next
+    assert np.flatnonzero(bunched(moved)).tolist() == [4, 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "time_format", "zone", "expected"),
+    [
+        ("2026-05-12T01:00:00Z", None, None, 1_778_547_600_000_000_000),
+        ("2026-05-12T10:00:00+09:00", None, None, 1_778_547_600_000_000_000),
+        ("1778547600.25", None, None, 1_778_547_600_250_000_000),
+        ("2026/05/12 10:00:00", "yyyy/mm/dd HH:MM:SS", ZoneInfo("Asia/Tokyo"), 1_778_547_600_000_000_000),
+        ("12.05.26 03:00", "%d.%m.%y %H:%M", ZoneInfo("Europe/Berlin"), 1_778_547_600_000_000_000),
+    ],
+)
+def test_times_of_many_kinds(
+    text: str, time_format: str | None, zone: ZoneInfo | None, expected: int
+) -> None:
+    assert parse_times_ns([text], zone, time_format) == [expected]
+
+
+def test_time_without_a_zone_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no zone"):
+        parse_times_ns(["2026-05-12T10:00:00"], None)
+    with pytest.raises(ConfigError, match="not a time"):
+        parse_times_ns(["yesterday"], UTC)
+
+
+def test_flir_files_keep_their_law(tmp_path: Path) -> None:
+    """Expected counts: the README beside the file; an indoor scene near room temperature."""
+    from fieldkit.cli.import_flir import read_flir
+
+    source = shared("data/frames/flir_file/frame_000000_le.fff")
+    foreign = read_flir(source, "camera")
+    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    with open_session(tmp_path / "a.h5") as session:
+        counts = session.raw("camera")[0]
+        assert (counts.min(), counts.max()) == (17899, 19192)
+        assert session.streams["camera"].law == "planck"
+        kelvin = session.kelvin()
+        assert 290.0 < kelvin.min() < kelvin.max() < 310.0
+
+
+COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
+
+
+def test_flir_sequence_keeps_every_picture_and_the_cameras_times(tmp_path: Path) -> None:
+    """Times are of the camera's clock, also where pictures hold the bytes of a file's beginning."""
+    from fieldkit.cli.import_flir import read_flir
+
+    disguised = COUNTS.copy()
+    disguised[2, 2:4] = np.frombuffer(b"FFF\0", "<u2")
+    pictures = [COUNTS, disguised, COUNTS + 3]
+    source = tmp_path / "a.seq"
+    source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
+    foreign = read_flir(source, "camera")
+    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    with open_session(tmp_path / "a.h5") as session:
+        assert np.array_equal(session.raw("camera")[:], np.array(pictures))
+        expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]
+        assert session.times_ns("camera").tolist() == expected
+        info = session.streams["camera"]
+        assert (info.model, info.rate_hz) == ("T420", 9.0)
+        assert info.settings["r1"] == pytest.approx(FFF_CONSTANTS[0x58])
+        # T = B / ln(R1 / (R2 (S + O)) + F), Minkina & Dudzik, for the path is of no length
+        law = 1420.1 / np.log(16125.788 / (0.0109034 * (18_000 - 5588)) + 1.0)
+        assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
+
+
+def test_radiometric_jpeg_is_one_picture_of_the_same(tmp_path: Path) -> None:
+    from fieldkit.cli.import_flir import read_flir
+
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (frame,) = read_flir(tmp_path / "a.jpg", "camera").samples
+    assert isinstance(frame, Frame)
+    assert np.array_equal(frame.counts, COUNTS)
+    assert frame.time_ns == 1_480_000_000_000_000_000
+
+
+def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path: Path) -> None:
+    """As on the card of a hand-held camera, whose ordinary pictures lie between the thermal ones."""
+    from fieldkit.cli.import_sources import read_source
+
+    for number, second in ((1, 20), (3, 0), (5, 10)):
+        jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
+        (tmp_path / f"FLIR000{number}.jpg").write_bytes(jpeg)
+    (tmp_path / "DC_0002.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    (tmp_path / "FLIR0007.jpg").write_bytes(b"")
+    foreign = read_source(tmp_path, {"name": None})
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    assert [int(frame.counts[0, 0]) - 18_000 for frame in frames] == [3, 5, 1]
+    assert [frame.device_seq for frame in frames] == [0, 1, 2]
+    assert not any(frame.quality for frame in frames)
+    assert foreign.streams[0].rate_hz == 0.1
+    (told,) = [text for severity, text in foreign.remarks if severity is Severity.WARNING]
+    assert told.startswith("left out, without temperatures: DC_0002.jpg (a JPEG without")
+    assert told.endswith("and 1 more")
+
+
+def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path: Path) -> None:
+    from fieldkit.cli.import_sources import read_source
+
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (tmp_path / "a.tiff").write_bytes(b"no picture")
+    with pytest.raises(ConfigError, match=r"a\.tiff cannot be read|TIFF"):
+        read_source(
+            tmp_path,
+            dict.fromkeys(("name", "times", "time_format", "zone", "kelvin_per_count"), None)
+            | {"kelvin_at_zero": 0.0},
+        )
+
+
+def test_a_folder_of_jpegs_without_temperatures_says_so(tmp_path: Path) -> None:
+    from fieldkit.cli.import_flir import read_flir
+
+    (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    with pytest.raises(ConfigError, match=r"no picture with temperatures: holiday\.jpg"):
+        read_flir(tmp_path, "camera")
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "is empty"),
+        (fff(COUNTS, 0), "does not say when"),
+        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "picture 1 has another size"),
+        (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
+        (
+            fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + b"\xff\xd8\xff\xf7".ljust(COUNTS.nbytes, b"\0"),
+            "compressed as JPEG-LS",  # as the pictures of a .csq begin
+        ),
+    ],
+)
+def test_trouble_with_flir_files_is_told(tmp_path: Path, data: bytes, words: str) -> None:
+    from fieldkit.cli.import_flir import read_flir
+
+    (tmp_path / "a.seq").write_bytes(data)
+    with pytest.raises(ConfigError, match=words) as caught:
+        read_flir(tmp_path / "a.seq", "camera")
+    assert caught.value.fix
+
+
+@pytest.mark.parametrize("damage", [b"\0\0", fff(COUNTS, 1_480_000_002)[:-7]])
+def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: Path, damage: bytes) -> None:
+    from fieldkit.cli.import_flir import read_flir
+
+    whole = b"".join(fff(COUNTS + n, 1_480_000_000 + n) for n in range(2))
+    (tmp_path / "a.seq").write_bytes(whole + damage)
+    foreign = read_flir(tmp_path / "a.seq", "camera")
+    assert len(list(foreign.samples)) == 2
+    severity, words = foreign.remarks[1]
+    assert severity is Severity.WARNING
+    assert "nothing after picture 2" in words
+
+
+def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
+    for second, magic in enumerate((b"\xba\xab", b"\xb0\x0b")):
+        (tmp_path / f"23020115291{second}.irg").write_bytes(irg(COUNTS // 6, magic))
+    foreign = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    assert all(np.array_equal(frame.counts, COUNTS // 6) for frame in frames)
+    assert frames[0].time_ns == 1_675_261_750_000_000_000  # 2023-02-01T14:29:10Z by date(1)
+    assert foreign.streams[0].scale == 0.1
+    assert "emissivity was 0.95" in foreign.remarks[0][1]
+
+
+def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "20230201.irg"
+    path.write_bytes(irg(COUNTS, b"\xca\xac"))
+    with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
+        read_stills(path, None, time_format="%Y%m%d", zone=UTC)
+    assert "0.0625" in (caught.value.fix or "")
+    foreign = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
+    assert foreign.streams[0].scale == 0.0625
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"JFIF" * 40, "does not begin as one"),
+        (irg(COUNTS)[:100], "header does not end"),
+        (irg(COUNTS)[:-1], "5 x 7 pixels are not in it"),
+        (irg(COUNTS)[:4] + b"\xff" * 8 + irg(COUNTS)[12:], "pixels are not in it"),
+    ],
+)
+def test_other_irg_files_are_refused(tmp_path: Path, data: bytes, words: str) -> None:
+    (tmp_path / "1.irg").write_bytes(data)
+    with pytest.raises(ConfigError, match=words):
+        read_stills(tmp_path / "1.irg", None, time_format="%y", zone=UTC)
+
+
+def test_tiff_that_claims_more_than_any_camera_has_is_refused_unread(tmp_path: Path) -> None:
+    """The first directory of a TIFF (TIFF 6.0, section 2), and no pixels at all."""
+    sides = struct.pack("<HHII", 256, 4, 1, 16_000) + struct.pack("<HHII", 257, 4, 1, 16_000)
+    path = tmp_path / "2026.tif"
+    path.write_bytes(b"II*\0" + struct.pack("<IH", 8, 2) + sides + bytes(4))
+    with pytest.raises(ConfigError, match="million pixels"):
+        read_stills(path, Scale(0.01), time_format="%Y", zone=UTC)
+
+
+def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> None:
+    """A ninth of a second apart but for two that were 20 ms apart: both stamps are of arrival."""
+    time_ns = np.arange(12) * 111_000_000
+    time_ns[5] = time_ns[4] + 20_000_000
+    counts = np.zeros((2, 2), np.uint16)
+    frames = [Frame("ir", int(at), int(at), counts, counts[:0]) for at in time_ns]
+    flagged, remarks = flag_bunched(lambda: iter(frames), time_ns.tolist())
+    for _ in range(2):
+        late = [n for n, frame in enumerate(flagged) if frame.quality]
+        assert late == [4, 5]
+    ((severity, said),) = remarks
+    assert severity is Severity.WARNING
+    assert said.startswith("2 of 12 ")
+    steady, nothing = flag_bunched(lambda: iter(frames[6:]), time_ns[6:].tolist())
+    assert not any(frame.quality for frame in steady)
+    assert nothing == ()
+
+
+def test_tags_that_opencv_does_not_know_are_no_news(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """TIFF 6.0 by hand: 8 x 4 pixels of 16 bits and a private tag, 65000."""
+    width, height = 8, 4
+    counts = np.arange(width * height, dtype="<u2")
+    short, long = 3, 4
+    tags = [
+        (256, short, width), (257, short, height), (258, short, 16), (259, short, 1), (262, short, 1),
+        (273, long, 8), (277, short, 1), (278, short, height), (279, long, counts.nbytes), (65000, short, 7),
+    ]  # fmt: skip
+    directory = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in tags)
+    head = struct.pack("<2sHI", b"II", 42, 8 + counts.nbytes)
+    body = head + counts.tobytes() + struct.pack("<H", len(tags)) + directory + bytes(4)
+    path = tmp_path / "20260512T120000.tiff"
+    path.write_bytes(body)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_WARNING)
+    found = read_stills(path, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    assert len(list(found.samples)) == 1
+    assert capfd.readouterr().err == ""

@@ -1,0 +1,257 @@
+"""Tables of loggers become streams, alone or beside an old session."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Reading
+from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.merged import cut_to, merge
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import START_NS, CountedClock, fill, header, same
+
+TOKYO = ZoneInfo("Asia/Tokyo")
+
+
+def table(tmp_path: Path, text: str, encoding: str = "utf-8") -> Path:
+    path = tmp_path / "log.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
+    path = table(
+        tmp_path, "time,T1 [C],T2 [C],note\n2026/05/12 10:00:00,20.5,,dry\n2026/05/12 10:00:10,21,19,wet\n"
+    )
+    foreign = read_log(
+        path, "logger", zone=TOKYO, time_format="yyyy/mm/dd HH:MM:SS", offset_ns=12_000_000_000
+    )
+    first, second = (one for one in foreign.samples if isinstance(one, Reading))
+    assert first.time_ns == 1_778_547_612_000_000_000  # 2026-05-12T01:00:12Z
+    assert first.values[0] == 293.65
+    assert np.isnan(first.values[1])
+    assert second.values == (294.15, 292.15)
+    (info,) = foreign.streams
+    assert (info.unit, info.channels, info.rate_hz) == ("K", ("T1", "T2"), 0.1)
+    assert "+12 s" in foreign.remarks[0][1]
+
+
+def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
+    path = table(
+        tmp_path,
+        "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n",
+        "cp1252",
+    )
+    foreign = read_log(path, "lux", columns=LogColumns(values=("Licht",)), encoding="cp1252")
+    assert [one.values for one in foreign.samples if isinstance(one, Reading)] == [(52300.5,), (1.0,)]
+
+
+@pytest.mark.parametrize(
+    ("text", "time_format", "unit"),
+    [
+        ("Date,Time,T1 [C]\n2026-05-12,10:00:00,20.5\n2026-05-12,10:00:10,21\n", None, ""),
+        ("Date,Time,T1\n2026-05-12,10:00:00,20.5\n2026-05-12,10:00:10,21\n", None, "C"),
+        ("Datum;Zeit;T1 [°C]\n12.05.2026;10:00:00;20,5\n12.05.2026;10:00:10;21\n", "%d.%m.%Y %H:%M:%S", ""),
+    ],
+)
+def test_date_and_time_of_day_in_two_columns_are_one_time(
+    tmp_path: Path, text: str, time_format: str | None, unit: str
+) -> None:
+    """Layout: HOBO's own option "Separate date and time into two columns" (HOBOware User's Guide)."""
+    foreign = read_log(table(tmp_path, text), "logger", zone=TOKYO, time_format=time_format, unit=unit)
+    found = [one for one in foreign.samples if isinstance(one, Reading)]
+    assert [one.time_ns // 10**9 for one in found] == [1_778_547_600, 1_778_547_610]  # 2026-05-12T01:00:00Z
+    assert [one.values for one in found] == [(293.65,), (294.15,)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "cells", "missing"),
+    [
+        # -9999.9 as in SURFRAD's README, 9999 as in NOAA's format of hourly observations (ISD)
+        ("C", ("9999", "-9999.9", "-999.9", "inf", "21"), 4),
+        ("lx", ("9999", "-9999", "-999.9", "-inf", "21"), 3),
+    ],
+)
+def test_numbers_that_stand_for_no_value_are_missing(
+    tmp_path: Path, unit: str, cells: tuple[str, ...], missing: int
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z,{cell}\n" for minute, cell in enumerate(cells))
+    foreign = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
+    values = [one.values[0] for one in foreign.samples if isinstance(one, Reading)]
+    assert np.isnan(values).sum() == missing
+    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in foreign.remarks]
+
+
+def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
+    foreign = read_log(path, "logger")
+    assert [
+        text for _, text in foreign.remarks if text.startswith("left out for their unit: RH [%], P [hPa];")
+    ]
+    assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).remarks) == 1
+
+
+def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
+    foreign = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
+    assert foreign.streams[0].rate_hz == 1 / 86_400
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('time,E [lx]\n2026-05-12T01:00:00Z,"12,345"\n2026-05-12T01:01:00Z,999\n', "'12,345' .* has a comma"),
+        ("date,h,T1 [C]\n2026-05-12,10,3\n2026-05-12,11,3\n", "several rows have the date '2026-05-12'"),
+        ("", "cannot be read|no table"),
+        ("time,T1\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
+        ("time,T1 [C]\n2026-05-12 01:00:00,3\n", "no zone"),
+        ("time,T1 [C]\nyesterday,3\n", "not a time"),
+        ("time,T1 [furlong]\n2026-05-12T01:00:00Z,3\n", "no column has a unit"),
+    ],
+)
+def test_table_that_is_not_understood_is_told(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_log(table(tmp_path, text), "logger")
+
+
+BERLIN = ZoneInfo("Europe/Berlin")
+END_OF_SUMMER_NS = 1_792_890_000 * 10**9
+"""2026-10-25T01:00Z: clocks in Berlin go from 3:00 back to 2:00 (directive 2000/84/EC)."""
+
+
+def local_log(tmp_path: Path, minutes: Sequence[int], *, newest_first: bool = False) -> Path:
+    """A log in Berlin's clock time, its rows at these minutes around the end of summer time."""
+    moments = [datetime.fromtimestamp(END_OF_SUMMER_NS / 1e9 + 60 * minute, BERLIN) for minute in minutes]
+    rows = [f"{moment:%Y-%m-%d %H:%M:%S},{minute}\n" for moment, minute in zip(moments, minutes, strict=True)]
+    return table(tmp_path, "time,T1 [C]\n" + "".join(reversed(rows) if newest_first else rows))
+
+
+@pytest.mark.parametrize("newest_first", [False, True])
+@pytest.mark.parametrize(
+    "minutes",
+    [range(-90, 120), range(-30, 5), range(-5, 70), range(-300, 300, 60), range(-90, 90, 30)],
+    ids=["minutes", "ends within", "begins within", "hourly", "half-hourly"],
+)
+def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
+    tmp_path: Path, minutes: range, newest_first: bool
+) -> None:
+    foreign = read_log(local_log(tmp_path, minutes, newest_first=newest_first), "logger", zone=BERLIN)
+    found = [
+        ((one.time_ns - END_OF_SUMMER_NS) / 60e9, one.values[0] - 273.15)
+        for one in foreign.samples
+        if isinstance(one, Reading)
+    ]
+    assert [minute for minute, _ in found] == list(minutes)
+    assert [value for _, value in found] == pytest.approx(list(minutes))
+
+
+@pytest.mark.parametrize(
+    "minutes", [[*range(-60, -30)], [*range(10, 100)], [-120, -50, 70], [-20, -10, 5, -30, 20]]
+)
+def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(
+    tmp_path: Path, minutes: Sequence[int]
+) -> None:
+    with pytest.raises(ConfigError, match="came twice in Europe/Berlin") as caught:
+        read_log(local_log(tmp_path, minutes), "logger", zone=BERLIN)
+    assert "--zone Etc/GMT-2" in (caught.value.fix or "")  # what a clock left in summer time needs
+
+
+def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
+    foreign = read_log(path, "logger", zone=ZoneInfo("Etc/GMT-2"))
+    times = [one.time_ns for one in foreign.samples]
+    assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
+
+
+def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> None:
+    path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
+    with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' never was in Europe/Berlin"):
+        read_log(path, "logger", zone=BERLIN)
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (["12.345,6", "1.234.567"], [12345.6, 1234567.0]),
+        (["52300,5", "12,345"], [52300.5, 12.345]),
+        (["12.5", "12.345"], [12.5, 12.345]),
+        (["0.345", "12.345"], [0.345, 12.345]),
+        (["12,345.6", "1,234,567"], [12345.6, 1234567.0]),
+    ],
+)
+def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
+    tmp_path: Path, cells: list[str], expected: list[float]
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z;{cell}\n" for minute, cell in enumerate(cells))
+    foreign = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
+    assert [one.values[0] for one in foreign.samples if isinstance(one, Reading)] == expected
+    assert len(foreign.remarks) == 1
+
+
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("cells", [["12.345", "900"], ["12.345", "20,5"], ["12.345", "98.760"]])
+def test_points_that_may_be_of_thousands_are_refused_as_commas_are(
+    tmp_path: Path, cells: list[str], mark: str
+) -> None:
+    rows = "".join(f"2026-05-12T01:0{minute}:00Z{mark}{cell}\n" for minute, cell in enumerate(cells))
+    with pytest.raises(ConfigError, match=r"'12\.345' in column .* has a point, of thousands or of decimals"):
+        read_log(table(tmp_path, f"time{mark}E [lx]\n{rows}"), "lux")
+
+
+def test_cells_that_are_not_numbers_are_counted(tmp_path: Path) -> None:
+    path = table(
+        tmp_path, "time,T1 [C]\n2026-05-12T01:00:00Z,ERR\n2026-05-12T01:01:00Z,\n2026-05-12T01:02:00Z,3\n"
+    )
+    remarks = [text for _, text in read_log(path, "logger").remarks]
+    assert "1 cells are not numbers and have no value, such as 'ERR'" in remarks
+
+
+def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
+    fill(writer, 20, clock)
+    writer.close()
+    with open_session(tmp_path / "old.h5") as session:
+        start_s = session.start_ns / 1e9
+        rows = "".join(f"{start_s + n + 0.01:.3f},{n}\n" for n in range(-10, 11))
+        foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+        cut = cut_to(session, foreign)
+        found = [one.values[0] - 273.15 for one in cut.samples if isinstance(one, Reading)]
+        # it is twenty milliseconds long: of readings a second apart, two on either side and the one within
+        assert found == pytest.approx([-2, -1, 0, 1, 2], abs=1e-9)
+        assert "16 samples from before or after" in cut.remarks[-1][1]
+        assert merge(session, cut, tmp_path / "new.h5", "log.csv").counts["logger"] == 5
+
+
+def test_stream_is_added_beside_an_old_session(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "old.h5", header((24, 32)), clock)
+    appended = fill(writer, 20, clock)
+    writer.close()
+    before = (tmp_path / "old.h5").read_bytes()
+    start_s = START_NS / 1e9 + 5.01
+    rows = "".join(f"{start_s + n / 100:.2f},{20 + n}\n" for n in range(2))
+    foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+    with open_session(tmp_path / "old.h5") as session:
+        report = merge(session, foreign, tmp_path / "new.h5", "log.csv")
+        with pytest.raises(ConfigError, match="already"):
+            merge(session, read_log(tmp_path / "log.csv", "lux"), tmp_path / "x.h5", "log.csv")
+        late = table(tmp_path, "time,T1 [C]\n2031-01-01T00:00:00Z,1\n")
+        with pytest.raises(ConfigError, match="do not overlap"):
+            merge(session, read_log(late, "logger"), tmp_path / "x.h5", "log.csv")
+    assert report.counts == {"camera": 20, "lux": 5, "thermometer": 5, "logger": 2}
+    assert (tmp_path / "old.h5").read_bytes() == before
+    with open_session(tmp_path / "new.h5") as session:
+        old = [one for one in session.samples() if one.stream != "logger"]
+        assert all(same(one, other) for one, other in zip(old, appended, strict=True))
+        texts = [event.text for event in session.events()]
+        assert texts[0] == "wolke über b05"
+        assert "stream added from log.csv" in texts
+        assert len(session.region_history()) == 2

@@ -1,0 +1,186 @@
+"""What stations measured becomes streams, at the middle of what each value stands for."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Reading, Severity
+from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.jma_obsdl import is_obsdl, read_obsdl
+from fieldkit.sessions.formats.jma_tables import is_radiation_table, read_radiation_table
+from fieldkit.sessions.formats.stations import read_station
+from fieldkit.weather import STATIONS
+from tests.harness import foreign_files
+from tests.shared_data import shared
+
+
+def readings(foreign: Foreign, stream: str) -> list[Reading]:
+    return [one for one in foreign.samples if isinstance(one, Reading) and one.stream == stream]
+
+
+def utc(reading: Reading) -> str:
+    return datetime.fromtimestamp(reading.time_ns / 1e9, UTC).isoformat()
+
+
+def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
+    """Expected: the extremes and the conventions in the README beside the file."""
+    foreign = read_station(shared("data/weather/slv16001.dat"), "slv")
+    assert foreign.site == STATIONS["alamosa"]
+    units = {info.name: (info.quantity, info.unit) for info in foreign.streams}
+    assert units["slv-direct"] == ("irradiance", "W m-2")
+    assert units["slv-air"] == ("air_temperature", "K")
+    assert {info.name: info.measures for info in foreign.streams if info.measures} == {
+        "slv-direct": ("dni",), "slv-diffuse": ("dhi",), "slv-global": ("ghi",),
+        "slv-longwave-down": ("longwave_down",), "slv-longwave-up": ("longwave_up",),
+    }  # fmt: skip
+    assert len(units) == 8
+    direct = readings(foreign, "slv-direct")
+    assert len(direct) == 1440
+    assert max(one.values[0] for one in direct) == 1076.1
+    assert utc(direct[0]) == "2015-12-31T23:59:30+00:00"
+
+
+# --- obsdl
+
+HEAD = "ダウンロードした時刻：2024/10/13 09:28:46\r\n\r\n"
+
+
+def obsdl(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "data.csv"
+    path.write_bytes((HEAD + text).encode("cp932"))
+    return path
+
+
+def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    path.write_bytes(foreign_files.obsdl())
+    assert is_obsdl(path)
+    foreign = read_obsdl(path, "jma")
+    sums = readings(foreign, "jma-global")
+    assert sums[0].values == (1000.0,)  # 3.6 MJ/m² in an hour
+    assert utc(sums[0]) == "2024-06-01T01:30:00+00:00"  # 11 h of Japan is the end of the hour
+    assert np.isnan(sums[1].values[0])  # quality 4
+    air = readings(foreign, "jma-air")
+    assert (air[0].values, utc(air[0])) == ((294.65,), "2024-06-01T02:00:00+00:00")
+    assert [one.values for one in readings(foreign, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
+    times = [one.time_ns for one in foreign.samples if isinstance(one, Reading)]
+    assert times == sorted(times)
+    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were left out") in foreign.remarks
+    assert any("風速: station or instrument changed" in text for _, text in foreign.remarks)
+
+
+def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
+    """The other choice at the download page; 24 h is the next day's beginning."""
+    path = obsdl(tmp_path, ",,,,館野\r\n年,月,日,時,気温(℃)\r\n,,,,\r\n2024,6,1,24,20.0\r\n")
+    (air,) = readings(read_obsdl(path, "jma"), "jma-air")
+    assert utc(air) == "2024-06-01T15:00:00+00:00"
+
+
+def test_real_daily_download_is_read() -> None:
+    """Expected: the rows as they stand in the file."""
+    foreign = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
+    air = readings(foreign, "kyoto-air")
+    assert foreign.streams[1].channels == ("平均気温", "最高気温", "最低気温")
+    assert len(air) == 30
+    assert air[0].values == pytest.approx((27.4 + 273.15, 36.0 + 273.15, 19.1 + 273.15))
+    assert utc(air[0]) == "2014-06-01T03:00:00+00:00"  # noon in Japan
+    assert readings(foreign, "kyoto-sea-level-pressure")[1].values == pytest.approx((101240.0,))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_download_that_was_saved_again_as_utf8_is_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "data.csv"
+    path.write_bytes(foreign_files.obsdl().decode("cp932").encode(encoding))
+    assert is_obsdl(path)
+    assert readings(read_obsdl(path, "jma"), "jma-global")[0].values == (1000.0,)
+
+
+def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
+    """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
+    head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
+    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
+    assert [info.channels for info in foreign.streams] == [("現地気圧",)]
+    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((100_400.0,))
+
+
+def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path: Path) -> None:
+    """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
+    head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
+    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
+    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((64_000.0,))
+    assert readings(foreign, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
+    quantities = {info.name: info.quantity for info in foreign.streams}
+    assert quantities["jma-sea-level-pressure"] == "air_pressure_at_mean_sea_level"  # CF standard name
+
+
+@pytest.mark.parametrize("date", ["2024/7/1", "2024,7,1"])
+def test_sunshine_hours_before_the_sums_of_days_do_not_make_them_hourly(tmp_path: Path, date: str) -> None:
+    """Layout: JMA obsdl/top/help3; 日照時間 (sunshine duration) has the character of an hour in its name."""
+    skip, names = ("", "年月日") if "/" in date else (",,", "年,月,日")
+    head = f"{skip},東京,東京\r\n{names},日照時間(時間),合計全天日射量(MJ/㎡)\r\n"
+    (sun,) = readings(read_obsdl(obsdl(tmp_path, f"{head}{date},5.0,21.6\r\n"), "jma"), "jma-global")
+    assert sun.values == pytest.approx((250.0,))  # 21.6 MJ/m² in 86 400 s
+    assert utc(sun) == "2024-07-01T03:00:00+00:00"  # noon in Japan
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "no row names the items"),
+        ("集計開始,集計終了,京都\r\n年月日,年月日,気温(℃)\r\n2024/7/1,2024/7/5,25\r\n", "several days"),
+        (
+            "集計開始,,,集計終了,,,京都\r\n年,月,日,年,月,日,気温(℃)\r\n2024,7,1,2024,7,5,25\r\n",
+            "several days",
+        ),
+        ("2014/6/1,33\r\n", "no row names the items"),
+        (",京都\r\n年月日,平均気温(℃)\r\n", "no row that begins with a date"),
+        (",京都\r\n年月日,降水量の合計(mm)\r\n2014/6/1,0\r\n", "no item that fieldkit takes"),
+        (",京都\r\n年月日時,気温(℃)\r\n2014/13/1 1:00:00,0\r\n", "not as the Japan Meteorological"),
+    ],
+)
+def test_downloads_without_what_is_needed_are_told(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_obsdl(obsdl(tmp_path, text), "jma")
+
+
+# --- radiation tables
+
+
+def table(tmp_path: Path, rows: list[tuple[int, list[str], str]]) -> Path:
+    path = tmp_path / "DR202406_tat.txt"
+    path.write_bytes(foreign_files.radiation_table(rows))
+    return path
+
+
+def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None:
+    hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
+    path = table(tmp_path, [(1, hours, "504]"), (2, ["XXX"] * 24, "XXXX")])
+    assert is_radiation_table(path)
+    foreign = read_radiation_table(path, "tat")
+    direct = readings(foreign, "tat-direct")
+    assert foreign.streams[0].measures == ("dni",)
+    assert len(direct) == 48
+    assert direct[10].values == pytest.approx((900.0,))  # 3.24 MJ/m² from 10 to 11 h
+    assert utc(direct[10]) == "2024-06-01T01:30:00+00:00"
+    assert np.isnan(direct[11].values[0])
+    assert np.isnan([one.values[0] for one in direct[24:]]).all()
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([], "no rows of days"),
+        ([(2, ["0"] * 24, "0")], "from the first of the month"),
+        ([(day, ["0"] * 24, "0") for day in range(1, 32)], "31 days, more than its month 2024-06"),
+        ([(1, ["0"] * 23, "0")], "has not 24 hours"),
+        ([(1, ["100"] * 24, "1200")], "do not add up"),
+    ],
+)
+def test_tables_laid_out_otherwise_are_refused(tmp_path: Path, rows: list[str], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        read_radiation_table(table(tmp_path, rows), "tat")

@@ -1,0 +1,373 @@
+import contextlib
+import os
+import random
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tty
+
+import pytest
+
+from fieldkit.simulation.simulated_clock import SECOND_NS, START_MONO_NS, SimulatedClock
+
+NOON_NS = 1_451_674_800_000_000_000
+
+
+@pytest.fixture
+def clock():
+    with SimulatedClock(NOON_NS) as clock:
+        yield clock
+
+
+class Crew:
+    """Threads that take part; time stands until all of them have joined."""
+
+    def __init__(self, clock):
+        self.clock, self.threads, self.errors = clock, [], []
+
+    def hire(self, name, work):
+        self.threads.append(threading.Thread(target=self._run, args=(work,), name=name, daemon=True))
+
+    def _run(self, work):
+        with self.clock.taking_part():
+            self.joined.wait()
+            try:
+                work()
+            except Exception as error:
+                self.errors.append(error)
+
+    def work(self, timeout_s=60.0):
+        self.joined = threading.Barrier(len(self.threads) + 1)
+        with self.clock.taking_part():
+            for thread in self.threads:
+                thread.start()
+            self.joined.wait()
+        for thread in self.threads:
+            thread.join(timeout_s)
+            assert not thread.is_alive(), f"{thread.name} still waits"
+        assert not self.errors, self.errors
+
+
+@contextlib.contextmanager
+def busy_computer(processes=4):
+    """Other programs that fight for the cores."""
+    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
+    try:
+        yield
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+
+
+@contextlib.contextmanager
+def instrument(clock, answer_after_ns=30_000_000):
+    """A pseudo-terminal whose far end answers each request `?` with the time it was heard."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+
+    def heard():
+        os.read(master, 100)
+        answer = b"%d\n" % clock.mono_ns()
+        clock.call_at(clock.mono_ns() + answer_after_ns, lambda: say(answer))
+
+    def say(answer):
+        os.write(master, answer)
+        assert select.select([slave], [], [], 5.0)[0], "the kernel did not deliver"
+
+    clock.watch(master, heard)
+    try:
+        yield slave
+    finally:
+        clock.forget(master)
+        os.close(master)
+        os.close(slave)
+
+
+def test_time_stands_while_nobody_waits(clock):
+    before = clock.mono_ns()
+    time.sleep(0.01)
+    assert clock.mono_ns() == before == START_MONO_NS
+
+
+def test_sleep_of_a_lone_thread_takes_its_time_of_the_scene(clock):
+    clock.sleep(3600.0)
+    assert clock.mono_ns() - START_MONO_NS == 3600 * SECOND_NS
+
+
+def test_sleep_of_nothing_returns_at_once(clock):
+    clock.sleep(0.0)
+    clock.sleep(-1.0)
+    clock.sleep_until(0)
+    assert clock.mono_ns() == START_MONO_NS
+
+
+def test_fractions_of_a_nanosecond_do_not_hang(clock):
+    for seconds in (1e-9, 1.4e-9, 1.5e-9, 0.1 / 3, 1 / 8.7):
+        clock.sleep(seconds)
+    assert clock.mono_ns() > START_MONO_NS
+
+
+def test_utc_follows_the_anchor_and_not_a_step_of_the_system_clock(clock):
+    anchor = clock.check()
+    clock.sleep(10.0)
+    clock.step_system_clock(3600.0)
+    assert clock.to_utc_ns(clock.mono_ns()) == NOON_NS + 10 * SECOND_NS
+    assert clock.to_mono_ns(NOON_NS) == START_MONO_NS
+    assert clock.check().utc_minus_mono_ns - anchor.utc_minus_mono_ns == 3600 * SECOND_NS
+
+
+def test_sleepers_wake_in_the_order_of_their_deadlines(clock):
+    woken, crew = [], Crew(clock)
+    for name, seconds in (("late", 3.0), ("early", 1.0), ("middle", 2.0)):
+        crew.hire(name, lambda name=name, seconds=seconds: (clock.sleep(seconds), woken.append(name)))
+    crew.work()
+    assert woken == ["early", "middle", "late"]
+
+
+def test_threads_with_one_deadline_wake_one_after_the_other_by_name(clock):
+    log, crew = [], Crew(clock)
+
+    def work(name):
+        clock.sleep(1.0)
+        log.append(f"{name} wakes")
+        time.sleep(0.002)
+        log.append(f"{name} waits")
+
+    for name in "cabd":
+        crew.hire(name, lambda name=name: work(name))
+    crew.work()
+    assert log == [f"{name} {what}" for name in "abcd" for what in ("wakes", "waits")]
+
+
+def test_time_stands_while_somebody_who_takes_part_is_at_work(clock):
+    seen, crew = [], Crew(clock)
+
+    def at_work():
+        before = clock.mono_ns()
+        time.sleep(0.05)
+        seen.append(clock.mono_ns() - before)
+
+    crew.hire("sleeper", lambda: clock.sleep(1e6))
+    crew.hire("worker", at_work)
+    crew.work()
+    assert seen == [0]
+
+
+def test_taking_part_may_be_nested(clock):
+    woken, crew = threading.Event(), Crew(clock)
+
+    def nested():
+        with clock.taking_part():
+            clock.sleep(1.0)
+        time.sleep(0.02)
+        assert not woken.is_set(), "time went on although the outer part is not over"
+        clock.sleep(5.0)
+
+    crew.hire("nested", nested)
+    crew.hire("other", lambda: (clock.sleep(2.0), woken.set()))
+    crew.work()
+
+
+def test_whoever_leaves_or_dies_is_not_waited_for(clock):
+    crew = Crew(clock)
+
+    def dies():
+        clock.sleep(1.0)
+        raise ValueError("out of order")
+
+    crew.hire("dies", dies)
+    crew.hire("goes on", lambda: clock.sleep(1000.0))
+    with pytest.raises(AssertionError, match="out of order"):
+        crew.work()
+    assert clock.mono_ns() == START_MONO_NS + 1000 * SECOND_NS
+
+
+def test_thread_that_does_not_take_part_may_sleep_too(clock):
+    seen, crew = [], Crew(clock)
+
+    def work():
+        for _ in range(100):
+            clock.sleep(1.0)
+            seen.append(clock.mono_ns())
+
+    crew.hire("reader", work)
+    looker = threading.Thread(target=lambda: clock.sleep(50.5), name="looker", daemon=True)
+    with clock.taking_part():
+        looker.start()
+        while not any(waiter.thread == "looker" for waiter in tuple(clock._waiters.values())):
+            time.sleep(0.001)
+        crew.joined = threading.Barrier(2)
+        crew.threads[0].start()
+        crew.joined.wait()
+    looker.join(500.0)
+    crew.threads[0].join(500.0)
+    assert not looker.is_alive()
+    assert seen == [START_MONO_NS + n * SECOND_NS for n in range(1, 101)]
+
+
+def test_time_stands_while_somebody_is_busy(clock):
+    busy = threading.Event()
+    busy.set()
+    clock.hold_until(lambda timeout_s: not busy.is_set())
+    seen = []
+
+    def finish():
+        time.sleep(0.05)
+        seen.append(clock.mono_ns())
+        busy.clear()
+
+    worker = threading.Thread(target=finish)
+    worker.start()
+    clock.sleep(10.0)
+    worker.join()
+    assert seen == [START_MONO_NS]
+
+
+def test_calls_run_in_order_and_before_the_threads_of_their_time(clock):
+    log = []
+    for number, seconds in ((1, 2), (2, 1), (3, 1)):
+        clock.call_at(START_MONO_NS + seconds * SECOND_NS, lambda number=number: log.append(number))
+    clock.sleep(2.0)
+    log.append("awake")
+    assert log == [2, 3, 1, "awake"]
+
+
+def test_bytes_end_a_wait_at_the_time_they_are_sent(clock):
+    end, start = os.pipe()
+    clock.call_at(START_MONO_NS + 3 * SECOND_NS, lambda: os.write(start, b"x"))
+    assert not clock.wait_readable(end, 1.0)
+    assert clock.mono_ns() == START_MONO_NS + SECOND_NS
+    assert clock.wait_readable(end, 10.0)
+    assert clock.mono_ns() == START_MONO_NS + 3 * SECOND_NS
+    assert clock.wait_readable(end, 0.0), "still unread"
+    os.close(start)
+    os.read(end, 1)
+    assert clock.wait_readable(end, 10.0), "hung up counts as readable, the read then tells"
+    os.close(end)
+
+
+@pytest.mark.parametrize("load", [False, True], ids=["idle computer", "busy computer"])
+def test_request_and_answer_take_the_same_time_however_busy_the_computer(clock, load):
+    rounds = 40
+    with contextlib.ExitStack() as stack:
+        crew, heard = Crew(clock), {}
+        for number in range(3):
+            fd = stack.enter_context(instrument(clock))
+
+            times, every_s = heard.setdefault(number, []), 0.5 + number / 10
+
+            def ask(fd=fd, times=times, every_s=every_s):
+                for turn in range(rounds):
+                    clock.sleep_until(START_MONO_NS + round(turn * every_s * SECOND_NS))
+                    os.write(fd, b"?")
+                    assert clock.wait_readable(fd, 0.2), "no answer"
+                    times.append((int(os.read(fd, 100)), clock.mono_ns()))
+
+            crew.hire(f"driver {number}", ask)
+        with busy_computer() if load else contextlib.nullcontext():
+            crew.work()
+    for number, times in heard.items():
+        asked = [START_MONO_NS + round(turn * (0.5 + number / 10) * SECOND_NS) for turn in range(rounds)]
+        assert times == [(at_ns, at_ns + 30_000_000) for at_ns in asked]
+
+
+def test_the_same_program_sees_the_same_times_twice():
+    def day():
+        log = []
+        with SimulatedClock(NOON_NS) as clock:
+            crew = Crew(clock)
+
+            def work(name):
+                chance = random.Random(name)
+                for _ in range(200):
+                    clock.sleep(chance.choice((0.1, 0.25, 0.5, chance.random())))
+                    log.append((clock.mono_ns(), name))
+
+            for name in (f"reader {n}" for n in range(8)):
+                crew.hire(name, lambda name=name: work(name))
+            crew.work()
+        return log
+
+    quiet = day()
+    with busy_computer():
+        assert day() == quiet
+    assert quiet == sorted(quiet)
+
+
+def test_close_wakes_everybody_and_lets_loops_end(clock):
+    started = threading.Barrier(3)
+    ends = []
+
+    def loop():
+        with clock.taking_part():
+            started.wait()
+            deadline = clock.mono_ns() + 100 * SECOND_NS
+            while clock.mono_ns() < deadline:
+                clock.sleep(1.0)
+            ends.append(clock.mono_ns())
+
+    clock.hold_until(lambda timeout_s: bool(time.sleep(timeout_s)))
+    threads = [threading.Thread(target=loop, daemon=True) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    started.wait()
+    clock.close()
+    for thread in threads:
+        thread.join(500.0)
+    assert len(ends) == 2
+
+
+def test_failure_of_an_instrument_is_told_to_whoever_waits(clock, caplog):
+    def fail():
+        raise ZeroDivisionError("broken far end")
+
+    clock.call_at(START_MONO_NS + SECOND_NS, fail)
+    for _ in range(2):
+        with pytest.raises(RuntimeError, match="simulated instrument failed") as caught:
+            clock.sleep(10.0)
+        assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert "failed" in caplog.text
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of threads are POSIX")
+def test_interrupted_wait_leaves_the_others_unharmed(clock):
+    class InterruptError(Exception):
+        pass
+
+    def interrupt(number, frame):
+        raise InterruptError
+
+    before = signal.signal(signal.SIGUSR1, interrupt)
+    hold = threading.Event()
+    hold.set()
+    clock.hold_until(lambda timeout_s: not hold.is_set())
+    main = threading.get_ident()
+    killer = threading.Timer(0.05, lambda: signal.pthread_kill(main, signal.SIGUSR1))
+    try:
+        killer.start()
+        with pytest.raises(InterruptError), clock.taking_part():
+            clock.sleep(1.0)
+    finally:
+        killer.join()
+        signal.signal(signal.SIGUSR1, before)
+    hold.clear()
+    clock.sleep(2.0)
+    assert clock.mono_ns() == START_MONO_NS + 2 * SECOND_NS
+
+
+def test_speed_keeps_scene_time_from_running_ahead():
+    with SimulatedClock(NOON_NS, speed=100.0) as clock:
+        real = time.monotonic()
+        clock.sleep(10.0)
+        assert time.monotonic() - real >= 0.1
+        assert clock.mono_ns() == START_MONO_NS + 10 * SECOND_NS
+
+
+def test_speed_must_be_positive():
+    with pytest.raises(ValueError, match="speed"):
+        SimulatedClock(NOON_NS, speed=0.0)

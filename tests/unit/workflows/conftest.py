@@ -1,0 +1,33 @@
+"""Two short recordings on simulated devices, of different sand, and a cache of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    for seed in (1, 2):
+        settings = ["simulation.speed=max", f"simulation.seed={seed}", f"simulation.albedo=0.2{seed}"]
+        arguments = ["record", "-C", str(folder), "--for", "11m", "--name", f"s{seed}", "-q"]
+        made = CliRunner().invoke(main, [*arguments, *(word for one in settings for word in ("--set", one))])
+        assert made.exit_code == 0, made.output
+    return folder
+
+
+@pytest.fixture
+def sessions(folder: Path) -> list[Path]:
+    return sorted((folder / "recordings").glob("*.h5"))
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "fieldkit" / "estimates"

@@ -1,0 +1,107 @@
+"""Slopes from kept minutes are those of the estimator fed by samples, whatever the parameters."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.errors import SessionError
+from fieldkit.physics.irradiance import IrradianceModel
+from fieldkit.physics.slab import Slab
+from fieldkit.physics.surface import SurfaceParameters
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.runs import bin_settings
+from fieldkit.workflows.sources import config_for
+from fieldkit.workflows.work import estimate, read_minutes
+
+OTHER = {
+    "surface": SurfaceParameters(0.25, 0.85, 0.93, 900.0, 1.1, 0.012),
+    "light_stream": "lux",
+    "measures": {"sun": "ghi"},
+    "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
+    "method": "posterior",
+    "model": "full",
+    "window_s": 480.0,
+    "azimuth": "known",
+    "tilt_limit_deg": 12.0,
+    "refraction": True,
+    "reflected_temperature_k": 260.0,
+    "noise_k": 0.2,
+    "low_sun_deg": 29.0,
+    "settle_s": 0.0,
+    "min_minutes": 8,
+    "contour_tolerance_w_m2": 3.0,
+    "contour_threshold": 0.9,
+    "scale": 1.1,
+    "scale_sd": 0.3,
+    "exchange_sd": 0.5,
+    "offsets_k": {"b15": 0.4},
+    "offset_sd_k": 0.7,
+    "emissivity_sd": 0.1,
+    "own_emissivity_sd": {"b15": 0.1},
+    "factor_sd": 0.4,
+    "drift_sd_k_per_h": 0.9,
+    "slab": Slab(depth_m=0.1),
+    "conductivity_sd": 0.6,
+    "capacity_sd": 0.6,
+    "sky": "isotropic",
+    "ground_albedo": 0.5,
+    "longwave_down_w_m2": 200.0,
+    "diffuse_fraction": 0.4,
+}
+"""For every setting another value; those of contours and of the full model bring these along."""
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    path = sorted((folder / "recordings").glob("*.h5"))[0]
+    with open_session(path) as session:
+        config = config_for(session)
+        return path, config.site, session.regions, tuple(session.streams.values()), list(session.samples())
+
+
+def test_every_setting_is_tried():
+    assert set(OTHER) == {field.name for field in fields(EstimatorSettings)}
+
+
+@pytest.mark.parametrize("name", OTHER)
+def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
+    path, site, regions, streams, samples = recording
+    settings = replace(EstimatorSettings(), **{name: OTHER[name]})
+    if name.startswith("contour"):
+        settings = replace(settings, method="contours")
+    if name in (
+        "slab",
+        "conductivity_sd",
+        "capacity_sd",
+        "sky",
+        "ground_albedo",
+        "longwave_down_w_m2",
+        "diffuse_fraction",
+    ):
+        settings = replace(settings, model="full")
+    estimator = Estimator(site, regions, streams, settings)
+    minutes = [minute for sample in samples for minute in estimator.add(sample)] + estimator.finish()
+    (history,) = read_minutes(path, regions, [(site, bin_settings(settings))])
+    found = estimate(history, regions, settings)
+    assert [repr(one) for one in found] == [repr(one) for minute in minutes for one in minute.estimates]
+    assert found.rows["irradiance_w_m2"][::3].tolist() == pytest.approx(
+        [minute.irradiance_w_m2 for minute in minutes], nan_ok=True, abs=0
+    )
+
+
+def test_one_reading_serves_several_settings(recording):
+    path, site, regions, _, _ = recording
+    one, other = EstimatorSettings(), EstimatorSettings(surface=SurfaceParameters(emissivity=0.8))
+    both = read_minutes(path, regions, [(site, bin_settings(one)), (site, bin_settings(other))])
+    assert np.nanmean(both[0].temperature_k) < np.nanmean(both[1].temperature_k)
+    (alone,) = read_minutes(path, regions, [(site, bin_settings(other))])
+    assert alone.temperature_k.tobytes() == both[1].temperature_k.tobytes()
+
+
+def test_a_file_that_is_no_session_is_a_session_error(tmp_path, recording):
+    (tmp_path / "no.h5").write_text("nothing")
+    with pytest.raises(SessionError):
+        read_minutes(tmp_path / "no.h5", recording[2], [])
