@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
 from fieldkit.model.clock import HostClock
-from fieldkit.recorder.inbox import room_for
+from fieldkit.recorder.sample_queue import room_for
 from fieldkit.sessions.writer import SessionWriter
 
 SECONDS = float(os.environ.get("FIELDKIT_BENCH_S", "20"))

@@ -14,7 +14,7 @@ import click
 
 from fieldkit.cli import main
 from fieldkit.cli.common import Options, VerbGroup
-from fieldkit.config import schema
+from fieldkit.config import toml_schema
 
 REFERENCE = Path(__file__).parent / "reference"
 BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
@@ -23,12 +23,12 @@ BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
 def configuration() -> str:
     """A table of keys for each table of ``fieldkit.toml``."""
     parts = []
-    for name in schema.known_keys(()):
+    for name in toml_schema.known_keys(()):
         if name == "schema":
             continue
         heading, path = _heading(name)
-        node = schema.node_at(path) or {}
-        rows = [_key_row(key, schema.resolve(field)) for key, field in node["properties"].items()]
+        node = toml_schema.node_at(path) or {}
+        rows = [_key_row(key, toml_schema.resolve(field)) for key, field in node["properties"].items()]
         about = node["description"]
         head = ["| key | takes | default | meaning |", "|---|---|---|---|"]
         parts.append("\n".join([f"### `{heading}`", "", about, "", *head, *rows]))
@@ -69,7 +69,7 @@ def _heading(name: str) -> tuple[str, tuple[str | int, ...]]:
 def _key_row(key: str, node: dict[str, Any]) -> str:
     default = node.get("default")
     shown = "" if default is None else f"`{json.dumps(default)}`"
-    return f"| `{key}` | {schema.kind(node)} | {shown} | {node['description']} |"
+    return f"| `{key}` | {toml_schema.kind(node)} | {shown} | {node['description']} |"
 
 
 def _verb(name: str, verb: click.Command) -> str:

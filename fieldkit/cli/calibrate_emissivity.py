@@ -254,8 +254,8 @@ def _span(pairs: Pairs) -> str:
 
 def draw(record: Path, found: Emissivity, pairs: Pairs, setup: Setup) -> None:
     """The picture beside the record, where matplotlib is installed."""
-    from fieldkit.views.calibration_picture import emissivity_svg
-    from fieldkit.views.report.canvas import available
+    from fieldkit.views.calibration_figure import emissivity_svg
+    from fieldkit.views.plotting import available
 
     if available():
         record.with_suffix(".svg").write_text(emissivity_svg(found, pairs, setup.band), encoding="utf-8")

@@ -27,7 +27,7 @@ from fieldkit.cli.running import only_recorder
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Frame, Reading
-from fieldkit.recorder.audience import Shown
+from fieldkit.recorder.recorder import Shown
 
 BURSTS = (
     "record.sampling=bursts",

@@ -25,9 +25,9 @@ from fieldkit.estimation.answers import answers_of
 from fieldkit.model.site import Region
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation import FaultKind
-from fieldkit.views import words
+from fieldkit.views import formatting
+from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import series
-from fieldkit.views.report.verdict import mean_error
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -82,13 +82,13 @@ def _campaign(out: Path, fast: bool, fault: str | None) -> Config:
 
 
 def _introduce(config: Config, fault: str | None) -> None:
-    beds = "   ".join(f"{region.name} {words.given_slope(region)}" for region in config.regions)
+    beds = "   ".join(f"{region.name} {formatting.given_slope(region)}" for region in config.regions)
     drivers = "   ".join(f"{device.name} {device.driver}" for device in config.devices)
     seed = config.simulation.seed if config.simulation else 0
     common.say(
         f"fieldkit demo: sand slopes under the sky of Alamosa, 2016-01-01, on simulated devices (seed {seed})"
     )
-    common.say(f"  {drivers}\n  site {words.place(config.site)}   beds  {beds}")
+    common.say(f"  {drivers}\n  site {formatting.place(config.site)}   beds  {beds}")
     if fault is not None:
         common.say(f"  with a fault: {fault}")
 

@@ -104,6 +104,6 @@ def make_campaign(folder: Path, text: str) -> None:
 def _print_schema() -> None:
     import json
 
-    from fieldkit.config.schema import json_schema
+    from fieldkit.config.toml_schema import json_schema
 
     click.echo(json.dumps(json_schema(), indent=2))

@@ -19,8 +19,8 @@ from fieldkit.model.device import Camera
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
 from fieldkit.recorder import Inbox, Sampling, View
-from fieldkit.recorder.feed import Feed
-from fieldkit.views import picture
+from fieldkit.recorder.device_reader import Feed
+from fieldkit.views import frame_image
 
 PICTURE_WITHIN_S = 15.0
 READERS_END_WITHIN_S = 3.0
@@ -71,7 +71,7 @@ def _say_missing(config: Config, tools: Instruments) -> None:
 def _say_enlarged(tools: Instruments) -> None:
     """States that the image is enlarged: its axes count the camera's pixels, not the file's."""
     rows, cols = next(info.shape for info in tools.streams if info.is_camera)
-    factor = picture.enlargement((rows, cols))
+    factor = frame_image.enlargement((rows, cols))
     common.say(f"{cols} x {rows} pixels, enlarged {factor} times; the axes count camera pixels, as roi does")
 
 
@@ -84,7 +84,7 @@ def write_png(path: Path, config: Config, tools: Instruments) -> None:
     frame = good_frame(tools)
     info = next(info for info in tools.streams if info.name == frame.stream)
     try:
-        path.write_bytes(picture.png(frame, info, config.regions))
+        path.write_bytes(frame_image.png(frame, info, config.regions))
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
 

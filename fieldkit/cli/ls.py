@@ -10,7 +10,7 @@ import click
 from fieldkit.cli.common import Verb, options, print_json, print_table, say
 from fieldkit.cli.session_paths import recordings_folder, sessions_in
 from fieldkit.model.errors import SessionError
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
@@ -74,12 +74,12 @@ def local_time(session: Session, time_ns: int) -> str:
     """A moment in the site's zone, which is named; empty for none."""
     if not time_ns:
         return ""
-    return words.local_time(time_ns, session.site).strftime("%Y-%m-%d %H:%M:%S %Z")
+    return formatting.local_time(time_ns, session.site).strftime("%Y-%m-%d %H:%M:%S %Z")
 
 
 def iso_time(session: Session, time_ns: int) -> str | None:
     """A moment as ISO 8601 with the site's offset; None for none."""
-    return words.local_time(time_ns, session.site).isoformat() if time_ns else None
+    return formatting.local_time(time_ns, session.site).isoformat() if time_ns else None
 
 
 def duration(seconds: float) -> str:

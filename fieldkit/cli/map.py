@@ -179,18 +179,16 @@ def write(base: Path, path: Path, found: MappedSession, settings: tuple[str, ...
     """Write the map of the session at `path` as picture and arrays; the files. Raises `StorageError`."""
     from fieldkit.cli.map_file import write_map
     from fieldkit.sessions.reader import open_session
-    from fieldkit.views import slope_map_picture, words
+    from fieldkit.views import formatting, slope_map_image
 
-    begin, end = (words.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
-    day = words.local_time(found.start_ns, found.site).date()
-    under = f"{day} {begin}-{end} {words.zone_name(found.start_ns, found.site)}, {found.minutes} min"
+    begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
+    day = formatting.local_time(found.start_ns, found.site).date()
+    under = f"{day} {begin}-{end} {formatting.zone_name(found.start_ns, found.site)}, {found.minutes} min"
     files = [base.with_name(base.name + ending) for ending in ENDINGS]
     picture, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
-        picture.write_bytes(
-            slope_map_picture.png(found.slopes, found.bounds, found.regions, path.stem, under)
-        )
+        picture.write_bytes(slope_map_image.png(found.slopes, found.bounds, found.regions, path.stem, under))
         with open_session(path) as session:
             write_map(arrays, found, session, settings)
         for part, file in zip(parts, files, strict=True):
@@ -273,6 +271,6 @@ def _range(low: float, high: float) -> str:
 
 
 def _number(value: float, digits: int) -> str:
-    from fieldkit.views.words import number
+    from fieldkit.views.formatting import number
 
     return number(value, digits)

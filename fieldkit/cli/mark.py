@@ -12,7 +12,7 @@ from fieldkit.cli.running import session_in_progress, silence
 from fieldkit.cli.types import WORDS
 from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 SECONDS = {"s": 1, "m": 60, "h": 3600}
 CLOCKS_DIFFER = timedelta(minutes=5)
@@ -45,7 +45,7 @@ def command(
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --to together")
     config = campaign(ctx)
-    zone = words.zone(config.site)
+    zone = formatting.zone(config.site)
     now = datetime.now(zone)
     began = parse_when(at or start or "-0s", zone, now)
     mark = Mark(text, kind, began, parse_when(end, zone, now) if end else None)

@@ -129,7 +129,7 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
 
     So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
     """
-    from fieldkit.views.words import zone
+    from fieldkit.views.formatting import zone
 
     start = datetime(day.year, day.month, day.day, tzinfo=zone(site))
     ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
@@ -246,6 +246,6 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
 
 
 def _iso(time_ns: int, site: Site) -> str:
-    from fieldkit.views.words import local_time
+    from fieldkit.views.formatting import local_time
 
     return local_time(time_ns, site).isoformat()

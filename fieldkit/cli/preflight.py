@@ -15,7 +15,7 @@ from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.radiation import how_to_state
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Sampling
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 NO_REGIONS = (
     "no regions are drawn: frames and readings are recorded, no slope is estimated. Find the beds on the "
@@ -80,7 +80,8 @@ def _check_space(needed_per_s: float, planned_s: float | None, free: int, reserv
         return
     lasts_min = max(0.0, free - reserve) / needed_per_s / 60
     raise StorageError(
-        f"the disk has {words.size(free)} free and keeps {words.size(reserve)} in reserve; "
-        f"this session needs {words.size(needed_per_s * 60)} a minute: there is room for {lasts_min:.0f} min",
+        f"the disk has {formatting.size(free)} free and keeps {formatting.size(reserve)} in reserve; "
+        f"this session needs "
+        f"{formatting.size(needed_per_s * 60)} a minute: there is room for {lasts_min:.0f} min",
         fix='free some space, record for a shorter time, or use bursts: [record] sampling = "bursts"',
     )

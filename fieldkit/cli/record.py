@@ -11,7 +11,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import offer_recovery, sessions_in
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +76,7 @@ def live_views(
     config: Config, tools: Instruments, title: str, duration_s: float | None, theme: Literal["dark", "paper"]
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
-    from fieldkit.views.terminal import terminal_view
+    from fieldkit.views.terminal_view import terminal_view
 
     given = common.options()
     if given.quiet or given.json:
@@ -137,7 +137,7 @@ def parse_duration(text: str) -> float:
 
 def seconds_until(text: str, site: Site, clock: Clock) -> float:
     """Seconds from now to the next time the site's clocks show ``HH:MM``; raises `click.UsageError`."""
-    now = words.local_time(clock.to_utc_ns(clock.mono_ns()), site)
+    now = formatting.local_time(clock.to_utc_ns(clock.mono_ns()), site)
     try:
         hour, minute = (int(part) for part in text.split(":"))
         end = now.replace(hour=hour, minute=minute, second=0, microsecond=0)

@@ -91,7 +91,7 @@ def _told(session: Session) -> list[Event | Health]:
 
 
 def _view(session: Session, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:
-    from fieldkit.views.terminal import terminal_view
+    from fieldkit.views.terminal_view import terminal_view
 
     streams = tuple(session.streams.values())
     return terminal_view(

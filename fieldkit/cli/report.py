@@ -95,9 +95,9 @@ def _tell(paths: Sequence[Path], written: Path) -> None:
         common.print_json({"sessions": [str(path) for path in paths], "report": str(written)})
         return
     click.echo(written)
-    from fieldkit.views.report import canvas
+    from fieldkit.views import plotting
 
-    if not canvas.available():
+    if not plotting.available():
         common.say("the report has its tables; for figures: pip install 'fieldkit[lab]'")
 
 

@@ -13,7 +13,7 @@ from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.model.site import Site
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import SessionLock, is_locked, owner
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 LOCK_NAME = ".recording"
 """File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
@@ -72,8 +72,8 @@ class Silence:
 
     def at(self, site: Site) -> str:
         """In words, with the time at the site and what to do."""
-        zone = words.zone_name(self.since_ns, site)
-        since = f"since {words.clock_time(self.since_ns, site, seconds=True)} {zone}"
+        zone = formatting.zone_name(self.since_ns, site)
+        since = f"since {formatting.clock_time(self.since_ns, site, seconds=True)} {zone}"
         if self.is_stopped:
             remedy = f"it was stopped (Ctrl-Z); kill -CONT {self.pid} continues it"
             return f"process {self.pid} does not respond {since}: {remedy}"

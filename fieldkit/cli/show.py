@@ -14,7 +14,7 @@ from fieldkit.cli.common import Verb, options, print_json, print_json_line, say
 from fieldkit.cli.ls import duration, iso_time, local_time
 from fieldkit.cli.session_paths import newest
 from fieldkit.model.radiation import measured
-from fieldkit.views.words import by_time, said
+from fieldkit.views.formatting import by_time, said
 
 if TYPE_CHECKING:
     from fieldkit.model.samples import Event
@@ -126,11 +126,11 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
 
 def _slope(slope: SlopeEstimate) -> str:
     """Angles with their 90 % regions and the state, or in words why there are none."""
-    from fieldkit.views import words
+    from fieldkit.views import formatting
 
     if math.isfinite(slope.tilt_deg):
-        return f"{words.tilt(slope)}°, azimuth {words.azimuth(slope)}  {words.state(slope)}"
-    return f"{words.state(slope)}: {slope.reason}" if slope.reason else words.state(slope)
+        return f"{formatting.tilt(slope)}°, azimuth {formatting.azimuth(slope)}  {formatting.state(slope)}"
+    return f"{formatting.state(slope)}: {slope.reason}" if slope.reason else formatting.state(slope)
 
 
 def _follow(session: Session) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.config import Config
-from fieldkit.config.tables import SimulationTable
+from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from fieldkit.cli import common
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 COLUMNS = ("bed", "truth", "tilt", "noise", "error", "azimuth", "K per °", "chi²", "state")
 MEANING = (
@@ -28,21 +28,21 @@ def explain_slopes(answers: Iterable[SlopeEstimate]) -> None:
     if found:
         common.say(MEANING)
     if any(one.state is SlopeState.UNCERTAIN for one in found):
-        common.say(f"uncertain: {words.UNCERTAIN_MEANS}")
+        common.say(f"uncertain: {formatting.UNCERTAIN_MEANS}")
     if any(one.model.startswith("paper") and "azimuth known" not in one.model for one in found):
-        common.say(words.PAPER_LEAVES_OUT)
+        common.say(formatting.PAPER_LEAVES_OUT)
 
 
 def _row(answer: SlopeEstimate, region: Region) -> tuple[str, ...]:
     error = answer.tilt_deg - region.tilt_deg
     return (
         answer.region,
-        words.given_slope(region),
-        f"{words.tilt(answer)}°",
-        words.noise(answer),
-        f"{error:+.1f}°" if math.isfinite(error) else words.UNKNOWN,
-        words.azimuth(answer),
-        words.number(answer.kelvin_per_degree, 2),
-        words.number(answer.chi_square, 1),
-        words.state(answer),
+        formatting.given_slope(region),
+        f"{formatting.tilt(answer)}°",
+        formatting.noise(answer),
+        f"{error:+.1f}°" if math.isfinite(error) else formatting.UNKNOWN,
+        formatting.azimuth(answer),
+        formatting.number(answer.kelvin_per_degree, 2),
+        formatting.number(answer.chi_square, 1),
+        formatting.state(answer),
     )

@@ -14,7 +14,7 @@ from fieldkit.cli import common
 from fieldkit.cli.estimating import as_document, config_for, estimator_for
 from fieldkit.cli.running import Silence, session_in_progress, silence
 from fieldkit.model.errors import RefusedError
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -85,9 +85,9 @@ def _print(session: Session, latest: Latest, silent: Silence | None) -> None:
     from fieldkit.views.screen import THEMES, snapshot
 
     start_ns, end_ns, site = session.start_ns, session.end_ns, session.site
-    began, last = words.clock_time(start_ns, site), words.clock_time(end_ns, site, seconds=True)
-    click.echo(f"recording {session.path.name} since {began} {words.zone_name(start_ns, site)}")
-    click.echo(f"  last sample {last}, {words.duration((end_ns - start_ns) / 1e9)} so far")
+    began, last = formatting.clock_time(start_ns, site), formatting.clock_time(end_ns, site, seconds=True)
+    click.echo(f"recording {session.path.name} since {began} {formatting.zone_name(start_ns, site)}")
+    click.echo(f"  last sample {last}, {formatting.duration((end_ns - start_ns) / 1e9)} so far")
     if silent is not None:
         click.echo(f"warning: {silent.at(site)}")
     console = common.console()

@@ -27,8 +27,8 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 from fieldkit.simulation import ClearSky, Facet, Scene
+from fieldkit.views.formatting import zone_name
 from fieldkit.views.report.series import Series, modelled_temperature, series
-from fieldkit.views.words import zone_name
 
 MINUTE_NS = 60_000_000_000
 NOISE_K = 0.05

@@ -26,7 +26,7 @@ from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.station_files import read_station_file
-from fieldkit.views.words import zone
+from fieldkit.views.formatting import zone
 from fieldkit.weather import Weather
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")

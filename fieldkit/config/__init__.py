@@ -15,7 +15,7 @@ from fieldkit.config.load import (
     read_config,
     user_file,
 )
-from fieldkit.config.mistakes import ConfigMistakesError, Mistake
+from fieldkit.config.validation import ConfigMistakesError, Mistake
 
 __all__ = [
     "FILE_NAME",

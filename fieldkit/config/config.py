@@ -11,7 +11,7 @@ import tomlkit
 
 from fieldkit.calibration.record import CalibrationRecord, from_document
 from fieldkit.config.references import calibration_folder
-from fieldkit.config.tables import (
+from fieldkit.config.toml_schema import (
     AlarmsTable,
     CampaignTable,
     DeviceTable,

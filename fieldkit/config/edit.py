@@ -13,10 +13,10 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.lines import key_lines, toml_lines
 from fieldkit.config.load import mistakes_in, read_text
-from fieldkit.config.mistakes import ConfigMistakesError
 from fieldkit.config.template import assignment
+from fieldkit.config.toml_lines import key_lines, toml_lines
+from fieldkit.config.validation import ConfigMistakesError
 from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.errors import ConfigError, StorageError
 

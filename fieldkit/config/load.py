@@ -19,12 +19,18 @@ from typing import Any
 import platformdirs
 from pydantic import ValidationError
 
-from fieldkit.config import lines
-from fieldkit.config.checks import cross_check, crossed_outlines, unknown_drivers
+from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
-from fieldkit.config.mistakes import ConfigMistakesError, Mistake, explain
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
-from fieldkit.config.tables import Tables
+from fieldkit.config.toml_schema import Tables
+from fieldkit.config.validation import (
+    ConfigMistakesError,
+    Mistake,
+    cross_check,
+    crossed_outlines,
+    explain,
+    unknown_drivers,
+)
 from fieldkit.model.errors import ConfigError
 
 FILE_NAME = CAMPAIGN_FILE
@@ -135,7 +141,7 @@ class _Document:
     """The merged plain document, and where each of its keys came from."""
 
     values: dict[str, Any] = field(default_factory=dict)
-    origins: dict[lines.Path, str] = field(default_factory=dict)
+    origins: dict[toml_lines.Path, str] = field(default_factory=dict)
 
     def add(self, text: str, file: Path) -> None:
         try:
@@ -143,7 +149,7 @@ class _Document:
         except tomllib.TOMLDecodeError as error:
             raise ConfigError(f"{file} is not valid TOML: {error}", fix=f"edit {file}") from error
         _merge(self.values, values)
-        self.origins |= {path: f"{file.name}:{line}" for path, line in lines.key_lines(text).items()}
+        self.origins |= {path: f"{file.name}:{line}" for path, line in toml_lines.key_lines(text).items()}
 
     def put(self, origin: str, keys: Sequence[str], value: Any) -> None:
         table = self.values
@@ -184,7 +190,7 @@ class _Document:
         located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
 
-    def _origin(self, path: lines.Path) -> str | None:
+    def _origin(self, path: toml_lines.Path) -> str | None:
         """Where the key, or the nearest table around it, was written."""
         while path and path not in self.origins:
             path = path[:-1]

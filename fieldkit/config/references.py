@@ -13,8 +13,8 @@ from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 from fieldkit.calibration.record import FOLDER, CalibrationRecord, as_document, find
-from fieldkit.config.lines import Path
-from fieldkit.config.mistakes import Mistake
+from fieldkit.config.toml_lines import Path
+from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 
 CAMPAIGN_FILE = "fieldkit.toml"

@@ -12,7 +12,7 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.schema import Node, json_schema, node_at, resolve
+from fieldkit.config.toml_schema import Node, json_schema, node_at, resolve
 
 HEADING = """\
 # fieldkit campaign configuration. Every key stands here with its default, commented:

@@ -10,9 +10,8 @@ The recording ends because somebody or the plan says so, or because nothing can 
 any more; never because a device, the estimator or a view failed.
 """
 
-from fieldkit.recorder.audience import View
-from fieldkit.recorder.feed import Sampling
-from fieldkit.recorder.inbox import Inbox
-from fieldkit.recorder.recorder import Recorder, Summary
+from fieldkit.recorder.device_reader import Sampling
+from fieldkit.recorder.recorder import Recorder, Summary, View
+from fieldkit.recorder.sample_queue import Inbox
 
 __all__ = ["Inbox", "Recorder", "Sampling", "Summary", "View"]

@@ -11,21 +11,32 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
+from typing import Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
-from fieldkit.model.samples import Event, EventKind, Frame, Sample, Severity
-from fieldkit.recorder.audience import Audience, View
-from fieldkit.recorder.feed import Feed, Sampling
-from fieldkit.recorder.housekeeping import Housekeeping
-from fieldkit.recorder.inbox import Inbox, Item, room_for
-from fieldkit.recorder.watch import DiskWatch, FlagWatch, MisfitWatch, StorageWatch
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
+from fieldkit.recorder.device_reader import Feed, Sampling
+from fieldkit.recorder.health import DiskWatch, FlagWatch, Housekeeping, MisfitWatch, StorageWatch
+from fieldkit.recorder.sample_queue import Inbox, Item, room_for
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
 log = logging.getLogger(__name__)
+
+Shown: TypeAlias = Sample | Event | Minute | Health
+
+
+class View(Protocol):
+    """Something that looks on; it may fail without harm, and is then left out."""
+
+    def show(self, item: Shown) -> None:
+        """Take note of an item; must return at once."""
+
+    def close(self) -> None:
+        """The recording is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,3 +288,29 @@ class Recorder:
     def _view_lost(self, error: Exception) -> None:
         if not self.writer.is_closed:
             self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
+
+
+class Audience:
+    """All views of a recording; `lost` is told why one is left out from now on."""
+
+    def __init__(self, views: Sequence[View], lost: Callable[[Exception], None]) -> None:
+        self._views = list(views)
+        self._lost = lost
+
+    def show(self, item: Shown) -> None:
+        """Show an item to every view."""
+        for view in tuple(self._views):
+            self._guarded(view, partial(view.show, item))
+
+    def close(self) -> None:
+        """Tell every view that the recording is over."""
+        for view in tuple(self._views):
+            self._guarded(view, view.close)
+
+    def _guarded(self, view: View, act: Callable[[], None]) -> None:
+        try:
+            act()
+        except Exception as error:
+            log.exception("view failed")
+            self._views.remove(view)
+            self._lost(error)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, Site
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -70,7 +70,7 @@ class Latest:
             self.minute = item
 
     def _take_event(self, event: Event) -> None:
-        self.events = tuple(words.by_time((*self.events, event))[-EVENTS_KEPT:])
+        self.events = tuple(formatting.by_time((*self.events, event))[-EVENTS_KEPT:])
         self.alarms += event.severity is not Severity.INFO
         if event.kind is EventKind.GAP:
             self.gaps = {**self.gaps, event.stream: self.gaps.get(event.stream, 0) + 1}

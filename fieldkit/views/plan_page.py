@@ -12,8 +12,7 @@ import numpy as np
 
 from fieldkit.estimation.plan_day import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
 from fieldkit.model.site import Site
-from fieldkit.views import html, words
-from fieldkit.views.report import canvas
+from fieldkit.views import formatting, html, plotting
 
 FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
@@ -26,8 +25,9 @@ def heading(plan: DayPlan, site: Site, light: str) -> str:
     noon = int(np.argmax(plan.elevation_deg))
     noon_ns = int(plan.time_ns[noon])
     return (
-        f"site {words.place(site)} ({words.zone_name(noon_ns, site)}); sun up {_sun_up(plan, site, noon)}, "
-        f"noon {words.clock_time(noon_ns, site)}, el {plan.elevation_deg[noon]:.1f}°; {light}"
+        f"site {formatting.place(site)} ({formatting.zone_name(noon_ns, site)}); "
+        f"sun up {_sun_up(plan, site, noon)}, noon {formatting.clock_time(noon_ns, site)}, "
+        f"el {plan.elevation_deg[noon]:.1f}°; {light}"
     )
 
 
@@ -38,7 +38,7 @@ def _sun_up(plan: DayPlan, site: Site, noon: int) -> str:
         return "all day"
     rise = max(down[down < noon], default=-1) + 1
     sink = min(down[down > noon], default=plan.time_ns.size) - 1
-    return "–".join(words.clock_time(int(plan.time_ns[minute]), site) for minute in (rise, sink))
+    return "–".join(formatting.clock_time(int(plan.time_ns[minute]), site) for minute in (rise, sink))
 
 
 def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
@@ -49,7 +49,7 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
         found = plan.bounds[index]
         table.append(
             (
-                words.clock_time(int(plan.time_ns[minute]), site),
+                formatting.clock_time(int(plan.time_ns[minute]), site),
                 f"{plan.elevation_deg[minute]:.0f}°",
                 f"{bearing[minute]:.0f}°",
                 _beside(plan.sensitivity.irradiance_w_m2[:, minute], 1),
@@ -63,12 +63,12 @@ def rows(plan: DayPlan, site: Site) -> list[Sequence[str]]:
 
 
 def _beside(values: Sequence[float] | np.ndarray, digits: int) -> str:
-    return "  ".join(words.number(float(value), digits) for value in values)
+    return "  ".join(formatting.number(float(value), digits) for value in values)
 
 
 def _deviations(tilt_sd_deg: np.ndarray) -> str:
     return "  ".join(
-        f">{MEANINGLESS_SD_DEG:g}" if sd > MEANINGLESS_SD_DEG else words.number(float(sd), 1)
+        f">{MEANINGLESS_SD_DEG:g}" if sd > MEANINGLESS_SD_DEG else formatting.number(float(sd), 1)
         for sd in tilt_sd_deg
     )
 
@@ -137,7 +137,7 @@ def _when(plan: DayPlan, spells: Sequence[tuple[int, int]], site: Site) -> str:
 
 def _to_ten_minutes(time_ns: int, site: Site) -> str:
     ten = 600_000_000_000
-    return words.clock_time((time_ns + ten // 2) // ten * ten, site)
+    return formatting.clock_time((time_ns + ten // 2) // ten * ten, site)
 
 
 def summary(plan: DayPlan, site: Site) -> list[str]:
@@ -147,9 +147,9 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
     found, settings = plan.bounds[plan.best_row], plan.settings
     start = int(plan.time_ns[plan.rows[plan.best_row]])
     window = (start, start + settings.window_min * 60_000_000_000)
-    between = "–".join(words.clock_time(end, site) for end in window)
+    between = "–".join(formatting.clock_time(end, site) for end in window)
     budget = ", ".join(
-        f"{words.number(float(kelvin), 2)} K at {label(facet)}"
+        f"{formatting.number(float(kelvin), 2)} K at {label(facet)}"
         for facet, kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
     )
     needed = plan.minutes_for_azimuth()
@@ -189,7 +189,7 @@ CHECKLIST = (
 
 
 def _charts(plan: DayPlan, site: Site) -> html.Html:
-    if not canvas.available():
+    if not plotting.available():
         return html.paragraph("Charts need matplotlib: pip install 'fieldkit[lab]'.")
     return html.figure(
         _drawn(plan, site),
@@ -199,12 +199,12 @@ def _charts(plan: DayPlan, site: Site) -> html.Html:
 
 
 def _drawn(plan: DayPlan, site: Site) -> str:
-    figure, (upper, lower) = canvas.panels(2, 5.6)
+    figure, (upper, lower) = plotting.panels(2, 5.6)
     hours, usable = _hours(plan, site), plan.usable
     for index, facet in enumerate(plan.facets):
         line = {
-            "color": canvas.colour(index),
-            "linestyle": canvas.dashes(index),
+            "color": plotting.colour(index),
+            "linestyle": plotting.dashes(index),
             "label": label(facet),
         }
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
@@ -212,12 +212,12 @@ def _drawn(plan: DayPlan, site: Site) -> str:
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")
-    lower.set_xlabel(f"local time, hours ({words.zone_name(int(plan.time_ns[0]), site)})")
-    canvas.legend(upper)
-    return canvas.svg(figure)
+    lower.set_xlabel(f"local time, hours ({formatting.zone_name(int(plan.time_ns[0]), site)})")
+    plotting.legend(upper)
+    return plotting.svg(figure)
 
 
 def _hours(plan: DayPlan, site: Site) -> np.ndarray:
-    first = words.local_time(int(plan.time_ns[0]), site)
+    first = formatting.local_time(int(plan.time_ns[0]), site)
     since = (plan.time_ns - plan.time_ns[0]) / 3.6e12
     return np.asarray(first.hour + first.minute / 60.0 + since)

@@ -6,6 +6,7 @@ and time, picture beside the instruments, one line per region, the last events, 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 
@@ -20,12 +21,13 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
+from fieldkit.estimation.answers import CERTAIN
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Reading, Severity
-from fieldkit.model.site import Region
-from fieldkit.views import picture, words
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.views import formatting, frame_image
 from fieldkit.views.latest import Latest
-from fieldkit.views.regions_table import regions_table
 
 THEMES: Mapping[str, Theme] = {
     "dark": Theme(
@@ -59,6 +61,9 @@ SNAPSHOT_EVENTS = 6
 STOP_KEY = "Ctrl-C stops"
 BRIGHTNESS_COLS = 30
 """Width of a picture from which its scale has room to say that it shows brightness temperatures."""
+_FIRST_MINUTE = Text("first minute: brightness", "quiet")
+NOISE_COLS, UNIT_COLS = 104, 112
+"""Widths from which there is room for noise and given slope, and for the unit in the heading."""
 _SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "doubt", Severity.ERROR: "alarm"}
 
 
@@ -93,7 +98,7 @@ def snapshot(latest: Latest, cols: int) -> RenderableType:
 class HalfBlocks:
     """A picture in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
 
-    def __init__(self, rgb: picture.Colours, labels: Mapping[tuple[int, int], str]) -> None:
+    def __init__(self, rgb: frame_image.Colours, labels: Mapping[tuple[int, int], str]) -> None:
         packed = rgb.astype(np.int64) @ np.array([65536, 256, 1])
         self._above, self._below = packed[0::2].tolist(), packed[1::2].tolist()
         self._labels = labels
@@ -106,7 +111,7 @@ class HalfBlocks:
             yield Segment.line()
 
 
-_LABEL = Style(color="#000000", bgcolor=Color.from_rgb(*picture.OUTLINE), bold=True)
+_LABEL = Style(color="#000000", bgcolor=Color.from_rgb(*frame_image.OUTLINE), bold=True)
 
 
 @lru_cache(maxsize=8192)
@@ -131,13 +136,13 @@ def _drawn(
 ) -> RenderableType:
     """The picture in `lines` by `cols` with outlines and names, and the scale in one line more."""
     shape = frame.counts.shape
-    shown = picture.values(frame, info)
-    scale = picture.scale_of(shown, picture.unit(info))
-    small = picture.resized(shown, 2 * lines, cols)
+    shown = frame_image.values(frame, info)
+    scale = frame_image.scale_of(shown, frame_image.unit(info))
+    small = frame_image.resized(shown, 2 * lines, cols)
     # 64 levels are more than the eye tells apart here, and keep the styles in their cache.
-    rgb = picture.palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
+    rgb = frame_image.palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
-        rgb[picture.outlined(region, shape, 2 * lines, cols)] = picture.OUTLINE
+        rgb[frame_image.outlined(region, shape, 2 * lines, cols)] = frame_image.OUTLINE
     return Group(HalfBlocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
 
 
@@ -147,7 +152,7 @@ def _labels(
     """Letters of the regions' names, each name centred on the upper edge of its region."""
     cells = {}
     for region in regions:
-        points = picture.on_grid(region, shape, lines, cols)
+        points = frame_image.on_grid(region, shape, lines, cols)
         row = int(np.clip(np.floor(points[:, 1].min() + 0.5), 0, lines - 1))
         middle = (points[:, 0].min() + points[:, 0].max() + 1) / 2
         start = int(np.clip(middle - len(region.name) / 2, 0, max(0, cols - len(region.name))))
@@ -155,14 +160,14 @@ def _labels(
     return cells
 
 
-def _scale(scale: picture.Scale, cols: int) -> Text:
+def _scale(scale: frame_image.Scale, cols: int) -> Text:
     low, high = f"{scale.low:.0f} ", " " + scale.text(scale.high)
     if cols >= BRIGHTNESS_COLS and scale.unit == "°C":
         high += " brightness"
     width = max(1, cols - len(low) - len(high))
     bar = Text(low, "base")
     for index in np.linspace(0, 255, width).astype(int):
-        red, green, blue = (int(part) for part in picture.palette()[index])
+        red, green, blue = (int(part) for part in frame_image.palette()[index])
         bar.append(" ", Style(bgcolor=Color.from_rgb(red, green, blue)))
     return bar.append(high)
 
@@ -176,8 +181,8 @@ def _title(latest: Latest) -> RenderableType:
     line.add_column(no_wrap=True, justify="right")
     now = ""
     if latest.time_ns:
-        date = words.local_time(latest.time_ns, latest.site).strftime("%Y-%m-%d %H:%M:%S")
-        now = f"{date} {words.zone_name(latest.time_ns, latest.site)}"
+        date = formatting.local_time(latest.time_ns, latest.site).strftime("%Y-%m-%d %H:%M:%S")
+        now = f"{date} {formatting.zone_name(latest.time_ns, latest.site)}"
     line.add_row(Text(f"fieldkit  {latest.title}", "bold"), Text(now, "bold"))
     return line
 
@@ -194,10 +199,12 @@ def _instruments(latest: Latest) -> RenderableType:
 def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
     minute, health = latest.minute, latest.health
     for info, reading in latest.of_quantity("illuminance"):
-        yield "light", f"{words.number(reading.values[0])} {info.unit}"
+        yield "light", f"{formatting.number(reading.values[0])} {info.unit}"
     if minute is not None:
-        yield "irradiance", f"{words.number(minute.irradiance_w_m2)} W/m²  {minute.irradiance_model}"
-        zenith, azimuth = (words.number(deg, 1) for deg in (minute.sun_zenith_deg, minute.sun_azimuth_deg))
+        yield "irradiance", f"{formatting.number(minute.irradiance_w_m2)} W/m²  {minute.irradiance_model}"
+        zenith, azimuth = (
+            formatting.number(deg, 1) for deg in (minute.sun_zenith_deg, minute.sun_azimuth_deg)
+        )
         yield "sun", f"zenith {zenith}°  azimuth {azimuth}°"
     for info, reading in latest.of_quantity("temperature"):
         yield "contact", _probes(info, reading) + " °C"
@@ -205,14 +212,16 @@ def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
         yield name, _stream_words(latest, name)
     yield "clock", _clock(latest)
     if health is not None:
-        written = f", {words.size(health.written_bytes)} written" if health.written_bytes else ""
-        yield "disk", f"{words.size(health.disk_free_bytes)} free{written}"
+        written = f", {formatting.size(health.written_bytes)} written" if health.written_bytes else ""
+        yield "disk", f"{formatting.size(health.disk_free_bytes)} free{written}"
 
 
 def _probes(info: StreamInfo, reading: Reading) -> str:
     """Each probe's temperature behind its name: ``flat 26.9  b15 28.1``."""
     names = info.channels or ("",) * len(reading.values)
-    in_celsius = (words.celsius(v, 1) if info.unit == "K" else words.number(v, 1) for v in reading.values)
+    in_celsius = (
+        formatting.celsius(v, 1) if info.unit == "K" else formatting.number(v, 1) for v in reading.values
+    )
     return "  ".join(f"{name} {celsius}".lstrip() for name, celsius in zip(names, in_celsius, strict=True))
 
 
@@ -220,9 +229,9 @@ def _clock(latest: Latest) -> Text:
     """Whether UTC went on steadily; the recorder tells of every step and every sleep."""
     event = latest.clock_event
     if event is not None:
-        return Text(f"{words.clock_time(event.time_ns, latest.site)} {event.text}", "doubt")
-    since = words.clock_time(latest.start_ns, latest.site)
-    return Text(f"steady since {since}" if latest.start_ns else words.UNKNOWN)
+        return Text(f"{formatting.clock_time(event.time_ns, latest.site)} {event.text}", "doubt")
+    since = formatting.clock_time(latest.start_ns, latest.site)
+    return Text(f"steady since {since}" if latest.start_ns else formatting.UNKNOWN)
 
 
 def _stream_words(latest: Latest, name: str) -> Text:
@@ -230,12 +239,109 @@ def _stream_words(latest: Latest, name: str) -> Text:
     stream = latest.stream_health(name)
     if stream is None:
         return Text("waiting", "quiet")
-    text = Text(f"{words.rate(latest.rate_hz(name)):>6} {words.number(stream.received):>7} ")
+    text = Text(f"{formatting.rate(latest.rate_hz(name)):>6} {formatting.number(stream.received):>7} ")
     troubles = {"lost": stream.dropped, "garbled": stream.rejected, "gaps": latest.gaps.get(name, 0)}
     if said := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
         return text.append(said, "doubt")
     age_s = latest.age_s(name)
     return text.append(f"{age_s:.0f} s ago", "quiet") if age_s >= 3 else text.append("none lost", "good")
+
+
+# ---------------------------------------------------------------------- regions
+
+
+def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
+    """The regions in `lines` below a heading; where they are too few the last one says how many are hidden.
+
+    Temperatures are of the surface (°C), other than the picture's; until the first minute is over they
+    are brightness temperatures.
+    """
+    wide = cols >= NOISE_COLS
+    hidden = len(latest.regions) - lines
+    shown = latest.regions if hidden <= 0 else latest.regions[: max(1, lines - 1)]
+    gap = 2 if wide else 1
+    table = Table(box=None, padding=(0, gap, 0, 0), pad_edge=False, expand=True, header_style="quiet")
+    table.add_column("region", no_wrap=True, max_width=12)
+    for name in (
+        "surface °C" if cols >= UNIT_COLS else "surface",
+        "spread",
+        "tilt ±90 %",
+        "azimuth ±",
+        "K per °",
+    ):
+        table.add_column(name, no_wrap=True, justify="right", min_width=len(name))
+    if wide:
+        table.add_column("noise", no_wrap=True)
+        table.add_column("given", no_wrap=True)
+    table.add_column("state", no_wrap=True, overflow="ellipsis", ratio=1)
+    for region in shown:
+        cells = _region_cells(latest, region)
+        more = [_noise(latest, region), formatting.given_slope(region)] if wide else []
+        table.add_row(region.name, *cells[:-1], *more, cells[-1])
+    if hidden <= 0:
+        return table
+    more_rows = len(latest.regions) - lines
+    return Group(
+        table,
+        Text(
+            f"{len(latest.regions) - len(shown)} more regions hidden: {more_rows} more rows show them",
+            "doubt",
+        ),
+    )
+
+
+def _region_cells(latest: Latest, region: Region) -> list[str | Text]:
+    """Mean, spread, tilt, azimuth, kelvin per degree and state of one region."""
+    minute = latest.minute
+    if minute is None:
+        return [
+            *_as_seen(latest, region),
+            formatting.UNKNOWN,
+            formatting.UNKNOWN,
+            formatting.UNKNOWN,
+            _FIRST_MINUTE,
+        ]
+    mean, spread = (known.get(region.name, math.nan) for known in (minute.temperature_k, minute.spread_k))
+    cells: list[str | Text] = [formatting.celsius(mean), formatting.number(spread, 2)]
+    if region.kind is RegionKind.REFERENCE:
+        azimuth = formatting.number(region.azimuth_deg) if region.tilt_deg else formatting.UNKNOWN
+        return [*cells, formatting.number(region.tilt_deg, 1), azimuth, "", Text("reference", "quiet")]
+    estimate = _estimate(latest, region)
+    if estimate is None:
+        return [*cells, formatting.UNKNOWN, formatting.UNKNOWN, formatting.UNKNOWN, formatting.UNKNOWN]
+    return [
+        *cells,
+        formatting.tilt(estimate),
+        formatting.azimuth(estimate),
+        formatting.number(estimate.kelvin_per_degree, 2),
+        Text(formatting.state(estimate), _state_style(estimate)),
+    ]
+
+
+def _estimate(latest: Latest, region: Region) -> SlopeEstimate | None:
+    found = latest.minute.estimates if latest.minute else ()
+    return next((estimate for estimate in found if estimate.region == region.name), None)
+
+
+def _noise(latest: Latest, region: Region) -> str:
+    estimate = _estimate(latest, region)
+    return formatting.noise(estimate) if estimate else ""
+
+
+def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
+    """Mean and spread in the last picture, until the first minute has a surface temperature."""
+    frame = latest.frame
+    if frame is None or frame_image.unit(latest.streams[frame.stream]) != "°C":
+        return [formatting.UNKNOWN, formatting.UNKNOWN]
+    shown = frame_image.values(frame, latest.streams[frame.stream])
+    inside = shown[region.mask((shown.shape[0], shown.shape[1]))]
+    if not np.isfinite(inside).any():
+        return [formatting.UNKNOWN, formatting.UNKNOWN]
+    return [formatting.number(float(np.nanmean(inside)), 2), formatting.number(float(np.nanstd(inside)), 2)]
+
+
+def _state_style(estimate: SlopeEstimate) -> str:
+    return "good" if estimate.state in CERTAIN else "doubt"
 
 
 # ---------------------------------------------------------------------- events, progress
@@ -248,21 +354,21 @@ def _events(latest: Latest, count: int) -> RenderableType:
 
 def _event(event: Event, latest: Latest) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
-    text.append(words.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
-    return text.append(words.told(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
+    text.append(formatting.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
+    return text.append(formatting.told(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
 
 
 def _progress(latest: Latest) -> RenderableType:
     done_s = (latest.time_ns - latest.start_ns) / 1e9
     if latest.planned_end_ns is None:
-        return Text(f"{words.duration(done_s)}, no planned end: {STOP_KEY}", "quiet")
+        return Text(f"{formatting.duration(done_s)}, no planned end: {STOP_KEY}", "quiet")
     total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
-    ends = words.clock_time(latest.planned_end_ns, latest.site)
+    ends = formatting.clock_time(latest.planned_end_ns, latest.site)
     line = Table.grid(expand=True, padding=(0, 1, 0, 0))
     line.add_column(ratio=1)
     line.add_column(no_wrap=True)
     line.add_row(
         ProgressBar(total=total_s, completed=min(done_s, total_s)),
-        Text(f"{words.duration(done_s)} of {words.duration(total_s)}, ends {ends}, {STOP_KEY}"),
+        Text(f"{formatting.duration(done_s)} of {formatting.duration(total_s)}, ends {ends}, {STOP_KEY}"),
     )
     return line

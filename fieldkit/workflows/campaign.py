@@ -16,7 +16,7 @@ from typing import Any
 import tomlkit
 
 from fieldkit.config import Config, find_campaign, load_config
-from fieldkit.config.schema import known_keys
+from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.cache import Cache

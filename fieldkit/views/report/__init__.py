@@ -1,11 +1,9 @@
-"""The report of a session: one HTML file that holds everything and needs nothing from outside.
+"""The report of a session, or of several together, as one HTML file that needs nothing from outside.
 
-`write_report` puts it together, `write_campaign_report` that of several sessions. `series` lines
-the minutes up, `budget` and `verdict` work out numbers from them; `canvas`, `figures` and
-`paper_figures` draw; `answers`, `causes` and `records` are its sections.
+`write_report` gathers the `ReportData`, and each section turns a part of it into HTML.
 """
 
-from fieldkit.views.report.campaign import Part, write_campaign_report
-from fieldkit.views.report.write import write_report
+from fieldkit.views.report.campaign_report import Part, write_campaign_report
+from fieldkit.views.report.session_report import write_report
 
 __all__ = ["Part", "write_campaign_report", "write_report"]

@@ -23,7 +23,7 @@ from fieldkit.physics.surface import (
     emitted_longwave,
     surface_temperature,
 )
-from fieldkit.views import words
+from fieldkit.views import formatting
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -93,7 +93,7 @@ class Series:
 
     def of_day_ns(self, site: Site) -> NDArray[np.int64]:
         """Nanoseconds since midnight on the site's clocks."""
-        return np.array([words.of_day_ns(time_ns, site) for time_ns in self.time_ns.tolist()], np.int64)
+        return np.array([formatting.of_day_ns(time_ns, site) for time_ns in self.time_ns.tolist()], np.int64)
 
     @property
     def cloudy(self) -> BoolArray:

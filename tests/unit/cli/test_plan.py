@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
-from fieldkit.views.report import canvas
+from fieldkit.views import plotting
 
 PAPER = ["--site", "35.558675,139.395232,9"]
 WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
@@ -128,8 +128,8 @@ def test_a_campaign_with_known_azimuths_is_planned_with_them(tmp_path):
 def test_the_chart_marks_weakness_on_both_sides_of_zero(tmp_path, monkeypatch):
     # a steep bed in August: a steeper facet turns away from the sun, so a degree is worth less than nothing
     drawn = []
-    svg = canvas.svg
-    monkeypatch.setattr(canvas, "svg", lambda figure: drawn.append(figure) or svg(figure))
+    svg = plotting.svg
+    monkeypatch.setattr(plotting, "svg", lambda figure: drawn.append(figure) or svg(figure))
     run(*AUGUST, "--facet", "35,180", "--out", str(tmp_path / "plan.html"))
     (band,) = drawn[0].axes[0].patches
     assert (band.get_y(), band.get_y() + band.get_height()) == pytest.approx((-1 / 30, 1 / 30))
@@ -171,7 +171,7 @@ import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
 from fieldkit.cli.plan import command
-from fieldkit.views.report import canvas
+from fieldkit.views import plotting
 command(sys.argv[1:])
 """
 

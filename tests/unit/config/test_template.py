@@ -4,8 +4,8 @@ import tomllib
 import pytest
 
 from fieldkit.config import load_config, mistakes_in
-from fieldkit.config.schema import known_keys
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
+from fieldkit.config.toml_schema import known_keys
 
 
 @pytest.mark.parametrize("given", [{"site": PAPER_SITE}, SIMULATED])

@@ -16,7 +16,7 @@ from fieldkit.recorder.marks import DroppedMarks
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
-from fieldkit.views.terminal import PlainView
+from fieldkit.views.terminal_view import PlainView
 
 LENGTH_S = 100
 BURSTS_OF_3 = 2

@@ -6,7 +6,7 @@ import pytest
 
 from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
-from fieldkit.views.regions_table import _region_cells
+from fieldkit.views.screen import _region_cells
 
 SECOND_NS = 10**9
 

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.screen import Screen
 
 from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
+from fieldkit.views.frame_image import OUTLINE
 from fieldkit.views.latest import Latest
-from fieldkit.views.picture import OUTLINE
 from fieldkit.views.screen import THEMES, screen
 
 SECOND_NS = 10**9

@@ -13,10 +13,11 @@ import pytest
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import SlopeState
-from fieldkit.views.report import canvas, write_report
-from fieldkit.views.report.answers import rmse_of
+from fieldkit.views import plotting
+from fieldkit.views.report import write_report
+from fieldkit.views.report.assessment import verdict
+from fieldkit.views.report.results import rmse_of
 from fieldkit.views.report.series import modelled_temperature, series
-from fieldkit.views.report.verdict import verdict
 
 
 class Page(HTMLParser):
@@ -136,7 +137,7 @@ def test_sd_is_the_one_asked_for(written, make_minute, sd, said):
 
 
 def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, monkeypatch):
-    monkeypatch.setattr(canvas, "available", lambda: False)
+    monkeypatch.setattr(plotting, "available", lambda: False)
     page = Page(written())
     assert "pip install 'fieldkit[lab]'" in page.text
     assert page.alternatives == []

@@ -1,0 +1,420 @@
+"""The schema of ``fieldkit.toml``: one strict pydantic model per table, and what each key accepts in words.
+
+A field's description is what the commented template, the reference page and the error
+messages say about it. Physics defaults are the paper's Tables 1 and 3.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Annotated, Any, Literal
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic.json_schema import SkipJsonSchema
+
+from fieldkit.config.toml_lines import Path
+from fieldkit.model.radiation import Component
+
+Degrees = Annotated[float, Field(ge=0, le=360)]
+Positive = Annotated[float, Field(gt=0)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
+Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+Fault = Literal["cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock"]
+
+TABLE_1 = "(paper, Table 1)"
+
+
+class Table(BaseModel):
+    """A table of the configuration: no unknown keys, no silent conversions, no NaN."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class CampaignTable(Table):
+    """What is written into every session about the campaign."""
+
+    title: str = Field(default="", description="what this campaign is about")
+    operator: str = Field(default="", description="who records")
+    description: str = Field(default="", description="anything a later reader should know")
+    license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
+    references: str = Field(default="", description="papers or pages to cite")
+
+
+class SiteTable(Table):
+    """Where the beds stand; the sun is computed from it."""
+
+    latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
+    longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
+    elevation_m: float = Field(default=0.0, ge=-500, le=9000, description="metres above sea level")
+    timezone: str = Field(default="UTC", description="IANA name such as Asia/Tokyo; only for display")
+
+
+class DeviceTable(Table):
+    """One instrument: which driver, and which of the things plugged in."""
+
+    driver: str = Field(
+        examples=["purethermal"],
+        min_length=1,
+        description="name of the driver, as `fieldkit devices` prints it",
+    )
+    port: str = Field(default="", description="where it is plugged in, such as /dev/ttyUSB0, or simulated")
+    identity: str = Field(default="", description="which one it is: vendor:product[:serial] or a USB path")
+    options: dict[str, Any] = Field(default={}, description="what only this driver understands")
+
+
+class CameraTable(DeviceTable):
+    """The thermal camera."""
+
+    width_px: int | None = Field(
+        examples=[160], default=None, gt=0, description="columns of the picture, to check regions against"
+    )
+    height_px: int | None = Field(
+        examples=[120], default=None, gt=0, description="rows of the picture, to check regions against"
+    )
+
+
+class MeterTable(DeviceTable):
+    """A meter that is asked for a value at an interval, or talks at its own."""
+
+    every_s: float = Field(
+        default=1.0, gt=0, le=3600, description="seconds between two questions to the meter"
+    )
+
+
+class LuxTable(MeterTable):
+    """The illuminometer."""
+
+    range_max_lx: Positive | None = Field(
+        examples=[100000.0], default=None, description="end of the meter's range; readings there are flagged"
+    )
+
+
+class IrradianceTable(Table):
+    """How direct sunlight is measured: by a stream of dni, else ghi, else gti, else by the light meter."""
+
+    measures: dict[str, Component] = Field(
+        default={},
+        description='by stream in W/m2: what it measures, such as {sun = "ghi"}; gti: on the plane below',
+    )
+    stream: str = Field(
+        default="", description="the stream to take the light from; without it: dni, ghi, gti, lux"
+    )
+    model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
+        default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
+    )
+    par_fraction: float = Field(
+        default=0.44,
+        gt=0,
+        le=1,
+        description="share of sunlight between 400 and 700 nm; 1.0 is the paper to the letter",
+    )
+    efficacy_lm_w: Positive = Field(
+        default=105.0, description="lumen per watt of direct sunlight, for efficacy"
+    )
+    factor: Positive | None = Field(
+        examples=[0.0091],
+        default=None,
+        description='W/m2 per unit of the reading, for calibrated; or "@name"',
+    )
+    factor_sd: float = Field(
+        default=0.0, ge=0, description="standard uncertainty of factor; a record brings its own"
+    )
+    mounting: Literal["horizontal", "sun-pointing", "in-plane"] = Field(
+        default="horizontal", description="how the light meter, or that of gti, is mounted"
+    )
+    plane_tilt_deg: float = Field(default=0.0, ge=0, le=90, description="tilt of the meter, for in-plane")
+    plane_azimuth_deg: Degrees = Field(
+        default=0.0, description="azimuth of the meter from north, for in-plane"
+    )
+    diffuse: Literal["none", "fraction", "erbs"] = Field(
+        default="fraction",
+        description="how the light of the sky is taken out of the reading; none: a baffled tube",
+    )
+    diffuse_fraction: float = Field(
+        default=0.15, ge=0, lt=1, description="share of the sky in the reading, for diffuse = fraction"
+    )
+
+
+class SurfaceTable(Table):
+    """The surface of the beds."""
+
+    albedo: float = Field(default=0.20, ge=0, lt=1, description=f"A of the balance {TABLE_1}")
+    emissivity: float = Field(
+        default=0.90, gt=0, le=1, description='in the camera\'s band, 8-14 um; or "@name" of a calibration'
+    )
+    emissivity_sd: float = Field(
+        default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
+    )
+    emissivity_broadband: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        default=None,
+        examples=[0.90],
+        description="of the energy balance, all wavelengths; without it: as emissivity",
+    )
+    reflected_temperature_c: float = Field(
+        default=-40.0,
+        ge=-120,
+        le=100,
+        description="what the beds reflect into the camera: the sky's, in its band",
+    )
+
+
+class AirTable(Table):
+    """The air over the beds, as it takes heat away."""
+
+    heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
+    density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
+    exchange_m_s: Positive = Field(default=0.015, description=f"C_H U {TABLE_1}")
+
+
+class EstimatorTable(Table):
+    """How slopes are estimated."""
+
+    method: Literal["unit-norm", "contours", "posterior"] = Field(
+        default="unit-norm", description="contours is the paper's scoring of a table"
+    )
+    model: Literal["paper", "full"] = Field(
+        default="paper", description="full adds the sky's light and long wave and the heat stored in the sand"
+    )
+    window_s: Annotated[float, Field(ge=60)] | Literal["weather"] = Field(
+        default="weather",
+        description='how far back an estimate looks; "weather": as far as one slope explains the minutes',
+    )
+    azimuth: Literal["free", "known"] = Field(
+        default="free", description="known takes each region's azimuth_deg as given"
+    )
+    tilt_limit_deg: float = Field(default=45.0, gt=0, le=90, description="steeper slopes are ruled out")
+    refraction: bool = Field(default=False, description="true: the apparent sun; false: geometric (paper)")
+    noise_k: float = Field(default=0.05, gt=0, description="noise of a region's minute mean, one sigma")
+    low_sun_deg: float = Field(default=8.0, ge=0, le=45, description="minutes with a lower sun are left out")
+    settle_s: float = Field(default=600.0, ge=0, description="how long minutes stay in doubt after a cloud")
+    min_minutes: int = Field(
+        default=5, ge=2, description="fewer good minutes give no estimate; a free azimuth needs 3 at least"
+    )
+    contour_tolerance_w_m2: Positive | None = Field(
+        default=None, examples=[5.0], description="half width of a contour; without it: from the noise"
+    )
+    contour_threshold: float = Field(
+        default=0.5, ge=0, le=1, description="share of minutes the best cell must explain"
+    )
+    scale: float = Field(
+        default=1.0, gt=0, description='kappa: measured over true share of the sun; or "@name"'
+    )
+    scale_sd: float = Field(default=0.08, ge=0, description="standard uncertainty of scale")
+    exchange_sd: float = Field(
+        default=0.15, ge=0, description="relative standard uncertainty of air.exchange_m_s"
+    )
+    offset_sd_k: float = Field(default=0.25, ge=0, description="standard uncertainty of regions' offset_k")
+    drift_sd_k_per_h: float = Field(
+        default=0.1, ge=0, description="how fast regions drift apart in the camera, one sigma"
+    )
+    sky: Literal["isotropic", "hay-davies"] = Field(
+        default="hay-davies", description="full model: where the sky's light comes from"
+    )
+    ground_albedo: float = Field(default=0.20, ge=0, lt=1, description="full model: of what lies around")
+    longwave_down_w_m2: float = Field(
+        default=300.0, ge=0, description="full model: the sky's long wave, where it is not measured"
+    )
+    diffuse_fraction: float = Field(
+        default=0.15, ge=0, lt=1, description="full model: share of the sky's light, where not measured"
+    )
+
+
+class SlabTable(Table):
+    """The sand as it stores heat, for the full model."""
+
+    depth_m: float = Field(default=0.03, gt=0, le=2, description="down to the insulating sheet")
+    conductivity_w_m_k: float = Field(default=0.25, gt=0, description="0.2 to 0.35 for dry loose sand")
+    heat_capacity_j_m3_k: float = Field(default=1.3e6, gt=0, description="density times specific heat")
+    conductivity_sd: float = Field(default=0.2, ge=0, description="relative standard uncertainty")
+    capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")
+
+
+class RecordTable(Table):
+    """What is kept of the camera's pictures."""
+
+    sampling: Literal["all", "bursts"] = Field(
+        default="bursts", description="every picture, or a burst each every_s"
+    )
+    every_s: Positive = Field(default=60.0, description="seconds from burst to burst")
+    burst_frames: int = Field(default=3, ge=1, le=1000, description="pictures in a burst")
+    shutter_before_burst: bool = Field(
+        default=True, description="run the camera's shutter correction before each burst"
+    )
+
+
+class AlarmsTable(Table):
+    """When to raise the alarm."""
+
+    disk_reserve_mb: float = Field(
+        default=64.0, ge=1, description="pictures stop when less than this is free"
+    )
+
+
+class SimulationTable(Table):
+    """The simulated field, for devices whose port is simulated."""
+
+    weather: str = Field(
+        default="alamosa-2016-01-01",
+        min_length=1,
+        description="the packaged day, clear, or a file of SURFRAD or BSRN",
+    )
+    start: AwareDatetime | None = Field(
+        examples=["2016-01-01T12:00:00-07:00"],
+        default=None,
+        description="when it begins, with its offset from UTC",
+    )
+    speed: Positive | Literal["max"] = Field(
+        default=1.0, description="scene seconds per second; max: as fast as it goes"
+    )
+    seed: int = Field(default=1, ge=0, description="of all noise; the same seed gives the same session")
+    faults: list[Fault] = Field(
+        default=[],
+        description="troubles to simulate: any of cloud, cable, shutter, frozen, garbled, disk, clock",
+    )
+    sand_depth_m: float = Field(default=0.02, gt=0, le=1, description="sand over the insulating sheet")
+    albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
+    emissivity: float = Field(default=0.90, gt=0, le=1, description="true emissivity of the sand")
+    foil: str = Field(default="", description="region that is crumpled aluminium foil, on an emissivity day")
+
+
+class RegionTable(Table):
+    """One bed or facet: a polygon of the picture."""
+
+    name: Name = Field(examples=["b15"], description="letters, digits, - and _")
+    kind: Literal["reference", "target"] = Field(
+        default="target", description="the reference is the flat bed"
+    )
+    points_px: list[Point] = Field(
+        examples=[[[29, 29], [66, 28], [66, 53], [24, 56]]],
+        min_length=3,
+        max_length=64,
+        description="corners [x, y]; x to the right, y down, the first pixel is [0, 0]",
+    )
+    tilt_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
+        examples=[15.0],
+        default=None,
+        description="inclinometer, from horizontal; reference: 0",
+    )
+    azimuth_deg: Degrees | None = Field(
+        examples=[180.0], default=None, description="compass, of the normal, from north, clockwise"
+    )
+    emissivity: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        examples=[0.93],
+        default=None,
+        description='in the camera\'s band, where it differs from surface.emissivity; or "@name"',
+    )
+    emissivity_sd: float = Field(
+        default=0.0, ge=0, lt=1, description="standard uncertainty of it; a record brings its own"
+    )
+    offset_k: float = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description='how much too warm the camera sees it; or "@name" of a uniformity',
+    )
+
+
+class Tables(Table):
+    """The whole of ``fieldkit.toml``."""
+
+    schema_: Literal[1] = Field(default=1, alias="schema", description="version of this layout")
+    campaign: CampaignTable = CampaignTable()
+    site: SiteTable
+    camera: CameraTable | None = None
+    lux: LuxTable | None = None
+    thermometer: MeterTable | None = Field(default=None, description="The contact thermometer.")
+    device: dict[Name, MeterTable] = Field(default={})
+    irradiance: IrradianceTable = IrradianceTable()
+    surface: SurfaceTable = SurfaceTable()
+    air: AirTable = AirTable()
+    estimator: EstimatorTable = EstimatorTable()
+    slab: SlabTable = SlabTable()
+    record: RecordTable = RecordTable()
+    alarms: AlarmsTable = AlarmsTable()
+    simulation: SimulationTable | None = None
+    calibration: SkipJsonSchema[dict[str, dict[str, Any]]] = {}  # records in force; nobody types them
+    region: list[RegionTable] = Field(default=[])
+
+
+# What each key accepts, in words: the template, the error messages and the reference page read it from here.
+
+Node = dict[str, Any]
+"""A piece of a JSON schema, without references and without the ``null`` of optional keys."""
+
+
+@functools.cache
+def json_schema() -> Node:
+    """The JSON schema of ``fieldkit.toml``, for editors that complete and check."""
+    return Tables.model_json_schema()
+
+
+def node_at(path: Path) -> Node | None:
+    """The schema of the value that `path` leads to, or None if there is no such key."""
+    node: Node | None = resolve(json_schema())
+    for part in path:
+        if node is None:
+            return None
+        node = _step(node, part)
+    return node
+
+
+def known_keys(path: Path) -> list[str]:
+    """The keys of the table that `path` leads to."""
+    return list((node_at(path) or {}).get("properties", ()))
+
+
+def resolve(node: Node) -> Node:
+    """The node with references followed; of an optional key, what it is when given."""
+    if "$ref" in node:
+        return {**json_schema()["$defs"][node["$ref"].rsplit("/", 1)[1]], **node, "$ref": None}
+    branches = [branch for branch in node.get("anyOf", ()) if branch.get("type") != "null"]
+    if len(branches) == 1:
+        return {**resolve(branches[0]), **{key: node[key] for key in node if key != "anyOf"}}
+    return node
+
+
+def expected(node: Node | None) -> str:
+    """What a key takes: ``a number from -90 to 90 (degrees, north positive)``."""
+    if node is None:
+        return "something else"
+    about = node.get("description", "")
+    return f"{kind(node)} ({about})" if about else kind(node)
+
+
+def _step(node: Node, part: str | int) -> Node | None:
+    if isinstance(part, int):
+        below = node.get("items")
+    else:
+        named = node.get("patternProperties", {"": node.get("additionalProperties")})
+        below = node.get("properties", {}).get(part, *named.values())
+    return resolve(below) if isinstance(below, dict) else None
+
+
+def kind(node: Node) -> str:
+    """What a value is, without what it is for: ``a number from -90 to 90``."""
+    if "anyOf" in node:
+        return " or ".join(kind(resolve(branch)) for branch in node["anyOf"])
+    if "enum" in node:
+        return "one of " + ", ".join(f'"{value}"' for value in node["enum"])
+    if "const" in node:
+        return repr(node["const"]).replace("'", '"')
+    if node.get("format") == "date-time":
+        return "a time with its offset from UTC, such as 2016-01-01T12:00:00-07:00"
+    if node["type"] == "array":
+        return f"a list of at least {node['minItems']} values" if "minItems" in node else "a list"
+    words = {"number": "a number", "integer": "a whole number", "string": "text", "boolean": "true or false"}
+    return words.get(node["type"], "a table") + _range(node)
+
+
+def _range(node: Node) -> str:
+    if "minimum" in node and "maximum" in node:
+        return f" from {node['minimum']:g} to {node['maximum']:g}"
+    limits = {
+        "exclusiveMinimum": "above",
+        "minimum": "at least",
+        "exclusiveMaximum": "below",
+        "maximum": "at most",
+    }
+    words = [f"{word} {node[limit]:g}" for limit, word in limits.items() if limit in node]
+    return " " + " and ".join(words) if words else ""

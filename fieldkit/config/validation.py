@@ -1,0 +1,271 @@
+"""Validation of a configuration: every mistake as a sentence with its place, its key and what was expected.
+
+Mistakes of single keys come from the pydantic models (`explain`), mistakes between keys from `cross_check`.
+"""
+
+from __future__ import annotations
+
+import functools
+import zoneinfo
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from fieldkit.config.toml_lines import Path
+from fieldkit.config.toml_schema import expected, known_keys, node_at
+from fieldkit.drivers import registry
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, RegionKind
+
+UNITS = {
+    "deg": "degrees",
+    "c": "degrees Celsius",
+    "k": "kelvin",
+    "s": "seconds",
+    "m": "metres",
+    "m_s": "metres per second",
+    "px": "pixels",
+    "lx": "lux",
+    "mb": "megabytes",
+    "lm_w": "lumen per watt",
+    "w_m_k": "watts per metre and kelvin",
+    "w_m2": "watts per square metre",
+    "j_m3_k": "joules per cubic metre and kelvin",
+    "kg_m3": "kilograms per cubic metre",
+    "j_kg_k": "joules per kilogram and kelvin",
+}
+"""How keys end, and what that means."""
+
+OTHER_UNITS = ("rad", "f", "ms", "min", "h", "cm", "mm", "km", "ft", "klx", "gb", "kj_kg_k", "percent")
+"""Units that are not taken; a key in one of them is answered with the key in fieldkit's unit."""
+
+
+INSTRUMENTS = ("camera", "lux", "thermometer")
+"""The tables of instruments that have a name of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """One thing wrong with the configuration: `path` is the key, `said` what is wrong with it."""
+
+    path: Path
+    said: str
+
+    @property
+    def key(self) -> str:
+        """The key as one would type it: ``site.latitude_deg``, ``region[0].points_px``."""
+        name = ""
+        for part in self.path:
+            name += f"[{part}]" if isinstance(part, int) else f".{part}" if name else part
+        return name
+
+
+class ConfigMistakesError(ConfigError):
+    """Everything that is wrong with a configuration; `mistakes` holds one line for each."""
+
+    def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: str | None = None) -> None:
+        self.mistakes = tuple(f"{where}: {mistake.key}: {mistake.said}" for where, mistake in mistakes)
+        count = f"{len(self.mistakes)} mistakes in the configuration"
+        one = len(self.mistakes) == 1
+        super().__init__(self.mistakes[0] if one else "\n  ".join([count, *self.mistakes]), fix=fix)
+
+
+def explain(error: ValidationError, values: Mapping[str, Any]) -> list[Mistake]:
+    """The mistakes pydantic found in `values`, one per key, each with what was expected there.
+
+    A misspelled key is one mistake, not two: what it was meant to be does not also count as missing.
+    """
+    details = {_path_in(values, detail): detail for detail in reversed(error.errors(include_url=False))}
+    unknown = {path for path, detail in details.items() if detail["type"] == "extra_forbidden"}
+    meant = {(*path[:-1], _meant(path)) for path in unknown}
+    told = [path for path in details if details[path]["type"] != "missing" or path not in meant]
+    return [Mistake(path, _say(details[path], path)) for path in reversed(told)]
+
+
+def _path_in(values: Any, detail: ErrorDetails) -> Path:
+    """Where in the document; pydantic also names the branches of a union, which nobody typed."""
+    path: Path = ()
+    for part in detail["loc"]:
+        try:
+            values = values[part]
+        except (KeyError, IndexError, TypeError):
+            return (*path, part) if detail["type"] == "missing" else path
+        path += (part,)
+    return path
+
+
+def _say(detail: ErrorDetails, path: Path) -> str:
+    if detail["type"] == "extra_forbidden":
+        return _say_unknown(path)
+    if detail["type"] == "missing":
+        return f"missing; expected {expected(node_at(path))}"
+    return f"got {detail['input']!r}, expected {expected(node_at(path))}"
+
+
+def _say_unknown(path: Path) -> str:
+    typed, meant = str(path[-1]), _meant(path)
+    if meant is None and (qualified := _in_a_table(path)):
+        return f"unknown key; did you mean {qualified}?"
+    if meant is None:
+        return f"unknown key; known here: {', '.join(known_keys(path[:-1]))}"
+    stem = _without_unit(meant)
+    other_unit = stem == _without_unit(typed) and stem != meant
+    return f"unknown key; did you mean {meant}" + (
+        f", in {UNITS[meant[len(stem) + 1 :]]}?" if other_unit else "?"
+    )
+
+
+def _meant(path: Path) -> str | None:
+    """The key that was probably meant: the same one in fieldkit's unit, or one spelled alike."""
+    typed, known = str(path[-1]).lower(), known_keys(path[:-1])
+    same = [key for key in known if _without_unit(key) == _without_unit(typed)]
+    return next(iter(same or get_close_matches(typed, known, n=1)), None)
+
+
+def _in_a_table(path: Path) -> str | None:
+    """A key given without its table: ``surface.albedo`` for ``albedo``; the first table that has it."""
+    if len(path) > 1:
+        return None
+    keys = ((table, key) for table in known_keys(()) for key in known_keys((table,)))
+    typed = _without_unit(str(path[0]).lower())
+    return next((f"{table}.{key}" for table, key in keys if _without_unit(key) == typed), None)
+
+
+def _without_unit(key: str) -> str:
+    """``tilt_rad`` and ``tilt_deg`` are both ``tilt``."""
+    for unit in sorted((*UNITS, *OTHER_UNITS), key=len, reverse=True):
+        if key.endswith(f"_{unit}"):
+            return key.removesuffix(f"_{unit}")
+    return key
+
+
+# Checks between keys. They read the plain document and skip whatever is malformed, which the models report:
+# one mistake must not hide another.
+
+
+def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
+    """Mistakes between keys: time zone, names, the reference, regions off the picture, halves of pairs."""
+    checks = (_timezone, _device_names, _region_names, _reference, _off_the_picture, _irradiance, _half_pairs)
+    return [mistake for check in checks for mistake in check(document)]
+
+
+def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Drivers that are not installed here; a session from elsewhere may name them, a campaign may not."""
+    others = _table(document, "device")
+    tables: list[tuple[Path, Mapping[str, Any]]] = [((name,), _table(document, name)) for name in INSTRUMENTS]
+    tables += [(("device", name), _table(others, name)) for name in others]
+    for path, table in tables:
+        name = table.get("driver")
+        if not isinstance(name, str) or name in registry.BUILT_IN or name in (known := registry.names()):
+            continue
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        yield Mistake((*path, "driver"), f"no driver is called {name!r}; {hint}")
+
+
+def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """Regions whose outline crosses itself; a session may have been recorded with one, none is begun."""
+    for path, region in _regions(document):
+        corners = outline(region.get("points_px"))
+        if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
+            said = "the outline crosses itself; give the corners in their order around the region"
+            yield Mistake((*path, "points_px"), said)
+
+
+def outline(points: Any) -> list[tuple[float, float]] | None:
+    """The corners of a region as pairs, or None if they are not at least three pairs of numbers."""
+    if not isinstance(points, list) or len(points) < 3:
+        return None
+    if not all(isinstance(point, list) and len(point) == 2 for point in points):
+        return None
+    if not all(isinstance(value, int | float) for point in points for value in point):
+        return None
+    return [(float(x), float(y)) for x, y in points]
+
+
+def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    name = _table(document, "site").get("timezone")
+    if not isinstance(name, str) or name in (known := _timezones()):
+        return
+    near = get_close_matches(name, known, n=1)
+    said = f"there is no time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
+    yield Mistake(("site", "timezone"), f"{said} (IANA names, such as Asia/Tokyo)")
+
+
+@functools.cache
+def _timezones() -> set[str]:
+    return zoneinfo.available_timezones()
+
+
+def _device_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    for name in _table(document, "device"):
+        if name in INSTRUMENTS:
+            yield Mistake(("device", name), f"this name belongs to the table [{name}]; choose another")
+
+
+def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    seen: dict[str, str] = {}
+    for path, region in _regions(document):
+        name = region.get("name")
+        if not isinstance(name, str):
+            continue
+        if name.casefold() in seen:
+            yield Mistake((*path, "name"), f"two regions are called {seen[name.casefold()]!r}")
+        seen.setdefault(name.casefold(), name)
+
+
+def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    regions = _regions(document)
+    if regions and not any(region.get("kind") == "reference" for _, region in regions):
+        yield Mistake(("region",), 'no reference among the regions; give the flat bed kind = "reference"')
+
+
+def _off_the_picture(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    camera = _table(document, "camera")
+    width, height = camera.get("width_px"), camera.get("height_px")
+    if not isinstance(width, int) or not isinstance(height, int):
+        return
+    for path, region in _regions(document):
+        for x, y in outline(region.get("points_px")) or ():
+            if not (0 <= x <= width - 1 and 0 <= y <= height - 1):
+                where = f"corner ({x:g}, {y:g}) is outside the picture of {width} x {height} pixels"
+                yield Mistake((*path, "points_px"), where)
+                break
+
+
+def _irradiance(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    table = _table(document, "irradiance")
+    if table.get("model") == "calibrated" and "factor" not in table:
+        yield Mistake(("irradiance", "model"), 'model = "calibrated" needs irradiance.factor')
+    mounting, plane = table.get("mounting", "horizontal"), ("plane_tilt_deg", "plane_azimuth_deg")
+    if mounting == "in-plane" and not set(plane) <= table.keys():
+        yield Mistake(("irradiance", "mounting"), f'mounting = "in-plane" needs {" and ".join(plane)}')
+    if mounting == "horizontal" and "gti" in _table(table, "measures").values():
+        said = f'gti needs mounting = "in-plane" with {" and ".join(plane)}, or "sun-pointing"'
+        yield Mistake(("irradiance", "measures"), said)
+
+
+def _half_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    camera = _table(document, "camera")
+    if ("width_px" in camera) != ("height_px" in camera):
+        yield Mistake(("camera",), "width_px and height_px belong together")
+    for path, region in _regions(document):
+        tilt = region.get("tilt_deg")
+        if isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
+            yield Mistake((*path, "tilt_deg"), "a tilted bed also needs azimuth_deg")
+
+
+def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    table = document.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _regions(document: Mapping[str, Any]) -> list[tuple[Path, Mapping[str, Any]]]:
+    regions = document.get("region")
+    if not isinstance(regions, list):
+        return []
+    return [(("region", index), region) for index, region in enumerate(regions) if isinstance(region, dict)]

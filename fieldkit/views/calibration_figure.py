@@ -1,0 +1,61 @@
+"""The picture of a calibration: the pairs on their line, and the budget as bars."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fieldkit.calibration.band import Band
+from fieldkit.calibration.emissivity import Emissivity, Pairs
+from fieldkit.views.plotting import COLOURS, STYLE, WIDTH_IN, svg
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def emissivity_svg(found: Emissivity, pairs: Pairs, band: Band) -> str:
+    """SVG of `emissivity_figure`."""
+    return svg(emissivity_figure(found, pairs, band))
+
+
+def emissivity_figure(found: Emissivity, pairs: Pairs, band: Band) -> Figure:
+    """The fit (surface against camera, °C) over the bars of the budget, the largest named."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_IN, 4.0 + 0.4 * len(found.budget)), layout="constrained")
+        above, below = figure.subplots(2, 1, height_ratios=(8, len(found.budget)))
+        _draw_line(above, found, pairs, band)
+        _draw_budget(below, found)
+    return figure
+
+
+def _draw_line(axes: Axes, found: Emissivity, pairs: Pairs, band: Band) -> None:
+    contact = np.linspace(pairs.contact_k.min() - 2.0, pairs.contact_k.max() + 2.0, 60)
+    mirror = float(band.signal(found.reflected_k)) if np.isfinite(found.reflected_k) else 0.0
+    seen = band.temperature(found.value * (band.signal(contact) - mirror) + mirror)
+    axes.plot(contact - 273.15, seen - 273.15, color=COLOURS[0])
+    axes.errorbar(
+        pairs.contact_k - 273.15, pairs.apparent_k - 273.15, pairs.apparent_sd_k, pairs.contact_sd_k,
+        "o", color=COLOURS[1], markersize=5,
+    )  # fmt: skip
+    axes.set_xlabel("surface [°C]")
+    axes.set_ylabel("seen by the camera [°C]")
+    axes.set_title(f"emissivity {found.value:.3f} ± {found.expanded:.3f} (k=2)")
+
+
+def _draw_budget(axes: Axes, found: Emissivity) -> None:
+    """Bars with their names above them: beside them a long name leaves no room for the bars."""
+    for row, line in enumerate(found.budget):
+        is_largest = line == found.largest
+        axes.barh(row, abs(line.effect), 0.35, color=COLOURS[1 if is_largest else 0])
+        axes.text(0.0, row - 0.25, f"{line.name}{', the largest' * is_largest}", va="bottom", fontsize=10)
+    axes.set_ylim(len(found.budget) - 0.6, -0.95)  # the first on top
+    axes.set_yticks([])
+    axes.set_xlim(0.0, 1.05 * abs(found.largest.effect))
+    axes.locator_params(axis="x", nbins=4)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("effect on the emissivity")

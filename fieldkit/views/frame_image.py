@@ -1,0 +1,169 @@
+"""From a camera's counts to a picture that can be looked at: values, a scale, colours, outlines.
+
+Shared by the screen, ``fieldkit live --png`` and the report. Pixel coordinates as in
+`fieldkit.model.site.Region`: x to the right, y down, pixel centres at whole numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame
+from fieldkit.model.site import Region
+from fieldkit.physics.camera_laws import frame_k, has_temperatures
+from fieldkit.pixel_axes import with_axes
+from fieldkit.views import formatting
+
+FloatArray = NDArray[np.float64]
+Colours = NDArray[np.uint8]
+
+WHITE = (255, 255, 255)
+BLACK = (0, 0, 0)
+PNG_WIDTH = 960
+OUTLINE = (0, 215, 215)
+"""Of regions: occurs nowhere in the palette."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Which values the first and the last colour stand for."""
+
+    low: float
+    high: float
+    unit: str  # "°C", or "counts" where the camera's temperatures are not known
+
+    def position(self, values: FloatArray) -> FloatArray:
+        """Where `values` lie between first (0) and last colour (1), clipped."""
+        return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
+
+    def text(self, value: float) -> str:
+        """A value of the scale as it is written beside it."""
+        return f"{value:.0f} {self.unit}"
+
+
+def values(frame: Frame, info: StreamInfo) -> FloatArray:
+    """Brightness temperature in °C, shape of the picture; its counts where no temperature is known."""
+    if unit(info) == "counts":
+        return frame.counts.astype(np.float64)
+    return frame_k(info, frame.counts, frame.metadata_rows) - formatting.ZERO_CELSIUS_K
+
+
+def unit(info: StreamInfo) -> str:
+    """What `values` are in: ``°C`` or ``counts``."""
+    return "°C" if has_temperatures(info) and info.unit == "K" else "counts"
+
+
+def scale_of(shown: FloatArray, unit: str) -> Scale:
+    """A scale from the 1st to the 99th percentile, rounded outwards to whole units.
+
+    Whole units keep the colours still from one picture to the next.
+    """
+    low, high = np.percentile(shown, (1.0, 99.0))
+    low, high = math.floor(low), math.ceil(high)
+    return Scale(low, max(high, low + 2), unit)
+
+
+@lru_cache(maxsize=1)
+def palette() -> Colours:
+    """256 colours of even perceived steps, dark to bright (inferno), red-green-blue, shape (256, 3)."""
+    import cv2
+
+    ramp = np.arange(256, dtype=np.uint8).reshape(-1, 1)
+    return np.ascontiguousarray(cv2.applyColorMap(ramp, cv2.COLORMAP_INFERNO)[:, 0, ::-1]).astype(np.uint8)
+
+
+def colours(shown: FloatArray, scale: Scale) -> Colours:
+    """The picture in colour, shape (rows, cols, 3), red-green-blue."""
+    return palette()[np.rint(scale.position(shown) * 255).astype(np.intp)]
+
+
+def resized(shown: FloatArray, rows: int, cols: int) -> FloatArray:
+    """`shown` on another grid: pixel means when smaller, repeated pixels when larger."""
+    import cv2
+
+    smaller = rows <= shown.shape[0]
+    how = cv2.INTER_AREA if smaller else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(shown, (cols, rows), interpolation=how), np.float64)
+
+
+def on_grid(region: Region, shape: tuple[int, int], rows: int, cols: int) -> FloatArray:
+    """Vertices of a region of a picture of `shape` on a grid of (rows, cols), shape (n, 2) of (x, y)."""
+    factor = np.array([cols / shape[1], rows / shape[0]])
+    on_grid: FloatArray = (np.array(region.vertices, np.float64) + 0.5) * factor - 0.5
+    return on_grid
+
+
+def outlined(region: Region, shape: tuple[int, int], rows: int, cols: int) -> NDArray[np.bool_]:
+    """Which cells of a grid of (rows, cols) the outline of a region passes through."""
+    import cv2
+
+    mask = np.zeros((rows, cols), np.uint8)
+    points = np.rint(on_grid(region, shape, rows, cols)).astype(np.int32)
+    cv2.polylines(mask, [points], isClosed=True, color=1)
+    return mask.astype(np.bool_)
+
+
+def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
+    """How many times a picture of `shape` (rows, cols) is enlarged to come near `width`."""
+    return max(1, round(width / shape[1]))
+
+
+def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = PNG_WIDTH) -> bytes:
+    """A PNG file: the picture enlarged near `width`, axes in camera pixels, outlines, names, scale."""
+    import cv2
+
+    shown = values(frame, info)
+    scale = scale_of(shown, unit(info))
+    factor = enlargement(shown.shape, width)
+    rows, cols = shown.shape[0] * factor, shown.shape[1] * factor
+    canvas = np.ascontiguousarray(colours(resized(shown, rows, cols), scale)[:, :, ::-1])
+    for region in regions:
+        points = np.rint(on_grid(region, shown.shape, rows, cols)).astype(np.int32)
+        for colour, thickness in ((BLACK, 5), (OUTLINE[::-1], 2)):
+            cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA)
+        _write(canvas, region.name, int(points[:, 0].mean()), int(points[:, 1].mean()))
+    page = with_axes(canvas, factor)
+    ok, data = cv2.imencode(".png", np.hstack((page, _scale_bar(page.shape[0], scale))))
+    assert ok
+    return data.tobytes()
+
+
+def bare_png(frame: Frame, info: StreamInfo, scale: Scale) -> bytes:
+    """A PNG file of the picture alone, a pixel for a pixel, for a page that draws outlines itself."""
+    import cv2
+
+    ok, data = cv2.imencode(".png", colours(values(frame, info), scale)[:, :, ::-1])
+    assert ok
+    return data.tobytes()
+
+
+def _scale_bar(rows: int, scale: Scale) -> Colours:
+    """Colours from top (high) to bottom (low) with the values of both ends, 110 pixels wide."""
+    bar = np.full((rows, 110, 3), 255, np.uint8)
+    bar[:, 10:30] = palette()[np.linspace(255, 0, rows).astype(np.intp)][:, None, ::-1]
+    for value, y in ((scale.high, 20), ((scale.low + scale.high) / 2, rows // 2 + 6), (scale.low, rows - 8)):
+        _write(bar, scale.text(value).replace("°", " "), 36, y, on_picture=False)
+    return bar
+
+
+def _write(canvas: Colours, text: str, x: int, y: int, *, on_picture: bool = True) -> None:
+    """White letters on black around (x, y) of a picture, or black ones from (x, y) on paper.
+
+    The built-in font is ASCII only.
+    """
+    import cv2
+
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.8 if on_picture else 0.6
+    letters = text.encode("ascii", "replace").decode()
+    (width, height), below = cv2.getTextSize(letters, font, size, 1)
+    if on_picture:
+        x, y = x - width // 2, y + height // 2
+        cv2.rectangle(canvas, (x - 5, y - height - 5), (x + width + 5, y + below), BLACK, cv2.FILLED)
+    cv2.putText(canvas, letters, (x, y), font, size, WHITE if on_picture else BLACK, 1, cv2.LINE_AA)

@@ -1,0 +1,111 @@
+"""The verdict on a session in plain words: what was found, how good it is, what to doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldkit.estimation.answers import CERTAIN, is_certain
+from fieldkit.estimation.statistics import mean_absolute_error
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.views import formatting
+from fieldkit.views.report.series import Bed, Series
+
+_COUNTED = {
+    EventKind.LOST: ("device lost", "devices lost"),
+    EventKind.GAP: ("gap", "gaps"),
+    EventKind.FROZEN: ("frozen picture", "frozen pictures"),
+    EventKind.GARBLED: ("report of garbled records", "reports of garbled records"),
+    EventKind.OVERRANGE: ("reading out of range", "readings out of range"),
+    EventKind.CLOCK_STEP: ("clock step", "clock steps"),
+    EventKind.SLEPT: ("sleep of the computer", "sleeps of the computer"),
+    EventKind.MOVED: ("movement of the camera", "movements of the camera"),
+    EventKind.DISK: ("disk warning", "disk warnings"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One sentence on the slopes, and the doubts one by one."""
+
+    headline: str
+    doubts: tuple[str, ...]
+
+
+def verdict(columns: Series, events: Sequence[Event], state: str) -> Verdict:
+    """The verdict on minutes and events of a session in `state`."""
+    return Verdict(_headline(columns), (*_doubts_of_slopes(columns), *_doubts_of_recording(events, state)))
+
+
+def bed_error(bed: Bed) -> float:
+    """Mean absolute tilt error of a bed over its answers, degrees; NaN where the tilt was not given."""
+    return mean_absolute_error(bed.answered_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
+
+
+def mean_error(columns: Series) -> float:
+    """Mean over the beds of their mean absolute tilt error, degrees; NaN where none is known."""
+    errors = [error for error in map(bed_error, columns.beds) if np.isfinite(error)]
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def _headline(columns: Series) -> str:
+    answered = [bed for bed in columns.beds if bed.last_answer is not None]
+    certain = [bed for bed in answered if bed.last_answer and is_certain(bed.last_answer)]
+    if not columns.beds:
+        return "No target regions are drawn: nothing was estimated."
+    if not answered:
+        return f"No slope was found on any of {len(columns.beds)} beds."
+    found = _found(len(certain), len(columns.beds))
+    if doubtful := [bed for bed in answered if bed not in certain]:
+        found += f" Uncertain: {', '.join(map(_doubtful, doubtful))}."
+    errors = {bed.region.name: bed_error(bed) for bed in answered if np.isfinite(bed_error(bed))}
+    if not errors:
+        return f"{found} No true tilts were given to compare with."
+    worst = max(errors, key=lambda name: errors[name])
+    mean = float(np.mean(list(errors.values())))
+    return f"{found} Mean tilt error {mean:.1f}°; worst bed {worst} with {errors[worst]:.1f}°."
+
+
+def _found(certain: int, total: int) -> str:
+    if not certain:
+        return "No slope is certain."
+    return f"Slopes were found on {_of(certain, total)}."
+
+
+def _doubtful(bed: Bed) -> str:
+    answer = bed.last_answer
+    assert answer is not None
+    second = formatting.second_branch(answer)
+    return f"{bed.region.name} {formatting.tilt(answer)}°" + (f" or {second}" if second else "")
+
+
+def _of(some: int, total: int) -> str:
+    if total == 1:
+        return "the bed"
+    return f"all {total} beds" if some == total else f"{some} of {total} beds"
+
+
+def _doubts_of_slopes(columns: Series) -> list[str]:
+    doubts = []
+    for bed in columns.beds:
+        last = bed.last
+        if last is not None and last.state not in CERTAIN:
+            reason = f" ({last.reason})" if last.reason else ""
+            doubts.append(f"{bed.region.name} ended as: {formatting.state(last)}{reason}.")
+    minutes = int(columns.cloudy.sum())
+    if minutes:
+        doubts.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")
+    return doubts
+
+
+def _doubts_of_recording(events: Sequence[Event], state: str) -> list[str]:
+    doubts = []
+    if state not in ("sealed", "recovered"):
+        doubts.append(f"The session is {state}, not sealed: more may follow, or run fieldkit recover.")
+    for kind, (one, many) in _COUNTED.items():
+        count = sum(event.kind is kind for event in events)
+        if count:
+            doubts.append(f"{count} {one if count == 1 else many} while recording; see Events.")
+    return doubts

@@ -1,0 +1,203 @@
+"""The report of several sessions together: errors by bed and day, the paper's Figs. 12 and 13 over all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.statistics import (
+    ErrorSpan,
+    SdKind,
+    errors_over_time,
+    mean_absolute_error,
+    root_mean_square_error,
+    sd_of_absolute_error,
+)
+from fieldkit.model.site import Site
+from fieldkit.views import formatting, paper_figures, plotting
+from fieldkit.views.html import Html, element, figure, page, paragraph, section, table
+from fieldkit.views.report.error_budget import READING, BedBudget, budget, cause_rows, pooled
+from fieldkit.views.report.recording import sha256, versions
+from fieldkit.views.report.report_data import LAB_HINT
+from fieldkit.views.report.results import SPAN_S, sd_words
+from fieldkit.views.report.series import Bed, FloatArray, Series, modelled_temperature
+
+
+@dataclass(frozen=True)
+class Part:
+    """One session of a campaign, estimated."""
+
+    path: Path
+    site: Site
+    columns: Series
+    settings: EstimatorSettings
+
+    @property
+    def day(self) -> str:
+        """The local date, and the file's own name where there is no minute."""
+        if not self.columns.time_ns.size:
+            return self.path.stem
+        return formatting.local_time(int(self.columns.time_ns[0]), self.site).strftime("%Y-%m-%d")
+
+
+def write_campaign_report(
+    path: Path, title: str, parts: Sequence[Part], *, sd: SdKind = "paper", command_line: str = ""
+) -> None:
+    """Write one HTML file on several sessions (at least one).
+
+    Raises `OSError` if the file cannot be written.
+    """
+    text = page(
+        f"{title}: fieldkit report",
+        element("h1", title),
+        paragraph(f"{len(parts)} sessions", class_="facts"),
+        paragraph(_verdict(parts), class_="verdict"),
+        _beds(parts, sd),
+        _as_in_the_paper(parts, sd),
+        _error_budget(parts),
+        _provenance(parts, command_line),
+    )
+    path.write_text(text, encoding="utf-8")
+
+
+def _verdict(parts: Sequence[Part]) -> str:
+    beds = [bed for part in parts for bed in part.columns.beds]
+    estimated = np.concatenate([np.empty(0), *(bed.answered_tilt_deg for bed in beds)])
+    truth = np.concatenate([np.empty(0), *(_truth(bed) for bed in beds)])
+    mean = mean_absolute_error(estimated, truth)
+    if not np.isfinite(mean):
+        return "No slope of a bed of known tilt was found in these sessions."
+    count = int(np.isfinite(estimated - truth).sum())
+    found = f"Mean absolute tilt error {mean:.1f}° over {count} estimates of all beds and sessions"
+    uncertain = sum(bed.uncertain for bed in beds)
+    return f"{found}, of which {uncertain} are uncertain: {formatting.UNCERTAIN_MEANS}."
+
+
+def _truth(bed: Bed) -> FloatArray:
+    return np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
+
+
+def _beds(parts: Sequence[Part], sd: SdKind) -> Html:
+    rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
+    caption = (
+        f"MAE and SD over the n minutes with an answer; SD {sd_words(sd)}. RMSE: measured surface "
+        "temperature against eq. (7), the reference standing in for air and sky."
+    )
+    columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
+    return section("Beds", table(columns, rows, caption=caption))
+
+
+def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
+    mae = mean_absolute_error(bed.answered_tilt_deg, _truth(bed))
+    scatter = sd_of_absolute_error(bed.answered_tilt_deg, _truth(bed), sd)
+    modelled = modelled_temperature(part.columns, bed, part.settings.surface)
+    rmse = root_mean_square_error(part.columns.temperature_k[bed.region.name], modelled)
+    return [
+        part.day,
+        part.path.stem,
+        element("strong", bed.region.name),
+        formatting.given_slope(bed.region),
+        f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
+        int(np.isfinite(bed.answered_tilt_deg).sum()),
+        bed.uncertain,
+        formatting.number(rmse, 2),
+        int(part.columns.cloudy.sum()),
+    ]
+
+
+def _as_in_the_paper(parts: Sequence[Part], sd: SdKind) -> Html:
+    measured, modelled = _temperatures(parts)
+    heading = "As in the paper"
+    if not plotting.available():
+        return section(heading, paragraph(element("em", LAB_HINT)))
+    drawn: list[Html] = []
+    if measured:
+        everything = np.concatenate(list(measured.values())), np.concatenate(list(modelled.values()))
+        rmse = root_mean_square_error(*everything)
+        drawn.append(
+            figure(
+                paper_figures.measured_against_modelled(measured, modelled, rmse),
+                f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
+                f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
+            )
+        )
+    errors = _errors_by_tilt(parts, sd)
+    if any(errors.values()):
+        drawn.append(
+            figure(
+                paper_figures.errors_over_local_time(errors, _zone(parts[0])),
+                "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
+                f"means over {SPAN_S / 60:.0f} min of all days. Bars: one SD, {sd_words(sd)}.",
+                "Absolute tilt error of each given tilt against local time.",
+            )
+        )
+    return section(heading, element("div", *drawn, class_="figures"))
+
+
+def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:
+    """Errors per stretch of the local day for each given tilt, all days and beds of it together."""
+    times: dict[float, list[NDArray[np.int64]]] = {}
+    wrong: dict[float, list[FloatArray]] = {}
+    for part in parts:
+        for bed in part.columns.beds:
+            if np.isfinite(bed.region.tilt_deg):
+                times.setdefault(bed.region.tilt_deg, []).append(part.columns.of_day_ns(part.site))
+                wrong.setdefault(bed.region.tilt_deg, []).append(bed.answered_tilt_deg - bed.region.tilt_deg)
+    return {
+        f"{tilt:g}°": errors_over_time(
+            np.concatenate(times[tilt]), np.concatenate(wrong[tilt]), 0.0, span_s=SPAN_S, kind=sd
+        )
+        for tilt in sorted(times)
+    }
+
+
+def _error_budget(parts: Sequence[Part]) -> Html | str:
+    """What each cause costs the beds of each given tilt, all days together."""
+    found: dict[float, list[BedBudget]] = {}
+    for part in parts:
+        for bed in part.columns.beds:
+            if np.isfinite(bed.region.tilt_deg):
+                of_bed = budget(part.columns, bed, part.settings)
+                found.setdefault(bed.region.tilt_deg, []).append(of_bed)
+    if not found:
+        return ""
+    by_tilt = [pooled(f"{tilt:g}°", found[tilt]) for tilt in sorted(found)]
+    columns = ("cause", *(one.name for one in by_tilt))
+    caption = f"Degrees of tilt by given tilt, medians over each session and then over sessions, {READING}"
+    return section("Error budget", table(columns, cause_rows(by_tilt), caption=caption))
+
+
+def _zone(part: Part) -> str:
+    return (
+        formatting.zone_name(int(part.columns.time_ns[0]), part.site) if part.columns.time_ns.size else "UTC"
+    )
+
+
+def _temperatures(parts: Sequence[Part]) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Measured and modelled surface temperature by day, kelvin, beds one after the other."""
+    measured: dict[str, list[FloatArray]] = {}
+    modelled: dict[str, list[FloatArray]] = {}
+    for part in parts:
+        for bed in part.columns.beds:
+            by_model = modelled_temperature(part.columns, bed, part.settings.surface)
+            if np.isfinite(by_model).any():
+                measured.setdefault(part.day, []).append(part.columns.temperature_k[bed.region.name])
+                modelled.setdefault(part.day, []).append(by_model)
+    return (
+        {day: np.concatenate(pieces) for day, pieces in measured.items()},
+        {day: np.concatenate(pieces) for day, pieces in modelled.items()},
+    )
+
+
+def _provenance(parts: Sequence[Part], command_line: str) -> Html:
+    rows = [(part.path.name, element("code", sha256(part.path))) for part in parts]
+    made = [
+        ("report by", element("code", command_line or formatting.UNKNOWN)),
+        ("versions", ", ".join(versions())),
+    ]
+    return section("Provenance", table(("session", "SHA-256"), rows), table(("", ""), made))

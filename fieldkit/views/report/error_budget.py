@@ -1,0 +1,266 @@
+"""The error budget: how many degrees of tilt each cause may cost, from the session's own numbers.
+
+The paper's eq. (6) knows direct light and the exchange with air and sky that all beds share.
+What it leaves out is worked out here term by term with the functions of the full model, and
+each term is turned into degrees of tilt by how fast direct light changes with tilt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.band_emissivity import difference_k
+from fieldkit.estimation.bins import MINUTE_NS
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics import sky
+from fieldkit.physics.facet import cos_incidence, normal
+from fieldkit.physics.slab import conducted_flux
+from fieldkit.physics.surface import emitted_longwave
+from fieldkit.views import formatting
+from fieldkit.views.html import Html, bullets, paragraph, section, table
+from fieldkit.views.report.assessment import mean_error
+from fieldkit.views.report.report_data import Material
+from fieldkit.views.report.series import Bed, Series
+
+FloatArray = NDArray[np.float64]
+
+OFFSET_K = 0.3
+SCALE = 0.10
+READING = (
+    "to first order and with the azimuth known; in brackets what the cause amounts to in eq. (6). "
+    "Plus: the bed looks more turned to the sun."
+)
+"""How the table is to be read."""
+
+
+def error_budget(material: Material) -> Html | str:
+    """The section; nothing without beds or without irradiance."""
+    if not material.columns.beds or not np.isfinite(material.columns.irradiance_w_m2).any():
+        return ""
+    budgets = [budget(material.columns, bed, material.settings) for bed in material.columns.beds]
+    return section(
+        "Error budget",
+        paragraph(_left_out_words(material, budgets)),
+        table(
+            ("cause", *(found.name for found in budgets)),
+            cause_rows(budgets),
+            caption=f"Degrees of tilt, medians over the session, {READING}",
+        ),
+        bullets(_advice(budgets)),
+    )
+
+
+def cause_rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
+    """Rows of the table: a cause, and what it costs each bed."""
+    terms: list[tuple[str, Callable[[BedBudget], float]]] = [
+        ("left out: light of the sky", lambda b: b.diffuse_w_m2),
+        ("left out: light from the ground", lambda b: b.reflected_w_m2),
+        ("left out: long wave of sky and ground", lambda b: b.longwave_w_m2),
+        ("left out: heat stored in the sand", lambda b: b.storage_w_m2),
+        ("all that is left out", lambda b: b.left_out_w_m2),
+    ]
+    found: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
+    found.append(["half the likelihood region", *(f"±{formatting.number(b.noise_deg, 1)}°" for b in budgets)])
+    found.append(
+        [
+            f"{OFFSET_K:g} K between bed and reference",
+            *(f"±{formatting.number(abs(b.of_offset(OFFSET_K)), 1)}°" for b in budgets),
+        ]
+    )
+    found.append(
+        [
+            f"irradiance wrong by {SCALE:.0%}",
+            *(f"±{formatting.number(abs(b.of_scale(SCALE)), 1)}°" for b in budgets),
+        ]
+    )
+    return [*found, *_calibrated(budgets)]
+
+
+def _calibrated(budgets: Sequence[BedBudget]) -> Iterator[list[object]]:
+    """Rows of what calibration records leave uncertain, one standard uncertainty of each."""
+    causes: dict[str, Callable[[BedBudget], tuple[float, str]]] = {
+        "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
+        "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
+    }
+    for name, of in causes.items():
+        cells = [of(one) for one in budgets]
+        if any(degrees for degrees, _ in cells):
+            yield [name, *(f"±{formatting.number(abs(degrees), 1)}° ({amount})" for degrees, amount in cells)]
+
+
+def _degrees(found: BedBudget, term_w_m2: float) -> str:
+    degrees = found.degrees(term_w_m2)
+    if not np.isfinite(degrees):
+        return formatting.UNKNOWN
+    return f"{degrees:+.1f}° ({term_w_m2:+.0f} W/m²)"
+
+
+def _left_out_words(material: Material, budgets: Sequence[BedBudget]) -> str:
+    settings, slab = material.settings, material.settings.slab
+    costs = [abs(found.degrees(found.left_out_w_m2)) for found in budgets]
+    known = [cost for cost in costs if np.isfinite(cost)]
+    cost = formatting.number(float(np.mean(known)) if known else float("nan"), 1)
+    left_out = (
+        "The paper's model, eq. (6), knows direct sunlight, and an exchange with air and sky that bed and "
+        "reference share. A tilted bed also sees less sky and more ground, and its sand takes up heat at "
+        "another pace: diffuse light, sky long wave and storage are left out. With "
+        f"{settings.diffuse_fraction:.0%} of the light diffuse, {settings.longwave_down_w_m2:.0f} W/m² of "
+        f"long wave from the sky and {slab.depth_m * 100:g} cm of sand these terms feign {cost}° of tilt "
+        "here, on average over the beds; they partly cancel."
+    )
+    if settings.model == "full":
+        return left_out + " These slopes were estimated with the full model, which has them."
+    if material.full is None:
+        return left_out
+    with_full, without = mean_error(material.full), mean_error(material.columns)
+    if not np.isfinite(with_full):
+        return left_out
+    return (
+        f"{left_out} Estimated again with them (model “full”), the mean tilt error is {with_full:.1f}° "
+        f"instead of {without:.1f}°."
+    )
+
+
+def _advice(budgets: Sequence[BedBudget]) -> list[str]:
+    weakest = min(budgets, key=lambda found: np.nan_to_num(abs(found.kelvin_per_degree), nan=np.inf))
+    offset_deg = formatting.number(abs(weakest.of_offset(OFFSET_K)), 1)
+    return [
+        f"Offsets between regions do not average away. {weakest.name} has "
+        f"{formatting.number(weakest.kelvin_per_degree, 2)} K per degree: {OFFSET_K:g} K cost {offset_deg}°. "
+        "A uniform target before and after the session measures them (fieldkit calibrate uniformity).",
+        "Noise averages over a longer window; the other doubts in the likelihood region do not. The azimuth "
+        "needs an hour or more of sun motion.",
+        "A wrong scale of the irradiance (lux meter, model, albedo, heat exchange) stretches all tilts "
+        "alike; one bed of known slope calibrates it.",
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class BedBudget:
+    """Medians over the session for one bed.
+
+    The four terms are what the paper's model takes for direct light and is not, in W/m2 of
+    eq. (6); positive ones make the bed look more turned to the sun than it is.
+    `w_m2_per_degree` is how direct light on the bed changes with its tilt; `noise_deg` half
+    the width of the likelihood region. `emissivity_k` is the standard uncertainty of bed minus reference
+    by calibrated emissivities, `factor_sd` the relative one of a calibrated light meter.
+    """
+
+    name: str
+    diffuse_w_m2: float
+    reflected_w_m2: float
+    longwave_w_m2: float
+    storage_w_m2: float
+    w_m2_per_degree: float
+    kelvin_per_degree: float
+    noise_deg: float
+    tilt_deg: float
+    emissivity_k: float = 0.0
+    factor_sd: float = 0.0
+
+    @property
+    def left_out_w_m2(self) -> float:
+        """Sum of the four terms; they partly cancel."""
+        return self.diffuse_w_m2 + self.reflected_w_m2 + self.longwave_w_m2 + self.storage_w_m2
+
+    def degrees(self, term_w_m2: float) -> float:
+        """Tilt that a term feigns, to first order."""
+        return term_w_m2 / self.w_m2_per_degree
+
+    def of_offset(self, offset_k: float) -> float:
+        """Tilt that a constant temperature offset between bed and reference feigns."""
+        return offset_k / self.kelvin_per_degree
+
+    def of_scale(self, relative: float) -> float:
+        """Tilt that a relative error of the irradiance feigns, to first order."""
+        return relative * self.tilt_deg
+
+
+def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
+    """The budget of one bed at its given slope, or at the estimated one where none was given."""
+    tilt, azimuth = _slope(bed)
+    cos_tilt = float(np.cos(np.radians(tilt)))
+    in_sun = columns.irradiance_w_m2 > 0
+    light = np.where(in_sun, columns.irradiance_w_m2, np.nan)
+    assumed = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
+    diffuse = np.where(np.isnan(columns.diffuse_w_m2), assumed, columns.diffuse_w_m2)
+    on_bed = sky.hay_davies_diffuse(
+        diffuse,
+        light,
+        sky.extraterrestrial(columns.time_ns),
+        cos_incidence(normal(tilt, azimuth), columns.sun),
+        columns.cos_zenith,
+        cos_tilt,
+    )
+    reflected = sky.ground_reflected(diffuse + light * columns.cos_zenith, settings.ground_albedo, cos_tilt)
+    absorbing = 1.0 - settings.surface.albedo
+    return BedBudget(
+        bed.region.name,
+        _median(on_bed - diffuse),
+        _median(reflected),
+        _median(_longwave(columns, cos_tilt, settings)) / absorbing,
+        _median(-_stored(columns, bed, settings)) / absorbing,
+        _median(light * _per_degree(columns, tilt, azimuth)),
+        _median(bed.kelvin_per_degree),
+        _median(np.where(bed.is_answer, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
+        tilt,
+        _median(_of_emissivity(columns, bed, settings)),
+        settings.factor_sd,
+    )
+
+
+def pooled(name: str, budgets: Sequence[BedBudget]) -> BedBudget:
+    """The medians over several sessions, under one name."""
+    numbers = [one.name for one in fields(BedBudget) if one.name != "name"]
+    return BedBudget(name, **{one: _median(np.array([getattr(b, one) for b in budgets])) for one in numbers})
+
+
+def _slope(bed: Bed) -> tuple[float, float]:
+    given = (bed.region.tilt_deg, bed.region.azimuth_deg)
+    estimated = (_median(bed.answered_tilt_deg), _median(bed.azimuth_deg))
+    return given if np.isfinite(given).all() else estimated
+
+
+def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatArray:
+    """Change of cos(incidence) per degree of tilt, per minute."""
+    tilt, azimuth = np.radians([tilt_deg, azimuth_deg])
+    towards = np.array([np.cos(tilt) * np.sin(azimuth), np.cos(tilt) * np.cos(azimuth), -np.sin(tilt)])
+    return np.asarray(np.radians(columns.sun @ towards))
+
+
+def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> FloatArray:
+    """Long wave the bed takes from the ground around instead of from the sky, W/m2 absorbed."""
+    measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
+    down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
+    ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
+    return emissivity * (sky.longwave_on_facet(down, ground, cos_tilt) - down)
+
+
+def _of_emissivity(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:
+    """Standard uncertainty of bed minus reference by their emissivities, kelvin."""
+    if not columns.references:
+        return np.zeros(columns.time_ns.size)
+    seen = columns.temperature_k[bed.region.name], columns.reference_k
+    return difference_k(*seen, bed.region, columns.references[0], settings)
+
+
+def _stored(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:
+    """Heat that goes into the bed's sand beyond what goes into the reference's, W/m2."""
+    difference = columns.temperature_k[bed.region.name] - columns.reference_k
+    known = np.isfinite(difference)
+    flux = np.full(difference.shape, np.nan)
+    if known.sum() > 1:
+        minutes = columns.time_ns[known] // MINUTE_NS
+        every = np.arange(minutes[0], minutes[-1] + 1)
+        bridged = np.interp(every, minutes, difference[known])
+        flux[known] = conducted_flux(settings.slab, bridged, MINUTE_NS / 1e9)[minutes - minutes[0]]
+    return flux
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

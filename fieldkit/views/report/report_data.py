@@ -1,0 +1,64 @@
+"""What a report is made from, gathered once and handed to every section."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.statistics import SdKind
+from fieldkit.model.samples import Event, EventKind, Frame
+from fieldkit.model.site import Region, Site
+from fieldkit.views import formatting
+from fieldkit.views.report.series import Series
+
+if TYPE_CHECKING:
+    from fieldkit.sessions.reader import Session
+
+LAB_HINT = "Figures need matplotlib: pip install 'fieldkit[lab]', then write the report again."
+
+
+@dataclass(frozen=True)
+class Material:
+    """A session, its minutes as columns, the settings they were estimated with, and its events.
+
+    `site`, `regions` and `config_toml` are the estimator's: an imported session has none of its own. `full`
+    are the same minutes estimated with the full surface model, None if that was not done.
+    """
+
+    session: Session
+    site: Site
+    regions: tuple[Region, ...]
+    columns: Series
+    settings: EstimatorSettings
+    sd: SdKind
+    events: Sequence[Event]
+    frame: Frame | None
+    full: Series | None
+    command_line: str
+    config_toml: str
+    figures: bool
+
+    def events_of(self, *kinds: EventKind) -> list[Event]:
+        """Events of some kinds, in order."""
+        return [event for event in self.events if event.kind in kinds]
+
+    def when(self, time_ns: int, *, seconds: bool = False) -> str:
+        """A time of day at the site."""
+        return formatting.clock_time(time_ns, self.site, seconds=seconds)
+
+    @property
+    def zone(self) -> str:
+        """The zone in force at the start."""
+        return formatting.zone_name(self.session.start_ns, self.site)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the contact probes, of all thermometers in their order."""
+        meters = [info for info in self.session.streams.values() if info.quantity == "temperature"]
+        return tuple(
+            info.channels[i] if i < len(info.channels) else str(i + 1)
+            for info in meters
+            for i in range(info.shape[0])
+        )

@@ -1,0 +1,180 @@
+"""Figures of a session over local time, as SVG text: temperatures, light, slopes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldkit.estimation.answers import WORKED_OUT
+from fieldkit.model.site import RegionKind, Site
+from fieldkit.views import formatting, plotting
+from fieldkit.views.report.series import Bed, FloatArray, Series
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CLOUD_COLOUR = "#B0B0B0"
+
+
+def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
+    """Surface temperature of each region, and the contact probes, over local time."""
+    figure, (axes,) = plotting.panels(1, 3.4)
+    for index, region in enumerate(columns.regions):
+        axes.plot(
+            plotting.days(columns.time_ns),
+            columns.temperature_k[region.name] - formatting.ZERO_CELSIUS_K,
+            **_line(index, region.kind),
+            label=region.name,
+        )
+    for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
+        axes.plot(
+            plotting.days(columns.time_ns),
+            columns.contact_k[:, channel] - formatting.ZERO_CELSIUS_K,
+            linestyle="none",
+            marker=plotting.marker(channel),
+            markersize=3,
+            markerfacecolor="none",
+            color="#404040",
+            markevery=max(1, columns.time_ns.size // 24),
+            label=f"probe {channels[channel]}",
+        )
+    axes.set_ylabel("surface temperature, °C")
+    return _over_time(figure, [axes], columns, site)
+
+
+def irradiance(columns: Series, site: Site) -> str:
+    """Measured illuminance above, direct normal irradiance derived from it below."""
+    figure, (light, direct) = plotting.panels(2, 3.8)
+    light.plot(plotting.days(columns.time_ns), columns.illuminance_lx / 1000.0, color=plotting.colour(4))
+    light.set_ylabel("measured, klx")
+    direct.plot(plotting.days(columns.time_ns), columns.irradiance_w_m2, color=plotting.colour(1))
+    direct.set_ylabel("derived DNI, W/m²")
+    return _over_time(figure, [light, direct], columns, site, legend=False)
+
+
+def tilts(columns: Series, site: Site) -> str:
+    """Tilt of each bed with its likelihood region, the given tilt dashed; a panel per bed."""
+    figure, panels = plotting.panels(len(columns.beds), 1.0 + 1.5 * len(columns.beds))
+    for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
+        _band(
+            axes,
+            columns,
+            bed.tilt_deg,
+            bed.tilt_low_deg,
+            bed.tilt_high_deg,
+            plotting.colour(index),
+        )
+        _doubts(axes, columns, bed, bed.tilt_deg)
+        if np.isfinite(bed.region.tilt_deg):
+            axes.axhline(bed.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        axes.set_ylabel(f"{bed.region.name} tilt, °")
+    return _over_time(figure, panels, columns, site, legend=False)
+
+
+def azimuths(columns: Series, site: Site) -> str:
+    """Azimuth of each bed with its likelihood region, unwound about the given or median azimuth."""
+    figure, panels = plotting.panels(len(columns.beds), 1.0 + 1.5 * len(columns.beds))
+    for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
+        centre = _centre_of(bed)
+        middle = centre + _turned(bed.azimuth_deg - centre)
+        low = middle - (bed.azimuth_deg - bed.azimuth_low_deg) % 360.0
+        high = middle + (bed.azimuth_high_deg - bed.azimuth_deg) % 360.0
+        _band(axes, columns, middle, low, high, plotting.colour(index))
+        _doubts(axes, columns, bed, middle)
+        if np.isfinite(bed.region.azimuth_deg):
+            axes.axhline(bed.region.azimuth_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
+        half = _half_range(np.concatenate([low, high]) - centre)
+        axes.set_ylim(centre - half, centre + half)
+        axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
+        axes.yaxis.set_major_formatter(lambda value, _position: f"{value % 360:.0f}")
+        axes.set_ylabel(f"{bed.region.name} azim., °")
+    return _over_time(figure, panels, columns, site, legend=False)
+
+
+def _line(index: int, kind: RegionKind) -> dict[str, Any]:
+    if kind is RegionKind.REFERENCE:
+        return {"color": "black", "linewidth": 1.8}
+    return {
+        "color": plotting.colour(index - 1),
+        "linestyle": plotting.dashes(index),
+    }
+
+
+def _band(
+    axes: Axes, columns: Series, middle: FloatArray, low: FloatArray, high: FloatArray, colour: str
+) -> None:
+    days = plotting.days(columns.time_ns)
+    axes.fill_between(days, low, high, color=colour, alpha=0.22, linewidth=0)
+    axes.plot(days, middle, color=colour, linewidth=1.6)
+
+
+def _doubts(axes: Axes, columns: Series, bed: Bed, values: FloatArray) -> None:
+    """Mark minutes that are no answer: crosses where there is a value, ticks at the foot where none is."""
+    doubtful = np.array([e is not None and e.state not in WORKED_OUT for e in bed.estimates], np.bool_)
+    days, known = plotting.days(columns.time_ns), np.isfinite(values)
+    crosses, ticks = days[doubtful & known], days[doubtful & ~known]
+    axes.plot(crosses, values[doubtful & known], linestyle="none", marker="x", markersize=5, color="black")
+    if ticks.size:  # an empty line that may not be clipped confuses matplotlib's layout
+        foot = axes.get_xaxis_transform()
+        style: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": "|",
+            "markersize": 7,
+            "color": "black",
+            "clip_on": False,
+        }
+        axes.plot(ticks, np.zeros(ticks.size), transform=foot, **style)
+
+
+def _over_time(
+    figure: Figure, panels: Sequence[Axes], columns: Series, site: Site, *, legend: bool = True
+) -> str:
+    for axes in panels:
+        _shade_clouds(axes, columns)
+        axes.margins(x=0.01)
+        if legend:
+            plotting.legend(axes)
+    _local_axis(panels[-1], site, columns.time_ns.tolist())
+    return plotting.svg(figure)
+
+
+def _shade_clouds(axes: Axes, columns: Series) -> None:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], columns.cloudy, [False]]).astype(np.int8)))
+    for first, after in edges.reshape(-1, 2):
+        last = min(after, columns.time_ns.size - 1)
+        start, end = plotting.days(columns.time_ns[[first, last]])
+        axes.axvspan(start, end, color=CLOUD_COLOUR, alpha=0.45, linewidth=0)
+
+
+def _local_axis(axes: Axes, site: Site, time_ns: Sequence[int]) -> None:
+    from matplotlib.dates import AutoDateLocator, DateFormatter
+
+    zone = formatting.zone(site)
+    axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
+    if time_ns:
+        axes.set_xlabel(f"local time ({formatting.zone_name(min(time_ns), site)})")
+
+
+def _centre_of(bed: Bed) -> float:
+    if np.isfinite(bed.region.azimuth_deg):
+        return float(bed.region.azimuth_deg)
+    known = bed.azimuth_deg[np.isfinite(bed.azimuth_deg)]
+    radians = np.radians(known)
+    return (
+        float(np.degrees(np.arctan2(np.sin(radians).sum(), np.cos(radians).sum()))) if known.size else 180.0
+    )
+
+
+def _half_range(away_deg: FloatArray) -> float:
+    """The smallest round range of azimuths that holds the likelihood regions."""
+    furthest = float(np.max(np.abs(away_deg[np.isfinite(away_deg)]), initial=0.0))
+    return next((half for half in (20.0, 40.0, 90.0) if furthest <= half), 180.0)
+
+
+def _turned(difference_deg: FloatArray) -> FloatArray:
+    """Differences of azimuths in [-180, 180)."""
+    return (difference_deg + 180.0) % 360.0 - 180.0

@@ -1,0 +1,203 @@
+"""A slope map as a picture: hue is azimuth, strength of colour is tilt, brightness a relief's shading.
+
+Beside it the colour wheel with north up, and what the hatchings mean. Drawn with OpenCV,
+whose own letters are ASCII only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.estimation.map_bounds import PixelBounds
+from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeState
+from fieldkit.physics.facet import normal
+from fieldkit.pixel_axes import with_axes
+from fieldkit.views.frame_image import BLACK, WHITE, Colours, on_grid
+
+PANEL_WIDTH, PANEL_HEIGHT = 340, 640
+WHEEL_RADIUS = 100
+LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG = 45.0, 315.0
+"""Where a relief is lit from by custom, so that heights look like heights."""
+MEANINGS = {
+    SlopeState.OK: "slope known",
+    SlopeState.FLAT: "flat, faces nowhere",
+    SlopeState.UNCERTAIN: "uncertain, or no region",
+    SlopeState.TOO_FEW: "too few minutes",
+    SlopeState.NOT_RESOLVED: "two slopes fit, flatter shown",
+    SlopeState.NO_INTERSECTION: "no slope explains it",
+    SlopeState.SHADED: "in its own shade",
+    SlopeState.NO_DATA: "no data",
+}
+_MASKS = {
+    SlopeState.TOO_FEW: (200, 200, 200),
+    SlopeState.NO_INTERSECTION: (120, 120, 120),
+    SlopeState.SHADED: (40, 40, 40),
+    SlopeState.NO_DATA: WHITE,
+}
+"""Grey of the pixels without a slope; the colours are for slopes alone."""
+
+
+def png(
+    slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
+    subtitle: str = "", *, width: int = 960,
+) -> bytes:  # fmt: skip
+    """A PNG file: the map enlarged near `width`, axes in camera pixels, outlines, names, legend."""
+    import cv2
+
+    full_deg = full_colour_deg(slopes.tilt_deg)
+    factor = max(1, round(width / slopes.state.shape[1]))
+    canvas = _enlarged(painted(slopes, full_deg), factor)
+    _hatch(canvas, _enlarged(slopes.state, factor))
+    shape = (slopes.state.shape[0], slopes.state.shape[1])
+    for region in regions:
+        _outline(canvas, region, shape)
+    under = "   ".join(part for part in (subtitle, how_sure(bounds, regions)) if part)
+    page = _framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
+    ok, data = cv2.imencode(".png", page[:, :, ::-1])
+    assert ok
+    return data.tobytes()
+
+
+def how_sure(bounds: PixelBounds, regions: Sequence[Region]) -> str:
+    """Half the width of the 90 % region of the tilt of a pixel: of half and of nine tenths of the pixels.
+
+    Of those in the regions, where there are any; empty without a slope.
+    """
+    rows, cols = bounds.tilt_low_deg.shape
+    inside = np.full((rows, cols), not regions)
+    for region in regions:
+        inside |= region.mask((rows, cols))
+    half = (bounds.tilt_high_deg - bounds.tilt_low_deg)[inside] / 2.0
+    if not np.isfinite(half).any():
+        return ""
+    half_deg, most_deg = np.nanpercentile(half, (50, 90))
+    most = f"+-{most_deg:.1f} for 9 in 10"
+    return f"90 % region of the tilt: +-{half_deg:.1f} deg for half of the pixels, {most}"
+
+
+def full_colour_deg(tilt_deg: NDArray[np.float32]) -> float:
+    """Tilt shown in full colour: 98 % of the pixels are flatter; a multiple of 5 degrees, at least 10."""
+    known = tilt_deg[np.isfinite(tilt_deg)]
+    highest = float(np.percentile(known, 98.0)) if known.size else 0.0
+    return max(10.0, 5.0 * math.ceil(highest / 5.0))
+
+
+def slope_colours(tilt_deg: ArrayLike, azimuth_deg: ArrayLike, full_deg: float) -> Colours:
+    """Red-green-blue of slopes of shape (rows, cols): shape (rows, cols, 3); black where they are NaN."""
+    import cv2
+
+    tilt, azimuth = np.broadcast_arrays(np.asarray(tilt_deg, float), np.asarray(azimuth_deg, float))
+    lit = np.clip(normal(tilt, azimuth) @ normal(LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG), 0.0, 1.0)
+    hsv = np.stack([azimuth % 360.0, np.clip(tilt / full_deg, 0.0, 1.0), 0.35 + 0.65 * lit], axis=-1)
+    rgb = cv2.cvtColor(np.nan_to_num(hsv).astype(np.float32), cv2.COLOR_HSV2RGB)
+    rgb[np.isnan(hsv).any(axis=-1)] = 0.0
+    colours: Colours = np.rint(rgb * 255.0).astype(np.uint8)
+    return colours
+
+
+def painted(slopes: SlopeMap, full_deg: float) -> Colours:
+    """The map, a pixel for a pixel: slopes in colour, greys for the states that have none."""
+    picture = slope_colours(slopes.tilt_deg, slopes.azimuth_deg, full_deg)
+    for state, grey in _MASKS.items():
+        picture[slopes.state == state] = grey
+    return picture
+
+
+def legend(slopes: SlopeMap, full_deg: float) -> Colours:
+    """The colour wheel, north up, and the states that occur with their shares; paper white."""
+    panel: Colours = np.full((PANEL_HEIGHT, PANEL_WIDTH, 3), 255, np.uint8)
+    _text(panel, "colour: which way it faces", 20, 24)
+    _text(panel, "strength: how steep", 20, 46)
+    _wheel(panel, PANEL_WIDTH // 2, 190, full_deg)
+    _text(panel, "north is up on this wheel,", 20, 340, 0.5)
+    _text(panel, "not in the camera's picture", 20, 360, 0.5)
+    _text(panel, "shading: a lamp in the north-west,", 20, 388, 0.5)
+    _text(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
+    present = [state for state in MEANINGS if (slopes.state == state).any()]
+    for row, state in enumerate(present):
+        _state_row(panel, state, float((slopes.state == state).mean()), 440 + 32 * row)
+    return panel
+
+
+def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
+    import cv2
+
+    down, right = np.mgrid[-WHEEL_RADIUS : WHEEL_RADIUS + 1, -WHEEL_RADIUS : WHEEL_RADIUS + 1]
+    away = np.hypot(down, right)
+    disc = slope_colours(away / WHEEL_RADIUS * full_deg, np.degrees(np.arctan2(right, -down)), full_deg)
+    square = panel[y - WHEEL_RADIUS : y + WHEEL_RADIUS + 1, x - WHEEL_RADIUS : x + WHEEL_RADIUS + 1]
+    square[away <= WHEEL_RADIUS] = disc[away <= WHEEL_RADIUS]
+    for part in (0.5, 1.0):
+        cv2.circle(panel, (x, y), round(part * WHEEL_RADIUS), BLACK, 1, cv2.LINE_AA)
+        _text(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
+    _text(panel, "0", x - 5, y + 5, 0.45)
+    for letter, dx, dy in (
+        ("N", -7, -WHEEL_RADIUS - 10), ("S", -6, WHEEL_RADIUS + 24),
+        ("E", WHEEL_RADIUS + 12, 7), ("W", -WHEEL_RADIUS - 30, 7),
+    ):  # fmt: skip
+        _text(panel, letter, x + dx, y + dy, 0.65)
+    _text(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
+
+
+def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
+    import cv2
+
+    swatch = panel[y : y + 22, 20:54]
+    swatch[:] = _MASKS.get(state, (120, 200, 160))
+    _hatch(swatch, np.full(swatch.shape[:2], state, np.uint8))
+    cv2.rectangle(panel, (20, y), (53, y + 21), BLACK, 1)
+    percent = f"{share:.0%}" if share >= 0.01 else "<1%"
+    _text(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
+
+
+def _hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
+    """Strokes at one slant for two slopes that fit, at the other for none, dots for an uncertain one."""
+    rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
+    canvas[(state == SlopeState.UNCERTAIN) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
+    canvas[(state == SlopeState.NOT_RESOLVED) & ((rows + cols) % 8 == 0)] = BLACK
+    canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
+
+
+def _enlarged(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))
+
+
+def _outline(canvas: Colours, region: Region, shape: tuple[int, int]) -> None:
+    import cv2
+
+    points = np.rint(on_grid(region, shape, canvas.shape[0], canvas.shape[1])).astype(np.int32)
+    for colour, thickness in ((BLACK, 5), (WHITE, 2)):
+        cv2.polylines(canvas, [points], True, colour, thickness, cv2.LINE_AA)
+    x, y = int(points[:, 0].mean()), int(points[:, 1].mean())
+    (width, height), below = cv2.getTextSize(region.name, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 1)
+    left, base = x - width // 2, y + height // 2
+    cv2.rectangle(canvas, (left - 5, base - height - 5), (left + width + 5, base + below), BLACK, cv2.FILLED)
+    _text(canvas, region.name, left, base, 0.7, WHITE)
+
+
+def _framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
+    """Map and legend side by side under a title, on white."""
+    head = 64
+    height = head + max(canvas.shape[0], panel.shape[0])
+    page: Colours = np.full((height, canvas.shape[1] + panel.shape[1], 3), 255, np.uint8)
+    page[head : head + canvas.shape[0], : canvas.shape[1]] = canvas
+    page[head : head + panel.shape[0], canvas.shape[1] :] = panel
+    _text(page, title, 10, 28, 0.75)
+    _text(page, subtitle, 10, 52, 0.5)
+    return page
+
+
+def _text(
+    canvas: Colours, text: str, x: int, y: int, size: float = 0.55, colour: tuple[int, int, int] = BLACK
+) -> None:
+    """Letters from the left end of their base line."""
+    import cv2
+
+    letters = text.encode("ascii", "replace").decode()
+    cv2.putText(canvas, letters, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,173 @@
+"""Views in a terminal: a screen that redraws itself, and plain lines where there is no screen.
+
+Both take the items of a recording through `show`, which never blocks on a terminal and never
+raises: the recording must not notice whether anybody looks.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import threading
+from collections.abc import Sequence
+from typing import IO, TYPE_CHECKING, Literal
+
+from rich.console import Console
+from rich.live import Live
+from rich.screen import Screen
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Frame, Health, Reading
+from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.views import formatting
+from fieldkit.views.latest import Latest
+from fieldkit.views.screen import THEMES, screen
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Minute
+
+log = logging.getLogger(__name__)
+
+ThemeName = Literal["dark", "paper"]
+CLOSE_WITHIN_S = 2.0
+
+
+def terminal_view(
+    site: Site,
+    regions: Sequence[Region],
+    streams: Sequence[StreamInfo],
+    *,
+    title: str = "",
+    planned_end_ns: int | None = None,
+    console: Console | None = None,
+    theme: ThemeName = "dark",
+) -> TerminalView | PlainView:
+    """The screen where `console` can show it, plain lines elsewhere (a pipe, a log, a dumb terminal)."""
+    console = console or Console(stderr=True)
+    if not console.is_terminal or console.is_dumb_terminal or console.options.ascii_only:
+        return PlainView(site, regions, file=console.file)
+    latest = Latest(site, regions, streams, title, planned_end_ns)
+    return TerminalView(latest, console=console, theme=theme)
+
+
+class TerminalView:
+    """The live screen; it appears with the first item and gives the terminal back when closed.
+
+    A thread of its own draws the latest state `refresh_hz` times a second and skips what came
+    between, so a slow or stopped terminal costs the recording nothing. Should drawing fail, the
+    view says so in one line and stays dark.
+    """
+
+    def __init__(
+        self, latest: Latest, *, console: Console, theme: ThemeName = "dark", refresh_hz: float = 4.0
+    ) -> None:
+        self._latest, self._console, self._theme = latest, console, THEMES[theme]
+        self._period_s = 1.0 / refresh_hz
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
+
+    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
+        """Remember an item for the next redraw."""
+        self._latest.take(item)
+        if self._thread.ident is None:
+            self._thread.start()
+
+    def close(self) -> None:
+        """Give the terminal back; waits two seconds at most for a terminal that does not answer."""
+        self._stop.set()
+        if self._thread.ident is not None:
+            self._thread.join(CLOSE_WITHIN_S)
+
+    def _run(self) -> None:
+        try:
+            # rich keeps themes per thread: this one draws, so this one sets it.
+            with self._console.use_theme(self._theme), self._live() as live:
+                self._draw_until_stopped(live)
+        except Exception as error:
+            log.exception("the live view failed")
+            self._console.print(f"the live view stopped ({error!r}); the recording goes on", soft_wrap=True)
+
+    def _live(self) -> Live:
+        return Live(
+            console=self._console,
+            screen=True,
+            auto_refresh=False,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
+
+    def _draw_until_stopped(self, live: Live) -> None:
+        alarms = items = 0
+        while not self._stop.wait(self._period_s):
+            if items == self._latest.items:
+                continue
+            items = self._latest.items
+            cols, rows = self._console.size
+            live.update(Screen(screen(self._latest, cols, rows), style="base"), refresh=True)
+            if self._latest.alarms > alarms:
+                alarms = self._latest.alarms
+                self._console.bell()
+
+
+class PlainView:
+    """One line a minute, and each event at once: for pipes, logs and terminals without a cursor.
+
+    A thread of its own prints: whoever stops reading a pipe (a pager, Ctrl-S) stops the printing alone.
+    """
+
+    def __init__(self, site: Site, regions: Sequence[Region], *, file: IO[str]) -> None:
+        self._site, self._file = site, file
+        self._references = [region.name for region in regions if region.kind is RegionKind.REFERENCE]
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._print, name="plain view", daemon=True)
+        self._thread.start()
+
+    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
+        """Have the item printed if it is an event or a minute; the first failure ends the printing."""
+        if isinstance(item, Frame | Reading | Health):
+            return
+        kelvin = [] if isinstance(item, Event) else list(item.temperature_k.values())
+        if kelvin and not any(map(math.isfinite, kelvin)):
+            return  # a minute without a picture, such as the last one
+        self._lines.put(self._event(item) if isinstance(item, Event) else self._minute(item))
+
+    def close(self) -> None:
+        """Print what is left; waits two seconds at most for somebody to read it."""
+        self._lines.put(None)
+        self._thread.join(CLOSE_WITHIN_S)
+
+    def _print(self) -> None:
+        try:
+            while (line := self._lines.get()) is not None:
+                print(line, file=self._file, flush=True)
+        except OSError:
+            pass  # the pipe's other end has gone
+        except ValueError:  # closed, or without the characters
+            log.exception("the plain lines ended")
+
+    def _event(self, event: Event) -> str:
+        return f" {self._when(event.time_ns, seconds=True)}  {formatting.told(event)}"
+
+    def _minute(self, minute: Minute) -> str:
+        light = f"S {formatting.number(minute.irradiance_w_m2)} W/m² ({minute.irradiance_model})"
+        references = [self._bed(minute, name) for name in self._references]
+        targets = [
+            f"{self._bed(minute, estimate.region)} {_slope(estimate)}{formatting.state(estimate)}"
+            for estimate in minute.estimates
+        ]
+        return f" {self._when(minute.time_ns)}  " + " | ".join([light, *references, *targets])
+
+    def _bed(self, minute: Minute, name: str) -> str:
+        return f"{name} {formatting.celsius(minute.temperature_k.get(name, math.nan))} °C"
+
+    def _when(self, time_ns: int, *, seconds: bool = False) -> str:
+        zone = formatting.zone_name(time_ns, self._site).split(",")[0]
+        return f"{formatting.clock_time(time_ns, self._site, seconds=seconds)} {zone}"
+
+
+def _slope(estimate: SlopeEstimate) -> str:
+    if not math.isfinite(estimate.tilt_deg):
+        return ""
+    return f"{formatting.tilt(estimate)}° ({formatting.number(estimate.kelvin_per_degree, 2)} K per °) "

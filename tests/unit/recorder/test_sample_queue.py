@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, EventKind, Quality, Reading
+from fieldkit.recorder.sample_queue import Inbox, room_for
+
+
+def reading(n: int, stream: str = "lux") -> Reading:
+    return Reading(stream, mono_ns=n, time_ns=n, values=(float(n),))
+
+
+def drain(inbox: Inbox) -> list[object]:
+    items = []
+    while (item := inbox.get(0.0)) is not None:
+        items.append(item)
+        inbox.done(item)
+    return items
+
+
+def test_keeps_the_order_of_arrival_over_streams() -> None:
+    inbox = Inbox({"lux": 4, "camera": 4})
+    put = [reading(1), reading(2, "camera"), reading(3)]
+    for sample in put:
+        assert inbox.put(sample)
+    assert drain(inbox) == put
+    assert not inbox.is_busy()
+
+
+def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> None:
+    def picture(rows: int, cols: int, rate_hz: float) -> StreamInfo:
+        return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), rate_hz=rate_hz)
+
+    assert room_for(picture(512, 640, 30.0)) == 90
+    assert room_for(picture(192, 256, 25.0)) == 32_000_000 // (192 * 256 * 2 + 1000)
+    assert room_for(StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=2.0)) > 3600
+
+
+def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> None:
+    inbox = Inbox({"lux": 2, "camera": 2})
+    assert [inbox.put(reading(n)) for n in range(5)] == [True, True, False, False, False]
+    assert inbox.put(reading(9, "camera"))
+    drain(inbox)
+    assert inbox.put(reading(5))
+    gap, sample = drain(inbox)
+    assert isinstance(gap, Event)
+    assert gap.kind is EventKind.GAP
+    assert gap.data == {"lost": 3}
+    assert isinstance(sample, Reading)
+    assert Quality.DROPPED_BEFORE in sample.quality
+    assert inbox.dropped == {"lux": 3}
+
+
+def test_is_busy_until_the_last_item_is_done() -> None:
+    inbox = Inbox({"lux": 2})
+    inbox.put(reading(1))
+    item = inbox.get(0.0)
+    assert item is not None
+    assert inbox.is_busy()
+    inbox.done(item)
+    assert not inbox.is_busy()

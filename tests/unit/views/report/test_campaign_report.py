@@ -1,0 +1,85 @@
+"""Several sessions in one report, with errors that can be counted on the fingers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from fieldkit.views import plotting
+from fieldkit.views.report import Part, write_campaign_report
+from fieldkit.views.report.error_budget import BedBudget, pooled
+from fieldkit.views.report.series import series
+
+DAY_NS = 86_400 * 10**9
+
+
+@pytest.fixture
+def parts(recorded, site, regions, settings, make_minute):
+    """Two days of ten minutes; b15 off by +1 and -3 in turn, then by +2; b25 by -1 always."""
+
+    def part(day, errors):
+        minutes = [make_minute(i, tilt_deg=15.0 + error) for i, error in enumerate(errors)]
+        shifted = [replace(minute, time_ns=minute.time_ns + day * DAY_NS) for minute in minutes]
+        return Part(recorded, site, series(shifted, regions), settings)
+
+    return [part(0, [1.0, -3.0] * 5), part(1, [2.0] * 10)]
+
+
+@pytest.fixture
+def written(tmp_path, parts):
+    def write(**changes: object) -> str:
+        write_campaign_report(tmp_path / "campaign.html", "sand & sun", parts, **changes)
+        return (tmp_path / "campaign.html").read_text(encoding="utf-8")
+
+    return write
+
+
+def test_errors_are_by_bed_and_day_and_over_all(written):
+    text = written(sd="usual")
+    assert "Mean absolute tilt error 1.5° over 40 estimates" in text  # 2, 2, 1 and 1 degrees
+    for needed in ("2017-12-11", "2017-12-12", "2.0 ± 1.00", "2.0 ± 0.00", "1.0 ± 0.00", "sand &amp; sun"):
+        assert needed in text
+
+
+def test_eq_9_as_printed_is_smaller_by_the_root_of_ten(written):
+    assert "2.0 ± 0.32" in written(sd="paper")
+
+
+def test_both_figures_of_the_paper_are_there_and_nothing_is_fetched(written):
+    text = written()
+    assert text.count('src="data:image/svg+xml') == 2
+    assert "http" not in text
+
+
+def test_without_matplotlib_the_table_stays(written, monkeypatch):
+    monkeypatch.setattr(plotting, "available", lambda: False)
+    text = written()
+    assert "pip install" in text
+    assert "2.0 ± 0.32" in text
+
+
+def test_sessions_without_slopes_have_no_errors(tmp_path, recorded, site, regions, settings):
+    empty = Part(recorded, site, series([], regions), settings)
+    write_campaign_report(tmp_path / "campaign.html", "empty", [empty])
+    assert "No slope of a bed of known tilt" in (tmp_path / "campaign.html").read_text(encoding="utf-8")
+
+
+def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
+    text = written()
+    budget = text[text.index("Error budget") :]
+    assert "<th" in budget[: budget.index("15°")]
+    for cause in (
+        "light of the sky",
+        "heat stored in the sand",
+        "half the likelihood region",
+        "irradiance wrong",
+    ):
+        assert cause in budget
+    assert "±1.5°" in budget  # a tenth of the irradiance is a tenth of 15 degrees
+
+
+def test_medians_over_sessions_leave_out_what_is_not_known():
+    days = [BedBudget("b15", *(float(value),) * 8) for value in (1, 9, 2, float("nan"))]
+    found = pooled("15°", days)
+    assert (found.name, found.storage_w_m2, found.tilt_deg) == ("15°", 2.0, 2.0)

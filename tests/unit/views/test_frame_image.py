@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldkit.pixel_axes import BELOW_PX, LEFT_PX, ticks, with_axes
+from fieldkit.views import frame_image
+
+
+def luminance(rgb):
+    """Relative luminance of sRGB colours by IEC 61966-2-1."""
+    linear = np.where(rgb <= 0.04045 * 255, rgb / 255 / 12.92, ((rgb / 255 + 0.055) / 1.055) ** 2.4)
+    return linear @ np.array([0.2126, 0.7152, 0.0722])
+
+
+def test_counts_become_celsius_by_the_declared_scale(frame, streams):
+    shown = frame_image.values(frame, streams[0])
+    assert shown[24, 20] == pytest.approx(310.0 - 273.15, abs=1e-9)
+
+
+@pytest.mark.parametrize("change", [{"law": "table"}, {"scale": float("nan")}, {"unit": "1"}])
+def test_without_a_known_temperature_counts_are_shown_as_counts(frame, streams, change):
+    info = replace(streams[0], **change)
+    assert frame_image.unit(info) == "counts"
+    assert np.array_equal(frame_image.values(frame, info), frame.counts)
+
+
+def test_scale_is_in_whole_units_and_holds_the_picture(frame, streams):
+    scale = frame_image.scale_of(frame_image.values(frame, streams[0]), "°C")
+    assert (scale.low, scale.high) == (16, 47)  # 290 K = 16.85 °C, 320 K = 46.85 °C
+
+
+def test_a_uniform_picture_still_has_a_scale():
+    scale = frame_image.scale_of(np.full((3, 3), 20.0), "°C")
+    assert scale.high > scale.low
+    assert np.all(frame_image.colours(np.full((3, 3), 20.0), scale) == frame_image.palette()[0])
+
+
+def test_dead_and_hot_pixels_do_not_set_the_scale():
+    shown = np.full((100, 100), 20.0)
+    shown[0, 0], shown[0, 1] = -273.0, 400.0
+    assert frame_image.scale_of(shown, "°C").high < 30
+
+
+def test_palette_grows_brighter_at_every_step():
+    steps = np.diff(luminance(frame_image.palette().astype(np.float64)))
+    assert np.all(steps > -1e-3)  # 8-bit rounding
+    assert luminance(frame_image.palette()[-1].astype(np.float64)) > 0.9
+
+
+def test_making_smaller_keeps_the_mean():
+    shown = np.arange(24.0).reshape(4, 6)
+    small = frame_image.resized(shown, 2, 3)
+    assert small.shape == (2, 3)
+    assert small[0, 0] == pytest.approx((0 + 1 + 6 + 7) / 4)
+
+
+def test_outline_passes_through_the_corners_and_leaves_the_inside(regions):
+    edge = frame_image.outlined(regions[2], (30, 40), 30, 40)
+    assert all(edge[int(y), int(x)] for x, y in regions[2].vertices)
+    assert not edge[9, 33]
+    assert edge.sum() == 2 * (11 + 11) - 4  # the rim of an 11 by 11 box
+
+
+def test_outline_shrinks_with_the_picture(regions):
+    edge = frame_image.outlined(regions[2], (30, 40), 15, 20)
+    rows, cols = np.nonzero(edge)
+    assert rows.min() >= 1
+    assert rows.max() <= 7
+    assert cols.min() >= 13
+    assert cols.max() <= 19
+
+
+def test_png_shows_each_bed_in_the_colour_of_its_temperature(frame, streams, regions):
+    data = frame_image.png(frame, streams[0], regions, width=400)
+    seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[:, :, ::-1]
+    # ten for one, the axes left and below, and the scale beside it
+    assert seen.shape == (300 + BELOW_PX, LEFT_PX + 400 + 110, 3)
+    scale = frame_image.scale_of(frame_image.values(frame, streams[0]), "°C")
+    for kelvin, (x, y) in ((300.0, (4, 26)), (310.0, (18, 26)), (320.0, (31, 12))):
+        expected = frame_image.colours(np.array([[kelvin - 273.15]]), scale)[0, 0]
+        assert seen[y * 10 + 5, LEFT_PX + x * 10 + 5] == pytest.approx(expected, abs=1)
+
+
+def test_bare_png_is_a_pixel_for_a_pixel(frame, streams):
+    scale = frame_image.Scale(0.0, 50.0, "°C")
+    data = frame_image.bare_png(frame, streams[0], scale)
+    assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape == (30, 40, 3)
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [(40, [0, 5, 10, 15, 20, 25, 30, 35]), (120, [0, 20, 40, 60, 80, 100]), (640, [*range(0, 640, 100)])],
+)
+def test_axes_have_round_numbers_of_camera_pixels(length, expected):
+    assert ticks(length) == expected
+
+
+def test_the_grid_passes_through_the_pixels_whose_numbers_stand_beside_it():
+    black = np.zeros((120 * 6, 160 * 6, 3), np.uint8)
+    framed = with_axes(black, 6)
+    inside = framed[: 120 * 6, LEFT_PX:, 0]
+    assert np.flatnonzero(inside[1] > 0).tolist() == [x * 6 + 3 for x in range(0, 160, 20)]
+    assert np.flatnonzero(inside[:, 1] > 0).tolist() == [y * 6 + 3 for y in range(0, 120, 20)]
+    # letters stand below the picture at each of them, and to its left
+    below, left = framed[120 * 6 : 120 * 6 + 20, LEFT_PX:, 0] < 255, framed[: 120 * 6, :LEFT_PX, 0] < 255
+    assert all(below[:, x * 6 : x * 6 + 6].any() for x in range(20, 160, 20))
+    assert all(left[max(0, y * 6 - 6) : y * 6 + 12].any() for y in range(0, 120, 20))
