@@ -18,8 +18,8 @@ from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.device import Camera
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
-from fieldkit.recorder import Inbox, Sampling, View
-from fieldkit.recorder.device_reader import Feed
+from fieldkit.recorder import SampleQueue, Sampling, View
+from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.views import frame_image
 
 PICTURE_WITHIN_S = 15.0
@@ -57,7 +57,7 @@ def command(
             return
         views = live_views(config, tools, "live, not recorded", duration_s, theme)
         try:
-            Onlooker(config, tools, views).run(duration_s)
+            LivePreview(config, tools, views).run(duration_s)
         except KeyboardInterrupt:
             common.say("nothing was recorded; to record: fieldkit record")
 
@@ -106,12 +106,12 @@ def good_frame(tools: Instruments) -> Frame:
     )
 
 
-class Onlooker:
+class LivePreview:
     """Reads the instruments and shows samples and slopes; nothing is stored."""
 
     def __init__(self, config: Config, tools: Instruments, views: Sequence[View]) -> None:
         self.tools, self.views = tools, views
-        self._inbox = Inbox({info.name: ROOM for info in tools.streams})
+        self._inbox = SampleQueue({info.name: ROOM for info in tools.streams})
         self._estimator = Estimator(config.site, config.regions, tools.streams, config.estimator_settings())
         self._next_health_ns = 0
 
@@ -131,11 +131,13 @@ class Onlooker:
         finally:
             self._end(feeds)
 
-    def _feeds(self, duration_s: float | None) -> list[Feed]:
+    def _feeds(self, duration_s: float | None) -> list[DeviceReader]:
         clock = self.tools.clock
         end_ns = None if duration_s is None else clock.mono_ns() + round(duration_s * 1e9)
         return [
-            Feed(device, partial(self.tools.reopen, device.info.name), self._inbox, clock, Sampling(), end_ns)
+            DeviceReader(
+                device, partial(self.tools.reopen, device.info.name), self._inbox, clock, Sampling(), end_ns
+            )
             for device in self.tools.devices
         ]
 
@@ -155,13 +157,13 @@ class Onlooker:
         for view in self.views:
             view.show(item)
 
-    def _look_around(self, feeds: Sequence[Feed]) -> None:
+    def _look_around(self, feeds: Sequence[DeviceReader]) -> None:
         now_ns = self.tools.clock.mono_ns()
         if now_ns >= self._next_health_ns:
             self._next_health_ns = now_ns + 1_000_000_000
             self._show(self._health(now_ns, feeds))
 
-    def _health(self, now_ns: int, feeds: Sequence[Feed]) -> Health:
+    def _health(self, now_ns: int, feeds: Sequence[DeviceReader]) -> Health:
         streams = tuple(
             StreamHealth(
                 feed.info.name, feed.received, self._inbox.dropped[feed.info.name], 0, rejected=feed.rejected
@@ -170,7 +172,7 @@ class Onlooker:
         )
         return Health(now_ns, self.tools.clock.to_utc_ns(now_ns), streams, self.tools.free_bytes())
 
-    def _end(self, feeds: Sequence[Feed]) -> None:
+    def _end(self, feeds: Sequence[DeviceReader]) -> None:
         """Give the terminal back first: a reader may need a moment."""
         for view in self.views:
             view.close()

@@ -26,7 +26,7 @@ from fieldkit.model.device import Device, DeviceSettings, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError
 from fieldkit.model.radiation import with_components
 from fieldkit.recorder import Recorder, Sampling, Summary, View
-from fieldkit.recorder.marks import DroppedMarks, marks_folder
+from fieldkit.recorder.marks import MarkInbox, marks_folder
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.writer import SessionWriter
@@ -169,7 +169,7 @@ def record_session(
     with _stop_on_signals() as stopping:  # from before there is anything that must be sealed
         start_ns = tools.clock.mono_ns()
         writer = SessionWriter(path, header_of(config, title, tools.streams), tools.clock)
-        marks = DroppedMarks(marks_folder(path), tools.clock)
+        marks = MarkInbox(marks_folder(path), tools.clock)
         try:
             return Recorder(
                 devices=tools.devices,

@@ -12,6 +12,6 @@ any more; never because a device, the estimator or a view failed.
 
 from fieldkit.recorder.device_reader import Sampling
 from fieldkit.recorder.recorder import Recorder, Summary, View
-from fieldkit.recorder.sample_queue import Inbox
+from fieldkit.recorder.sample_queue import SampleQueue
 
-__all__ = ["Inbox", "Recorder", "Sampling", "Summary", "View"]
+__all__ = ["Recorder", "SampleQueue", "Sampling", "Summary", "View"]

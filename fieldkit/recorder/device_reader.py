@@ -17,7 +17,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
-from fieldkit.recorder.sample_queue import Inbox
+from fieldkit.recorder.sample_queue import SampleQueue
 
 SECOND_NS = 1_000_000_000
 READ_TIMEOUT_S = 0.5
@@ -39,7 +39,7 @@ class Sampling:
     shutter_before_burst: bool = True
 
 
-class Feed:
+class DeviceReader:
     """Reads one device into the inbox until `end_ns` (monotonic, None: open end) or `stop`.
 
     `reopen` opens the same instrument again by its identity.
@@ -49,7 +49,7 @@ class Feed:
         self,
         device: Device,
         reopen: Callable[[], Device],
-        inbox: Inbox,
+        inbox: SampleQueue,
         clock: Clock,
         sampling: Sampling,
         end_ns: int | None = None,

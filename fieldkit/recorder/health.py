@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
-from fieldkit.recorder.device_reader import Feed
-from fieldkit.recorder.sample_queue import Inbox
+from fieldkit.recorder.device_reader import DeviceReader
+from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.writer import SessionWriter
 
 SECOND_NS = 1_000_000_000
@@ -42,7 +42,7 @@ _TOLD_ALL = Quality(sum(_TOLD))
 
 
 @dataclass
-class FlagWatch:
+class FlagMonitor:
     """Tells when a flag of a stream begins, not every sample that carries it."""
 
     _flags: dict[str, Quality] = field(default_factory=dict)
@@ -61,7 +61,7 @@ class FlagWatch:
 
 
 @dataclass
-class GarbleWatch:
+class GarbleMonitor:
     """Reports at most once a minute, and at the end, how many records of a stream made no sense."""
 
     _seen: dict[str, int] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class GarbleWatch:
 
 
 @dataclass
-class MisfitWatch:
+class MisfitMonitor:
     """Tells of the first of a run of samples that are not as their stream was declared."""
 
     _streams: set[str] = field(default_factory=set)
@@ -102,7 +102,7 @@ class MisfitWatch:
 
 
 @dataclass
-class CheckPace:
+class ClockCheckSchedule:
     """Chooses, of a comparison each second, those to store: one a minute, and both beside a sleep.
 
     So the times between which the computer slept are known to a second.
@@ -122,7 +122,7 @@ class CheckPace:
 
 
 @dataclass
-class ClockWatch:
+class ClockMonitor:
     """Tells when the system clock was stepped or the computer slept, from one check to the next."""
 
     _last: ClockCheck | None = None
@@ -147,7 +147,7 @@ class ClockWatch:
 
 
 @dataclass
-class StorageWatch:
+class StorageMonitor:
     """How errors of storing are met: pictures pause for 10 s, a second error meanwhile ends the recording."""
 
     _error: StorageError | None = None
@@ -178,7 +178,7 @@ class StorageWatch:
 
 
 @dataclass
-class DiskWatch:
+class DiskMonitor:
     """Decides what a shrinking disk still allows.
 
     Warns when less than 15 minutes are left at the present rate, stops pictures at
@@ -217,7 +217,7 @@ def _disk(mono_ns: int, time_ns: int, severity: Severity, text: str) -> Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class HealthSnapshot:
     """What a look around gave; `clock_checks` once a minute, and where the computer slept."""
 
     health: Health
@@ -226,19 +226,19 @@ class Findings:
 
 
 @dataclass
-class Housekeeping:
+class HealthMonitor:
     """Looks around when a second of the session's clock has passed."""
 
     clock: Clock
-    feeds: Sequence[Feed]
-    inbox: Inbox
+    feeds: Sequence[DeviceReader]
+    inbox: SampleQueue
     writer: SessionWriter
     free_bytes: Callable[[], int]
-    disk: DiskWatch = field(default_factory=DiskWatch)
+    disk: DiskMonitor = field(default_factory=DiskMonitor)
 
     def __post_init__(self) -> None:
-        self._garbled, self._clock_watch, self._pace = GarbleWatch(), ClockWatch(), _Pace()
-        self._check_pace = CheckPace()
+        self._garbled, self._clock_watch, self._pace = GarbleMonitor(), ClockMonitor(), _Pace()
+        self._check_pace = ClockCheckSchedule()
         self._late_max_us: Counter[str] = Counter()
         self._next_ns = self.clock.mono_ns()
         self._free_bytes = sys.maxsize  # until the disk tells
@@ -248,7 +248,7 @@ class Housekeeping:
         late_us = (self.clock.mono_ns() - sample.mono_ns) // 1000
         self._late_max_us[sample.stream] = max(self._late_max_us[sample.stream], late_us)
 
-    def look(self) -> Findings | None:
+    def look(self) -> HealthSnapshot | None:
         """Findings if a second has passed since the last look."""
         now = self.clock.mono_ns()
         if now < self._next_ns:
@@ -263,7 +263,7 @@ class Housekeeping:
         checks = self._check_pace.look(self.clock.check())
         for check in checks:
             events += self._clock_watch.look(check, utc)
-        return Findings(self._health(now, utc, free), checks, tuple(events))
+        return HealthSnapshot(self._health(now, utc, free), checks, tuple(events))
 
     def garbled(self, mono_ns: int, time_ns: int, *, at_end: bool = False) -> list[Event]:
         """Events for records that made no sense, once a minute for each stream, and `at_end` for the rest."""
@@ -280,7 +280,7 @@ class Housekeeping:
         cpu = self._pace.cpu_percent()
         return Health(now, utc, streams, free, self.writer.bytes_written, self.writer.sync_ms, cpu, lag_ms)
 
-    def _stream_health(self, feed: Feed) -> StreamHealth:
+    def _stream_health(self, feed: DeviceReader) -> StreamHealth:
         name = feed.info.name
         dropped, waiting = self.inbox.dropped[name], self.inbox.waiting(name)
         return StreamHealth(name, feed.received, dropped, waiting, self._late_max_us[name], feed.rejected)

@@ -62,7 +62,7 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
 
 
 @dataclass
-class DroppedMarks:
+class MarkInbox:
     """Takes the marks dropped for a recording, once each, oldest first.
 
     The file of a mark is removed when the next one is asked for: who cannot store one stops there, and it

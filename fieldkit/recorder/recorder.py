@@ -18,9 +18,9 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
-from fieldkit.recorder.device_reader import Feed, Sampling
-from fieldkit.recorder.health import DiskWatch, FlagWatch, Housekeeping, MisfitWatch, StorageWatch
-from fieldkit.recorder.sample_queue import Inbox, Item, room_for
+from fieldkit.recorder.device_reader import DeviceReader, Sampling
+from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
+from fieldkit.recorder.sample_queue import Item, SampleQueue, room_for
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
@@ -77,16 +77,16 @@ class Recorder:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self._inbox = Inbox({device.info.name: room_for(device.info) for device in self.devices})
+        self._inbox = SampleQueue({device.info.name: room_for(device.info) for device in self.devices})
         self._feeds = [self._feed(device) for device in self.devices]
-        disk = DiskWatch(self.disk_reserve_bytes)
-        self._house = Housekeeping(self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, disk)
-        self._audience = Audience(self.views, self._view_lost)
+        disk = DiskMonitor(self.disk_reserve_bytes)
+        self._house = HealthMonitor(self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, disk)
+        self._audience = ViewDispatcher(self.views, self._view_lost)
         self._estimator: Estimator | None = self.estimator
-        self._flags, self._misfits = FlagWatch(), MisfitWatch()
+        self._flags, self._misfits = FlagMonitor(), MisfitMonitor()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
-        self._storage = StorageWatch()
+        self._storage = StorageMonitor()
         self._failure: StorageError | None = None
 
     def stop(self) -> None:
@@ -120,9 +120,11 @@ class Recorder:
 
     # --- reading threads
 
-    def _feed(self, device: Device) -> Feed:
+    def _feed(self, device: Device) -> DeviceReader:
         name = device.info.name
-        return Feed(device, lambda: self.reopen(name), self._inbox, self.clock, self.sampling, self.end_ns)
+        return DeviceReader(
+            device, lambda: self.reopen(name), self._inbox, self.clock, self.sampling, self.end_ns
+        )
 
     def _start_feeds(self) -> None:
         with self.clock.taking_part():  # time stands until every reader takes part
@@ -290,7 +292,7 @@ class Recorder:
             self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
 
 
-class Audience:
+class ViewDispatcher:
     """All views of a recording; `lost` is told why one is left out from now on."""
 
     def __init__(self, views: Sequence[View], lost: Callable[[Exception], None]) -> None:

@@ -24,7 +24,7 @@ def room_for(info: StreamInfo) -> int:
     return max(BURST, round(ROOM_S * info.rate_hz), ROOM_BYTES // sample_bytes)
 
 
-class Inbox:
+class SampleQueue:
     """A queue of samples and events that drops, counts and tells what does not fit.
 
     `limits` gives the most samples of each stream that may wait; events always fit.

@@ -21,7 +21,7 @@ from fieldkit.estimation.statistics import (
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, paper_figures, plotting
 from fieldkit.views.html import Html, element, figure, page, paragraph, section, table
-from fieldkit.views.report.error_budget import READING, BedBudget, budget, cause_rows, pooled
+from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
 from fieldkit.views.report.recording import sha256, versions
 from fieldkit.views.report.report_data import LAB_HINT
 from fieldkit.views.report.results import SPAN_S, sd_words
@@ -158,7 +158,7 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
 
 def _error_budget(parts: Sequence[Part]) -> Html | str:
     """What each cause costs the beds of each given tilt, all days together."""
-    found: dict[float, list[BedBudget]] = {}
+    found: dict[float, list[ErrorBudget]] = {}
     for part in parts:
         for bed in part.columns.beds:
             if np.isfinite(bed.region.tilt_deg):

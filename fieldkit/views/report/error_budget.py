@@ -54,9 +54,9 @@ def error_budget(material: Material) -> Html | str:
     )
 
 
-def cause_rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
+def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
     """Rows of the table: a cause, and what it costs each bed."""
-    terms: list[tuple[str, Callable[[BedBudget], float]]] = [
+    terms: list[tuple[str, Callable[[ErrorBudget], float]]] = [
         ("left out: light of the sky", lambda b: b.diffuse_w_m2),
         ("left out: light from the ground", lambda b: b.reflected_w_m2),
         ("left out: long wave of sky and ground", lambda b: b.longwave_w_m2),
@@ -80,9 +80,9 @@ def cause_rows(budgets: Sequence[BedBudget]) -> list[list[object]]:
     return [*found, *_calibrated(budgets)]
 
 
-def _calibrated(budgets: Sequence[BedBudget]) -> Iterator[list[object]]:
+def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
     """Rows of what calibration records leave uncertain, one standard uncertainty of each."""
-    causes: dict[str, Callable[[BedBudget], tuple[float, str]]] = {
+    causes: dict[str, Callable[[ErrorBudget], tuple[float, str]]] = {
         "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
         "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
     }
@@ -92,14 +92,14 @@ def _calibrated(budgets: Sequence[BedBudget]) -> Iterator[list[object]]:
             yield [name, *(f"±{formatting.number(abs(degrees), 1)}° ({amount})" for degrees, amount in cells)]
 
 
-def _degrees(found: BedBudget, term_w_m2: float) -> str:
+def _degrees(found: ErrorBudget, term_w_m2: float) -> str:
     degrees = found.degrees(term_w_m2)
     if not np.isfinite(degrees):
         return formatting.UNKNOWN
     return f"{degrees:+.1f}° ({term_w_m2:+.0f} W/m²)"
 
 
-def _left_out_words(material: Material, budgets: Sequence[BedBudget]) -> str:
+def _left_out_words(material: Material, budgets: Sequence[ErrorBudget]) -> str:
     settings, slab = material.settings, material.settings.slab
     costs = [abs(found.degrees(found.left_out_w_m2)) for found in budgets]
     known = [cost for cost in costs if np.isfinite(cost)]
@@ -125,7 +125,7 @@ def _left_out_words(material: Material, budgets: Sequence[BedBudget]) -> str:
     )
 
 
-def _advice(budgets: Sequence[BedBudget]) -> list[str]:
+def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
     weakest = min(budgets, key=lambda found: np.nan_to_num(abs(found.kelvin_per_degree), nan=np.inf))
     offset_deg = formatting.number(abs(weakest.of_offset(OFFSET_K)), 1)
     return [
@@ -140,7 +140,7 @@ def _advice(budgets: Sequence[BedBudget]) -> list[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class BedBudget:
+class ErrorBudget:
     """Medians over the session for one bed.
 
     The four terms are what the paper's model takes for direct light and is not, in W/m2 of
@@ -180,7 +180,7 @@ class BedBudget:
         return relative * self.tilt_deg
 
 
-def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
+def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> ErrorBudget:
     """The budget of one bed at its given slope, or at the estimated one where none was given."""
     tilt, azimuth = _slope(bed)
     cos_tilt = float(np.cos(np.radians(tilt)))
@@ -198,7 +198,7 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
     )
     reflected = sky.ground_reflected(diffuse + light * columns.cos_zenith, settings.ground_albedo, cos_tilt)
     absorbing = 1.0 - settings.surface.albedo
-    return BedBudget(
+    return ErrorBudget(
         bed.region.name,
         _median(on_bed - diffuse),
         _median(reflected),
@@ -213,10 +213,12 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> BedBudget:
     )
 
 
-def pooled(name: str, budgets: Sequence[BedBudget]) -> BedBudget:
+def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     """The medians over several sessions, under one name."""
-    numbers = [one.name for one in fields(BedBudget) if one.name != "name"]
-    return BedBudget(name, **{one: _median(np.array([getattr(b, one) for b in budgets])) for one in numbers})
+    numbers = [one.name for one in fields(ErrorBudget) if one.name != "name"]
+    return ErrorBudget(
+        name, **{one: _median(np.array([getattr(b, one) for b in budgets])) for one in numbers}
+    )
 
 
 def _slope(bed: Bed) -> tuple[float, float]:

@@ -9,8 +9,8 @@ import pytest
 from fieldkit.model.device import Device, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading
-from fieldkit.recorder.device_reader import Feed, Sampling
-from fieldkit.recorder.sample_queue import Inbox
+from fieldkit.recorder.device_reader import DeviceReader, Sampling
+from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 S = 1_000_000_000
@@ -77,8 +77,10 @@ def run(
     with SimulatedClock(0) as clock:
         start_ns = clock.mono_ns()
         device = make(clock, start_ns)
-        inbox = Inbox({device.info.name: 10_000})
-        feed = Feed(device, lambda: reopen(device), inbox, clock, sampling, start_ns + round(lasting_s * S))
+        inbox = SampleQueue({device.info.name: 10_000})
+        feed = DeviceReader(
+            device, lambda: reopen(device), inbox, clock, sampling, start_ns + round(lasting_s * S)
+        )
         feed.start()
         assert feed.join(500.0)
         assert feed.crashed is None
@@ -276,8 +278,8 @@ def test_garbled_records_are_counted_over_all_openings() -> None:
     with SimulatedClock(0) as clock:
         start_ns = clock.mono_ns()
         openings = iter([Garbled(clock, start_ns, 2, gone=20.5), Garbled(clock, start_ns, 4)])
-        feed = Feed(
-            Garbled(clock, start_ns, 3, gone=10.5), lambda: next(openings), Inbox({"lux": 100}), clock,
+        feed = DeviceReader(
+            Garbled(clock, start_ns, 3, gone=10.5), lambda: next(openings), SampleQueue({"lux": 100}), clock,
             Sampling(), start_ns + 40 * S,
         )  # fmt: skip
         feed.start()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import EventKind
-from fieldkit.recorder.health import Housekeeping
-from fieldkit.recorder.sample_queue import Inbox
+from fieldkit.recorder.health import HealthMonitor
+from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.check_clock import propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -39,7 +39,7 @@ def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
     told = []
     with Notebook(START_NS) as clock:
         writer = SessionWriter(path, header(), clock)
-        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12)
+        house = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
         for second in range(seconds):
             writer.append(sample(LUX, second, clock.mono_ns(), clock.to_utc_ns(clock.mono_ns())))
             findings = house.look()
@@ -65,7 +65,7 @@ def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tm
 
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
-        house = Housekeeping(clock, (), Inbox({}), writer, free_bytes)
+        house = HealthMonitor(clock, (), SampleQueue({}), writer, free_bytes)
         seen = []
         while answers:
             findings = house.look()
@@ -102,7 +102,7 @@ def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path: Path) ->
 def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path: Path) -> None:
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
-        house = Housekeeping(clock, (), Inbox({}), writer, lambda: 10**12)
+        house = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
         lags = []
         for late_ms in ((30, 5), ()):
             for late in late_ms:

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Quality, Reading
-from fieldkit.recorder.sample_queue import Inbox, room_for
+from fieldkit.recorder.sample_queue import SampleQueue, room_for
 
 
 def reading(n: int, stream: str = "lux") -> Reading:
     return Reading(stream, mono_ns=n, time_ns=n, values=(float(n),))
 
 
-def drain(inbox: Inbox) -> list[object]:
+def drain(inbox: SampleQueue) -> list[object]:
     items = []
     while (item := inbox.get(0.0)) is not None:
         items.append(item)
@@ -18,7 +18,7 @@ def drain(inbox: Inbox) -> list[object]:
 
 
 def test_keeps_the_order_of_arrival_over_streams() -> None:
-    inbox = Inbox({"lux": 4, "camera": 4})
+    inbox = SampleQueue({"lux": 4, "camera": 4})
     put = [reading(1), reading(2, "camera"), reading(3)]
     for sample in put:
         assert inbox.put(sample)
@@ -36,7 +36,7 @@ def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> N
 
 
 def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> None:
-    inbox = Inbox({"lux": 2, "camera": 2})
+    inbox = SampleQueue({"lux": 2, "camera": 2})
     assert [inbox.put(reading(n)) for n in range(5)] == [True, True, False, False, False]
     assert inbox.put(reading(9, "camera"))
     drain(inbox)
@@ -51,7 +51,7 @@ def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> Non
 
 
 def test_is_busy_until_the_last_item_is_done() -> None:
-    inbox = Inbox({"lux": 2})
+    inbox = SampleQueue({"lux": 2})
     inbox.put(reading(1))
     item = inbox.get(0.0)
     assert item is not None
