@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from benchmarks.result import Result
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
-from fieldkit.drivers.cameras.picture import Picture, kelvin
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.cameras.camera import Picture, kelvin
+from fieldkit.drivers.decoding import Rejected
 
 ROUNDS, TURNS = 100, 300
 FARTHER_ROUNDS = 5

@@ -25,11 +25,11 @@ import serial
 from numpy.typing import NDArray
 
 from benchmarks.result import Result
-from fieldkit.drivers.meters import center_309, lutron
-from fieldkit.drivers.meters.center_309 import Center309
+from fieldkit.drivers.decoding import Record
+from fieldkit.drivers.meters import center, lutron
+from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.drivers.ports import CHUNK_BYTES
-from fieldkit.drivers.records import Record
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Reading
@@ -159,7 +159,7 @@ def _least_center(path: str) -> tuple[Read, Callable[[], None]]:
         termios.tcflush(line, termios.TCIFLUSH)
         os.write(line, b"A")
         frame = os.read(line, CHUNK_BYTES)
-        now, taken = time.monotonic_ns(), center_309.take(frame)
+        now, taken = time.monotonic_ns(), center.take(frame)
         assert isinstance(taken, Record)
         kelvin = tuple([number + 273.15 for number in taken.numbers])
         return Reading("t", now, now, kelvin, frame, taken.channels[0].quality)

@@ -20,8 +20,7 @@ import numpy as np
 from benchmarks.replayed import PreparedCamera, meters
 from benchmarks.result import Result
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras.camera import ThermalCamera
-from fieldkit.drivers.cameras.picture import Picture, extremes
+from fieldkit.drivers.cameras.camera import Picture, ThermalCamera, extremes
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.clock import HostClock

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from fieldkit.drivers.records import Decodes
+from fieldkit.drivers.decoding import Decodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver, Found, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError

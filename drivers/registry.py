@@ -15,8 +15,8 @@ from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any, cast
 
+from fieldkit.drivers.decoding import Decoded, Decodes
 from fieldkit.drivers.options import for_bytes, refuse_unknown
-from fieldkit.drivers.records import Decoded, Decodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver, Found
 from fieldkit.model.errors import ConfigError
@@ -33,8 +33,8 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
         "y16": "fieldkit.drivers.cameras.y16:Y16",
         "konica-minolta": "fieldkit.drivers.meters.konica_minolta:KonicaMinolta",
         "lutron": "fieldkit.drivers.meters.lutron:Lutron",
-        "center-309": "fieldkit.drivers.meters.center_309:Center309",
-        "center-303": "fieldkit.drivers.meters.center_303:Center303",
+        "center-309": "fieldkit.drivers.meters.center:Center309",
+        "center-303": "fieldkit.drivers.meters.center:Center303",
         "modbus": "fieldkit.drivers.meters.modbus:Modbus",
         "pce-174": "fieldkit.drivers.meters.pce_174:Pce174",
         "ut325": "fieldkit.drivers.meters.ut325:Ut325",

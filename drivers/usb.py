@@ -10,8 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import UsbIdentity, right_one_fix
-from fieldkit.drivers.permission import permission_fix
+from fieldkit.drivers.identity import UsbIdentity, permission_fix, right_one_fix
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 

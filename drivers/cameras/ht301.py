@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.picture import PLAUSIBLE_K, Picture, decode_frames, extremes, words
+from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, Picture, decode_frames, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
-from fieldkit.drivers.records import Decoded, Rejected
+from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
@@ -107,7 +107,7 @@ class Ht301:
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more pictures; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes of one or more pictures; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_frames(data, decode, tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:

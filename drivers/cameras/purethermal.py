@@ -25,10 +25,10 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.picture import Picture, decode_frames, doubts, extremes, words
+from fieldkit.drivers.cameras.camera import Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
-from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
@@ -116,7 +116,7 @@ class PureThermal:
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more pictures; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes of one or more pictures; see `fieldkit.drivers.decoding.Decodes`."""
         scale = kelvin_per_count(for_bytes(self.name, options))
         return decode_frames(data, partial(decode, untold_scale=scale), tuple(SHAPES))
 

@@ -1,36 +1,210 @@
-"""Thermal Master P2 (UVC), P1, P3 and Vantrue TS2 (bulk): kelvin x 64 below a grey picture and two rows.
+"""Thermal Master P2 (UVC), P1, P3 and Vantrue TS2 (bulk): kelvin x 64 below a grey image and two rows.
 
-A frame is h rows of picture, 2 of metadata (not understood, kept) and h of temperatures. The P2 comes as YUYV
-256x386; layout sure by two sources. The others stand on one; their counters tell every lost picture.
+A frame is h rows of image, 2 of metadata (not understood, kept) and h of temperatures. The P2 comes as YUYV
+256x386; two sources agree on the layout. The others rest on one; their counters reveal every lost frame.
+
+P1, P3 and TS2 have no kernel driver: bulk transfers from endpoint 0x81 of interface 1 (alternate 1). Each
+frame stands between two markers of 12 bytes: length 0C, sync (8C or 8D begins, 8E or 8F ends), u32 counter
+equal at both ends, u32 second counter, u16 third counter that rises 40 a frame, modulo 2048: frames lost in
+gaps below two seconds are counted. A command has 18 bytes: type (as written), u16 parameter, u16 register, 6
+zeros, u16 reply length, 2 zeros, CRC-16 CCITT (start 0). Its status: 1 busy, 2 accepted and the reply ready,
+3 done, else refused. Source: one public program and its forks, of which one measured the status on a TS2.
 """
 
 from __future__ import annotations
 
+import binascii
+import errno
+import struct
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.picture import Picture, decode_frames, extremes, words
+from fieldkit.drivers.cameras.camera import Picture, decode_frames, extremes, words
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, cameras, find_cameras, open_source
-from fieldkit.drivers.cameras.thermal_master_bulk import (
-    BEGIN,
-    FINISH,
-    KINDS,
-    MARKER,
-    PART_NUMBER,
-    SERIAL_NUMBER,
-    BulkSource,
-    identity_of,
-    marker,
-)
-from fieldkit.drivers.records import Decoded, Rejected
-from fieldkit.drivers.usb import find_usb
+from fieldkit.drivers.decoding import Decoded, Rejected
+from fieldkit.drivers.identity import UsbIdentity
+from fieldkit.drivers.usb import explained, find_usb, pick_usb
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import Buffer, DeviceSettings, Found
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import NO_COUNTER
+
+# --- P1, P3 and TS2: a camera without a kernel driver, by pyusb
+
+KINDS = {(0x3474, 0x45C2): (160, 120), (0x3474, 0x45A2): (256, 192), (0x3474, 0x45F2): (256, 192)}
+MARKER = struct.Struct("<BBIIH")
+BEGIN, FINISH = (0x8C, 0x8D), (0x8E, 0x8F)
+STEP, WRAP = 40, 2048
+ENDPOINT, CHUNK = 0x81, 16_384
+SEND, RECEIVE, STATUS = (0x41, 0x20), (0xC1, 0x21), (0xC1, 0x22)
+READ, GAIN, SHUTTER = b"\x01\x01", b"\x01\x2f", b"\x01\x36"
+READ_SUBJECT, SHUTTER_SUBJECT = 0x81, 0x43
+SERIAL_NUMBER, PART_NUMBER = 7, 6
+GAINS = {b"\0": "low", b"\1": "high"}
+BUSY, ANSWERS, DONE = 1, 2, 3
+PATIENCE_S = 2.0
+
+
+class Marker(NamedTuple):
+    """What a marker says."""
+
+    length: int
+    sync: int
+    counter: int
+    second: int
+    third: int
+
+
+def command(kind: bytes, subject: int, register: int = 0, answer: int = 0) -> bytes:
+    """A command, ready to send."""
+    body = kind + struct.pack("<HH6xH2x", subject, register, answer)
+    return body + binascii.crc_hqx(body, 0).to_bytes(2, "little")
+
+
+def marker(data: bytes, sync: tuple[int, int]) -> Marker | None:
+    """The marker at the start of `data`, None if there is none of that kind."""
+    if len(data) < MARKER.size:
+        return None
+    found = Marker(*MARKER.unpack_from(data))
+    return found if found.length == MARKER.size and found.sync in sync else None
+
+
+class Assembler:
+    """Pictures of `length` bytes out of transfers; `sequence` counts those the camera made, lost ones too."""
+
+    def __init__(self, length: int) -> None:
+        self._length = length
+        self._data = b""
+        self._third = -1
+        self.sequence = -1
+        self.rejected = 0
+
+    def feed(self, chunk: bytes) -> bytes | None:
+        """A picture with its markers, once it is complete."""
+        self._data += chunk
+        self._to_begin()
+        whole = self._length + 2 * MARKER.size
+        if len(self._data) < whole:
+            return None
+        picture, self._data = self._data[:whole], self._data[whole:]
+        begin, end = marker(picture, BEGIN), marker(picture[-MARKER.size :], FINISH)
+        if begin is None or end is None or begin.counter != end.counter:
+            self.rejected += 1
+            self._data = picture[1:] + self._data
+            return None
+        self._count(begin.third)
+        return picture
+
+    def _to_begin(self) -> None:
+        """Drop what stands before the next begin marker."""
+        start = 0
+        while (start := self._data.find(bytes([MARKER.size]), start)) >= 0:
+            if marker(self._data[start:], BEGIN) or len(self._data) - start < MARKER.size:
+                break
+            start += 1
+        self._data = self._data[start:] if start >= 0 else b""
+
+    def _count(self, third: int) -> None:
+        passed = (third - self._third) % WRAP / STEP if self._third >= 0 else 1
+        self._third = third
+        self.sequence += max(round(passed), 1)
+
+
+class BulkSource:
+    """A camera without a kernel driver as a `fieldkit.model.device.FrameSource`; libusb waits by itself."""
+
+    backend = "pyusb"
+
+    def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
+        self._unit, self.usb = pick_usb(settings, tuple(KINDS))
+        self.port = f"usb:{self.usb.path}"
+        self._clock = clock
+        self.size = KINDS[self.usb.vendor, self.usb.product]
+        width, height = self.size
+        self._assembler = Assembler(2 * (2 * height + 2) * width)
+        with explained(self.port):
+            self._unit.set_interface_altsetting(1, 1)
+            self._unit.ctrl_transfer(0x40, 0xEE, 0, 1)
+
+    def read(self, timeout_s: float) -> Buffer | None:
+        """The next picture with its markers, stamped when it was complete."""
+        deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
+        while (remaining_ns := deadline_ns - self._clock.mono_ns()) > 0:
+            chunk = self._chunk(remaining_ns // 1_000_000)
+            picture = self._assembler.feed(chunk) if chunk else None
+            if picture is not None:
+                return Buffer(picture, self._clock.mono_ns(), self._assembler.sequence)
+        return None
+
+    def skip_until(self, mono_ns: int) -> None:
+        """Let pictures go by until a monotonic time."""
+        while self._clock.mono_ns() < mono_ns:
+            self.read((mono_ns - self._clock.mono_ns()) / 1e9)
+
+    def get_control(self, unit: int, selector: int, length: int) -> bytes:
+        """Not a UVC camera."""
+        raise DeviceError("this camera has no extension units")
+
+    def set_control(self, unit: int, selector: int, data: bytes) -> None:
+        """Not a UVC camera."""
+        raise DeviceError("this camera has no extension units")
+
+    def text(self, register: int) -> str:
+        """A register of 64 characters."""
+        return self._ask(READ, register, 64).split(b"\0")[0].decode("ascii", "replace").strip()
+
+    def gain(self) -> str:
+        """``high``, or ``low``, which is for scenes above 150 °C alone."""
+        answer = self._ask(GAIN, 0, 1)
+        return GAINS.get(answer, f"unknown ({answer.hex()})")
+
+    def run_shutter(self) -> None:
+        """Close the shutter and calibrate."""
+        with explained(self.port):
+            self._unit.ctrl_transfer(*SEND, 0, 0, command(SHUTTER, SHUTTER_SUBJECT))
+            self._wait()
+
+    def close(self) -> None:
+        """Release the camera; a second call does nothing."""
+        import usb.util
+
+        usb.util.dispose_resources(self._unit)
+
+    def _ask(self, kind: bytes, register: int, length: int) -> bytes:
+        with explained(self.port):
+            self._unit.ctrl_transfer(*SEND, 0, 0, command(kind, READ_SUBJECT, register, length))
+            self._wait()
+            return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
+
+    def _wait(self) -> None:
+        deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
+        while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (ANSWERS, DONE):
+            if status != BUSY:
+                raise DeviceError(f"the camera at {self.port} refuses the command: status {status}")
+            if self._clock.mono_ns() > deadline_ns:
+                raise DeviceError(
+                    f"the camera at {self.port} stays busy", fix="unplug it and plug it in again"
+                )
+            self._clock.sleep(0.001)
+
+    def _chunk(self, timeout_ms: int) -> bytes:
+        with explained(self.port):
+            try:
+                return bytes(self._unit.read(ENDPOINT, CHUNK, max(int(timeout_ms), 1)))
+            except OSError as error:
+                if error.errno == errno.ETIMEDOUT:
+                    return b""
+                raise
+
+
+def identity_of(source: Any) -> UsbIdentity:
+    """Who a source is; the simulated field's is nobody."""
+    found = getattr(source, "usb", None)
+    return found if isinstance(found, UsbIdentity) else UsbIdentity(0, 0)
+
 
 WANTED = Wanted(((0x3474, 0x4281),), "YUYV", ((256, 386),))
 SIZES = ((256, 192), (160, 120))
@@ -78,7 +252,7 @@ class ThermalMaster:
         return find_cameras(self.name, self.title, WANTED) + find_usb(self.name, self.title, tuple(KINDS))
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more frames; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_frames(data, decode, tuple(length + more for length in LENGTHS for more in MARKED))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:

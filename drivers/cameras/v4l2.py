@@ -15,11 +15,150 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
-from fieldkit.drivers.cameras import videodev2 as api
-from fieldkit.drivers.permission import permission_fix
+from fieldkit.drivers.identity import permission_fix
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+
+# --- structures and request numbers of linux/videodev2.h and linux/uvcvideo.h
+# ctypes lays the structures out for the machine at hand, so that 32- and 64-bit systems both fit.
+
+CAPTURE = 1  # V4L2_BUF_TYPE_VIDEO_CAPTURE
+MMAP = 1  # V4L2_MEMORY_MMAP
+CAP_CAPTURE = 0x0000_0001
+CAP_STREAMING = 0x0400_0000
+FLAG_ERROR = 0x0040
+STAMP_MASK = 0xE000
+STAMP_MONOTONIC = 0x2000
+ZOOM_ABSOLUTE = 0x009A_090D  # V4L2_CID_ZOOM_ABSOLUTE
+SET_CUR, GET_CUR, GET_LEN = 0x01, 0x81, 0x85
+
+
+class Capability(ctypes.Structure):
+    """`struct v4l2_capability`."""
+
+    _fields_ = (
+        ("driver", ctypes.c_char * 16),
+        ("card", ctypes.c_char * 32),
+        ("bus_info", ctypes.c_char * 32),
+        ("version", ctypes.c_uint32),
+        ("capabilities", ctypes.c_uint32),
+        ("device_caps", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32 * 3),
+    )
+
+
+class FrameSize(ctypes.Structure):
+    """`struct v4l2_frmsizeenum`, discrete sizes only."""
+
+    _fields_ = (
+        ("index", ctypes.c_uint32),
+        ("pixel_format", ctypes.c_uint32),
+        ("type", ctypes.c_uint32),
+        ("width", ctypes.c_uint32),
+        ("height", ctypes.c_uint32),
+        ("rest", ctypes.c_uint32 * 6),
+    )
+
+
+class PixelFormat(ctypes.Structure):
+    """`struct v4l2_pix_format`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_uint32)
+        for name in (
+            *("width", "height", "pixelformat", "field", "bytesperline", "sizeimage"),
+            *("colorspace", "priv", "flags", "encoding", "quantization", "transfer"),
+        )
+    )
+
+
+class _FormatUnion(ctypes.Union):
+    _fields_ = (("pix", PixelFormat), ("raw", ctypes.c_uint8 * 200), ("align", ctypes.c_void_p))
+
+
+class Format(ctypes.Structure):
+    """`struct v4l2_format`."""
+
+    _fields_ = (("type", ctypes.c_uint32), ("fmt", _FormatUnion))
+
+
+class RequestBuffers(ctypes.Structure):
+    """`struct v4l2_requestbuffers`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_uint32) for name in ("count", "type", "memory", "capabilities", "reserved")
+    )
+
+
+class _TimeCode(ctypes.Structure):
+    _fields_ = (
+        ("type", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+        ("fields", ctypes.c_uint8 * 8),
+    )
+
+
+class _Place(ctypes.Union):
+    _fields_ = (("offset", ctypes.c_uint32), ("userptr", ctypes.c_ulong))
+
+
+class VideoBuffer(ctypes.Structure):
+    """`struct v4l2_buffer`."""
+
+    _fields_ = (
+        ("index", ctypes.c_uint32),
+        ("type", ctypes.c_uint32),
+        ("bytesused", ctypes.c_uint32),
+        ("flags", ctypes.c_uint32),
+        ("field", ctypes.c_uint32),
+        ("seconds", ctypes.c_long),
+        ("microseconds", ctypes.c_long),
+        ("timecode", _TimeCode),
+        ("sequence", ctypes.c_uint32),
+        ("memory", ctypes.c_uint32),
+        ("m", _Place),
+        ("length", ctypes.c_uint32),
+        ("reserved", ctypes.c_uint32),
+        ("request_fd", ctypes.c_uint32),
+    )
+
+
+class Control(ctypes.Structure):
+    """`struct v4l2_control`."""
+
+    _fields_ = (("id", ctypes.c_uint32), ("value", ctypes.c_int32))
+
+
+class ExtensionQuery(ctypes.Structure):
+    """`struct uvc_xu_control_query`."""
+
+    _fields_ = (
+        ("unit", ctypes.c_uint8),
+        ("selector", ctypes.c_uint8),
+        ("query", ctypes.c_uint8),
+        ("size", ctypes.c_uint16),
+        ("data", ctypes.c_void_p),
+    )
+
+
+def _request(direction: int, group: str, number: int, kind: type) -> int:
+    """`_IOC` of `asm-generic/ioctl.h`: 1 the kernel reads, 2 it writes."""
+    return direction << 30 | ctypes.sizeof(kind) << 16 | ord(group) << 8 | number
+
+
+QUERYCAP = _request(2, "V", 0, Capability)
+S_FMT = _request(3, "V", 5, Format)
+REQBUFS = _request(3, "V", 8, RequestBuffers)
+QUERYBUF = _request(3, "V", 9, VideoBuffer)
+QBUF = _request(3, "V", 15, VideoBuffer)
+DQBUF = _request(3, "V", 17, VideoBuffer)
+STREAMON = _request(1, "V", 18, ctypes.c_int)
+STREAMOFF = _request(1, "V", 19, ctypes.c_int)
+S_CTRL = _request(3, "V", 28, Control)
+ENUM_FRAMESIZES = _request(3, "V", 74, FrameSize)
+UVC_QUERY = _request(3, "u", 0x21, ExtensionQuery)
+
 
 BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a picture
 OVERTAKEN_NS = 750_000_000
@@ -87,21 +226,21 @@ class V4l2Source:
         while (remaining_ns := mono_ns - self._clock.mono_ns()) > 0:
             taken = self._dequeue(remaining_ns / 1e9)
             if taken is not None:
-                self._call(api.QBUF, taken)
+                self._call(QBUF, taken)
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
         """Read a control of an extension unit, `length` bytes or what the camera says it has."""
-        size = int.from_bytes(self._extension(unit, selector, api.GET_LEN, bytes(2)), "little")
-        return self._extension(unit, selector, api.GET_CUR, bytes(size or length))
+        size = int.from_bytes(self._extension(unit, selector, GET_LEN, bytes(2)), "little")
+        return self._extension(unit, selector, GET_CUR, bytes(size or length))
 
     def set_control(self, unit: int, selector: int, data: bytes) -> None:
         """Write a control of an extension unit."""
-        self._extension(unit, selector, api.SET_CUR, data)
+        self._extension(unit, selector, SET_CUR, data)
 
     def set_zoom(self, value: int) -> None:
         """Write the absolute zoom, which some cameras take as a command."""
         try:
-            fcntl.ioctl(self._fd, api.S_CTRL, api.Control(api.ZOOM_ABSOLUTE, value))
+            fcntl.ioctl(self._fd, S_CTRL, Control(ZOOM_ABSOLUTE, value))
         except OSError as error:
             raise self._refused(f"zoom command {value:#06x}", error) from error
 
@@ -110,7 +249,7 @@ class V4l2Source:
         if self._fd < 0:
             return
         with suppress(OSError):
-            fcntl.ioctl(self._fd, api.STREAMOFF, ctypes.c_int(api.CAPTURE))
+            fcntl.ioctl(self._fd, STREAMOFF, ctypes.c_int(CAPTURE))
         for view in self._maps:
             view.close()
         self._maps.clear()
@@ -135,22 +274,22 @@ class V4l2Source:
         taken = self._dequeue(timeout_s)
         if taken is None:
             return None
-        monotonic = taken.flags & api.STAMP_MASK == api.STAMP_MONOTONIC
+        monotonic = taken.flags & STAMP_MASK == STAMP_MONOTONIC
         stamp_ns = taken.seconds * 1_000_000_000 + taken.microseconds * 1000
         picture = Buffer(
             data=self._maps[taken.index][: taken.bytesused],
             mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),
             sequence=taken.sequence,
-            error=bool(taken.flags & api.FLAG_ERROR),
+            error=bool(taken.flags & FLAG_ERROR),
         )
-        self._call(api.QBUF, taken)  # last: the kernel then clears the buffer's description
+        self._call(QBUF, taken)  # last: the kernel then clears the buffer's description
         return picture
 
     def _need_capture(self) -> None:
         """A camera has two nodes; the one for metadata cannot capture."""
-        caps = api.Capability()
-        fcntl.ioctl(self._fd, api.QUERYCAP, caps)
-        if not (caps.device_caps & api.CAP_CAPTURE and caps.device_caps & api.CAP_STREAMING):
+        caps = Capability()
+        fcntl.ioctl(self._fd, QUERYCAP, caps)
+        if not (caps.device_caps & CAP_CAPTURE and caps.device_caps & CAP_STREAMING):
             raise DeviceNotFoundError(
                 f"{self.port} is a metadata node, not the camera's picture",
                 fix="leave port out of the configuration: fieldkit finds the node by identity",
@@ -164,11 +303,9 @@ class V4l2Source:
                 f"{self.port} offers no {fourcc.strip()} picture of {_list(sizes)}; it has {_list(offered)}",
                 fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
             )
-        wanted = api.Format(type=api.CAPTURE)
-        wanted.fmt.pix = api.PixelFormat(
-            width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1
-        )
-        fcntl.ioctl(self._fd, api.S_FMT, wanted)
+        wanted = Format(type=CAPTURE)
+        wanted.fmt.pix = PixelFormat(width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1)
+        fcntl.ioctl(self._fd, S_FMT, wanted)
         got = wanted.fmt.pix
         if (got.width, got.height, got.pixelformat) != (*chosen, _code(fourcc)):
             raise DeviceNotFoundError(
@@ -180,9 +317,9 @@ class V4l2Source:
     def _offered(self, fourcc: str) -> Sequence[tuple[int, int]]:
         sizes: list[tuple[int, int]] = []
         while True:
-            entry = api.FrameSize(index=len(sizes), pixel_format=_code(fourcc))
+            entry = FrameSize(index=len(sizes), pixel_format=_code(fourcc))
             try:
-                fcntl.ioctl(self._fd, api.ENUM_FRAMESIZES, entry)
+                fcntl.ioctl(self._fd, ENUM_FRAMESIZES, entry)
             except OSError as error:
                 if error.errno in (errno.EINVAL, errno.ENOTTY):
                     return sizes
@@ -190,22 +327,22 @@ class V4l2Source:
             sizes.append((entry.width, entry.height))
 
     def _start(self) -> None:
-        wish = api.RequestBuffers(count=BUFFERS, type=api.CAPTURE, memory=api.MMAP)
-        fcntl.ioctl(self._fd, api.REQBUFS, wish)
+        wish = RequestBuffers(count=BUFFERS, type=CAPTURE, memory=MMAP)
+        fcntl.ioctl(self._fd, REQBUFS, wish)
         for index in range(wish.count):
-            slot = api.VideoBuffer(index=index, type=api.CAPTURE, memory=api.MMAP)
-            fcntl.ioctl(self._fd, api.QUERYBUF, slot)
+            slot = VideoBuffer(index=index, type=CAPTURE, memory=MMAP)
+            fcntl.ioctl(self._fd, QUERYBUF, slot)
             self._maps.append(mmap.mmap(self._fd, slot.length, offset=slot.m.offset))
-            fcntl.ioctl(self._fd, api.QBUF, slot)
-        fcntl.ioctl(self._fd, api.STREAMON, ctypes.c_int(api.CAPTURE))
+            fcntl.ioctl(self._fd, QBUF, slot)
+        fcntl.ioctl(self._fd, STREAMON, ctypes.c_int(CAPTURE))
 
-    def _dequeue(self, timeout_s: float) -> api.VideoBuffer | None:
+    def _dequeue(self, timeout_s: float) -> VideoBuffer | None:
         if not self._clock.wait_readable(self._fd, timeout_s):
             return None
-        slot = api.VideoBuffer(type=api.CAPTURE, memory=api.MMAP)
-        return slot if self._call(api.DQBUF, slot) else None
+        slot = VideoBuffer(type=CAPTURE, memory=MMAP)
+        return slot if self._call(DQBUF, slot) else None
 
-    def _call(self, request: int, slot: api.VideoBuffer) -> bool:
+    def _call(self, request: int, slot: VideoBuffer) -> bool:
         try:
             fcntl.ioctl(self._fd, request, slot)
         except BlockingIOError:
@@ -221,9 +358,7 @@ class V4l2Source:
         content = ctypes.create_string_buffer(data, len(data))
         address = ctypes.addressof(content)
         try:
-            fcntl.ioctl(
-                self._fd, api.UVC_QUERY, api.ExtensionQuery(unit, selector, query, len(data), address)
-            )
+            fcntl.ioctl(self._fd, UVC_QUERY, ExtensionQuery(unit, selector, query, len(data), address))
         except OSError as error:
             raise self._refused(f"control {selector} of unit {unit}", error) from error
         return content.raw

@@ -12,10 +12,10 @@ from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.picture import Decode, Picture, decode_frames, doubts, extremes, words
+from fieldkit.drivers.cameras.camera import Decode, Picture, decode_frames, doubts, extremes, words
 from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
+from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
-from fieldkit.drivers.records import Decoded, Rejected
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found, StreamInfo
 from fieldkit.model.errors import ConfigError

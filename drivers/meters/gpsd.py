@@ -16,9 +16,9 @@ from datetime import datetime
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.framing import Framer, Stamped
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.ports import Framer, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
@@ -86,7 +86,7 @@ LAYOUT = Layout(take, LONGEST)
 
 
 class SocketPort:
-    """A TCP connection as a port for meters; see `fieldkit.drivers.framing.Port`."""
+    """A TCP connection as a port for meters; see `fieldkit.drivers.ports.Port`."""
 
     byte_ns = 0
     identity = ""
@@ -161,7 +161,7 @@ class Gpsd:
         return [Found(self.name, "", f"localhost:{PORT}", self.title)]
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

@@ -22,10 +22,9 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.framing import Port
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
@@ -180,7 +179,7 @@ class KonicaMinolta:
         return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

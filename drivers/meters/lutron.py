@@ -31,9 +31,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
-from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import (
+from fieldkit.drivers.decoding import (
     GOOD,
     NO_VALUE,
     Channel,
@@ -45,6 +43,8 @@ from fieldkit.drivers.records import (
     decode_records,
     skip_to,
 )
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import DecodeError
@@ -118,7 +118,7 @@ class Lutron:
         return find_ports(self.name, self.title, (), "any adapter: only its stream tells")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

@@ -13,13 +13,28 @@ from operator import and_, or_
 from typing import NamedTuple
 
 from fieldkit.drivers import options
-from fieldkit.drivers.framing import Port, Stamped
-from fieldkit.drivers.meters.units import TO_SI
-from fieldkit.drivers.records import NO_VALUE, Channel, Layout
+from fieldkit.drivers.decoding import NO_VALUE, Channel, Layout
+from fieldkit.drivers.ports import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
+
+# --- units
+
+FOOT2_M2 = 0.09290304  # 1 ft = 0.3048 m exactly
+
+STREAM_UNITS = {"°C": "K", "°F": "K", "fc": "lx", "W/m²": "W m-2"}
+"""The unit a stream has for what a meter shows."""
+
+TO_SI = {
+    ("°C", "K"): (273.15, 1.0),
+    ("°F", "K"): (459.67, 1.8),
+    ("fc", "lx"): (0.0, FOOT2_M2),
+    ("W/m²", "W m-2"): (0.0, 1.0),
+}
+"""(shown, wanted): what to add to a value, and what to divide the sum by; numbers, because they are quick."""
+
 
 FIRST_RECORD_S = 5.0
 ANSWER_S = 1.0

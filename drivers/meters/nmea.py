@@ -18,9 +18,9 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers import options
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import ConfigError
@@ -151,7 +151,7 @@ class Nmea:
         return find_ports(self.name, self.title, (), "any adapter: only its sentences tell")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`. The last sentence needs no line end."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""
         if data.endswith((b"\n", b"\r")) or b"*" not in data[-4:]:
             return decode_records(data, LAYOUT)
         decoded = decode_records(data + b"\n", LAYOUT)

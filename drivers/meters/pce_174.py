@@ -28,9 +28,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.drivers import options
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.samples import Quality
@@ -95,7 +95,7 @@ class Pce174:
         return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

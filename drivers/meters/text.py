@@ -22,12 +22,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.framing import Port
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.units import STREAM_UNITS
+from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import for_bytes
-from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import ConfigError, DecodeError
@@ -161,7 +160,7 @@ class Text:
         return find_ports(self.name, self.title, (), "any adapter: only its lines tell")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`. The header may stand anywhere in them."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
         names = options.get("columns", ())
         given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
         grammar = _grammar(for_bytes(self.name, given))

@@ -27,10 +27,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.framing import Framer, Stamped
+from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line
-from fieldkit.drivers.records import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.ports import Framer, Line, Stamped
 from fieldkit.drivers.usb import explained, find_usb, pick_usb
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
@@ -71,7 +70,7 @@ LAYOUT = Layout(take, LENGTH)
 
 
 class HidBridge:
-    """The CH9325 as a port for meters; see `fieldkit.drivers.framing.Port`.
+    """The CH9325 as a port for meters; see `fieldkit.drivers.ports.Port`.
 
     libusb waits by itself, in slices of a fifth of a second.
     """
@@ -144,7 +143,7 @@ class Ut325:
         return find_usb(self.name, self.title, KINDS, "other UNI-T meters use the same bridge")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.drivers.ports import Line
-from fieldkit.drivers.simulated.terminal import Terminal
+from fieldkit.drivers.simulated.pseudo_terminal import Terminal
 from fieldkit.model.device import DeviceSettings
 from fieldkit.simulation import FaultKind, Scene
 from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock

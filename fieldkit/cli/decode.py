@@ -15,7 +15,7 @@ from fieldkit.cli.common import Verb, options, print_json, print_table
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.drivers.records import Decoded, Value
+    from fieldkit.drivers.decoding import Decoded, Value
 
 PROSE = ("nmea", "gpsd", "text")
 """Drivers whose records can be typed as they are."""

@@ -18,7 +18,7 @@ def command(ctx: click.Context) -> None:
     same when the computer counts its ports differently.
     """
     from fieldkit.drivers import registry
-    from fieldkit.drivers.survey import plugged_in
+    from fieldkit.drivers.discovery import plugged_in
 
     things, problems = plugged_in()
     drivers, _ = registry.load_all()

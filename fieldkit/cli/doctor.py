@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Verb, campaign, options, print_json
-from fieldkit.drivers.access import Fact, is_plugged_in, look
+from fieldkit.drivers.discovery import Fact, is_plugged_in, look
 from fieldkit.model.errors import DeviceError, FieldkitError
 
 if TYPE_CHECKING:

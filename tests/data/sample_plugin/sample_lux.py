@@ -2,9 +2,9 @@
 
 import re
 
+from fieldkit.drivers.decoding import Layout, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
-from fieldkit.drivers.records import Layout, Record, Rejected, Value, decode_records
 
 LINE = Line(9600)
 RECORD = re.compile(rb"LUX (\d{1,6})\r?")

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from fieldkit.calibration.record import CalibrationRecord, save
 from fieldkit.cli import main
-from fieldkit.drivers import access, survey
+from fieldkit.drivers import discovery
 from fieldkit.drivers.identity import UsbIdentity
 
 LUX = "02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D"
@@ -118,12 +118,10 @@ def plugged(monkeypatch):
     camera = ("/dev/video0", UsbIdentity(0x0408, 0x5362, "", "1-5", "Webcam"))
     adapter = ("/dev/ttyUSB0", UsbIdentity(0x10C4, 0xEA60, "A7", "1-2", "CP2102"))
     for module, name, found in (
-        ("survey", "cameras", [camera]),
-        ("survey", "serial_ports", [adapter]),
+        ("discovery", "cameras", [camera]),
+        ("discovery", "serial_ports", [adapter]),
         ("ports", "serial_ports", [adapter]),
         ("cameras.source", "cameras", [camera]),
-        ("access", "cameras", [camera]),
-        ("access", "serial_ports", [adapter]),
     ):
         monkeypatch.setattr(f"fieldkit.drivers.{module}.{name}", lambda found=found: found)
 
@@ -139,14 +137,14 @@ def test_devices_lists_everything_with_its_identity(plugged):
 
 def test_devices_tells_of_a_driver_that_cannot_be_loaded(monkeypatch):
     monkeypatch.setitem(
-        survey.registry.__dict__, "load_all", lambda: ([], ["the driver 'x' of y cannot be loaded"])
+        discovery.registry.__dict__, "load_all", lambda: ([], ["the driver 'x' of y cannot be loaded"])
     )
     assert "warning: the driver 'x' of y cannot be loaded" in run("devices").stderr
 
 
 def test_doctor_says_what_is_missing_and_how_to_mend_it(plugged, monkeypatch, tmp_path):
-    monkeypatch.setattr(access.os.path, "exists", lambda path: True)
-    monkeypatch.setattr(access.os, "access", lambda path, mode: "tty" not in str(path))
+    monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)
+    monkeypatch.setattr(discovery.os, "access", lambda path, mode: "tty" not in str(path))
     answer = run("doctor", "--json", "-C", str(tmp_path))
     checks = {one["what"]: one for one in json.loads(answer.stdout)["checks"]}
     assert answer.exit_code == 4

@@ -10,7 +10,7 @@ import pytest
 
 from fieldkit.drivers import conformance, registry
 from fieldkit.drivers.conformance import check_driver
-from fieldkit.drivers.meters.center_309 import Center309
+from fieldkit.drivers.meters.center import Center309
 from fieldkit.drivers.meters.lutron import Lutron
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.records import Decodes
+from fieldkit.drivers.decoding import Decodes
 
 GOLDEN = tomllib.loads((Path(__file__).parents[2] / "data/golden_records.toml").read_text())["record"]
 

@@ -6,11 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from fieldkit.drivers import permission, ports
-from fieldkit.drivers.framing import Stamped
+from fieldkit.drivers import identity, ports
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.meters.lutron import LAYOUT
-from fieldkit.drivers.ports import Line, SerialPort, open_failure, open_port
+from fieldkit.drivers.ports import Line, SerialPort, Stamped, open_failure, open_port
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceAccessError, DeviceLostError, DeviceNotFoundError
@@ -144,7 +143,7 @@ def test_missing_port_lists_what_is_there(monkeypatch):
 
 @pytest.mark.parametrize(("group", "joins"), [("dialout", True), ("root", False)])
 def test_permission_says_what_to_type_and_never_to_join_root(tmp_path, monkeypatch, group, joins):
-    monkeypatch.setattr(permission.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
+    monkeypatch.setattr(identity.grp, "getgrgid", lambda number: SimpleNamespace(gr_name=group))
     failure = open_failure(str(tmp_path), OSError(errno.EACCES, "denied"))
     assert isinstance(failure, DeviceAccessError)
     assert "doctor --udev" in failure.fix

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.drivers.access import RAW_ONLY, VENDOR_COMMANDS
-from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, thermal_master, thermal_master_bulk
+from fieldkit.drivers.cameras import boson, ht301, p2pro, purethermal, thermal_master
+from fieldkit.drivers.discovery import RAW_ONLY, VENDOR_COMMANDS
 from fieldkit.drivers.meters import konica_minolta, pce_174, ut325
 
 RULES = (Path(__file__).parents[3] / "udev/70-fieldkit.rules").read_text()
@@ -22,7 +22,7 @@ VIDEO = {
     kind for module in (boson, ht301, p2pro, purethermal, thermal_master) for kind in module.WANTED.kinds
 }
 USB = VIDEO | {
-    *VENDOR_COMMANDS, *RAW_ONLY, *thermal_master_bulk.KINDS,
+    *VENDOR_COMMANDS, *RAW_ONLY, *thermal_master.KINDS,
     *ut325.KINDS, *konica_minolta.KINDS, *pce_174.KINDS,
 }  # fmt: skip
 ADAPTERS = {

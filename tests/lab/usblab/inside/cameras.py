@@ -7,7 +7,7 @@ import zlib
 from typing import Any
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras.opencv import OpenCvSource
+from fieldkit.drivers.cameras.source import OpenCvSource
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Camera, DeviceSettings, FrameSource

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import boson
-from fieldkit.drivers.cameras.boson import Boson, decode
-from fieldkit.drivers.cameras.boson_serial import BosonSerial, pack, take, unpack
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.cameras.boson import Boson, BosonSerial, decode, pack, take, unpack
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceTimeoutError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras.ht301 import Ht301, decode
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceError

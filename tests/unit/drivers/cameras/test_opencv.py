@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras.opencv import OpenCvSource
+from fieldkit.drivers.cameras.source import OpenCvSource
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.simulation.simulated_clock import SimulatedClock

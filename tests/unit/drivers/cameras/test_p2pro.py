@@ -3,11 +3,10 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras import infiray
-from fieldkit.drivers.cameras.infiray import Commands
-from fieldkit.drivers.cameras.p2pro import LENGTH, P2Pro, decode
+from fieldkit.drivers.cameras import p2pro
+from fieldkit.drivers.cameras.p2pro import LENGTH, Commands, P2Pro, decode
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.records import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, DeviceSettings
 from fieldkit.model.errors import ConfigError, DeviceAccessError, DeviceError
@@ -128,7 +127,7 @@ def test_information_is_asked_with_a_big_endian_length(far, commands):
 
 
 def test_property_is_written_and_read_back(far, commands):
-    assert commands.set(infiray.PROPERTIES, infiray.GAIN, 0) == 0
+    assert commands.set(p2pro.PROPERTIES, p2pro.GAIN, 0) == 0
     assert far.written[:2] == [
         (0x9D00, bytes.fromhex("14c5 0005 00000000")),
         (0x1D08, bytes.fromhex("00000000 00000000")),
@@ -148,8 +147,8 @@ USB = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
 
 
 def connected(far, monkeypatch, **options):
-    monkeypatch.setattr(infiray, "usb_instruments", lambda kinds: [(far, USB)])
-    return infiray.connect(USB, HostClock(), infiray.wishes(DeviceSettings("ir", "p2pro", options=options)))
+    monkeypatch.setattr(p2pro, "usb_instruments", lambda kinds: [(far, USB)])
+    return p2pro.connect(USB, HostClock(), p2pro.wishes(DeviceSettings("ir", "p2pro", options=options)))
 
 
 def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras.purethermal import PureThermal, decode
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer, Camera, DeviceSettings
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError

@@ -3,9 +3,8 @@ import struct
 import numpy as np
 import pytest
 
-from fieldkit.drivers.cameras.thermal_master import ThermalMaster, decode
-from fieldkit.drivers.cameras.thermal_master_bulk import Assembler, command
-from fieldkit.drivers.records import Rejected
+from fieldkit.drivers.cameras.thermal_master import Assembler, ThermalMaster, command, decode
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality

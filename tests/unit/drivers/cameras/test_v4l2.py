@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from fieldkit.drivers.cameras import v4l2, videodev2
+from fieldkit.drivers.cameras import v4l2
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.model.clock import HostClock
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
@@ -26,11 +26,11 @@ class Kernel:
         self.free, self.ready, self.extension = [], [], {}
         self.streaming = self.gone = False
         self.refuse = {}
-        self.caps = videodev2.CAP_CAPTURE | videodev2.CAP_STREAMING
+        self.caps = v4l2.CAP_CAPTURE | v4l2.CAP_STREAMING
         self.sizes = [(160, 120), (160, 122)]
         self.zoom = None
 
-    def deliver(self, data, sequence, flags=videodev2.STAMP_MONOTONIC, at=(12, 345)):
+    def deliver(self, data, sequence, flags=v4l2.STAMP_MONOTONIC, at=(12, 345)):
         index = self.free.pop(0)
         with self.path.open("r+b") as memory:
             memory.seek(index * SLOT)
@@ -42,7 +42,7 @@ class Kernel:
             raise OSError(errno.ENODEV, "gone")
         if request in self.refuse:
             raise OSError(self.refuse[request], "refused")
-        names = {getattr(videodev2, name): name for name in REQUESTS}
+        names = {getattr(v4l2, name): name for name in REQUESTS}
         return getattr(self, names[request].lower())(argument)
 
     def querycap(self, caps):
@@ -84,11 +84,11 @@ class Kernel:
         content = self.extension.get((query.unit, query.selector))
         if content is None:
             raise OSError(errno.ENOENT, "no such unit")
-        if query.query == videodev2.GET_LEN:
+        if query.query == v4l2.GET_LEN:
             ctypes.memmove(query.data, len(content).to_bytes(2, "little"), 2)
         elif query.size != len(content):
             raise OSError(errno.ENOBUFS, "wrong size")
-        elif query.query == videodev2.GET_CUR:
+        elif query.query == v4l2.GET_CUR:
             ctypes.memmove(query.data, content, len(content))
         else:
             self.extension[query.unit, query.selector] = ctypes.string_at(query.data, query.size)
@@ -121,7 +121,7 @@ def source(kernel):
 def test_picture_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
     data = os.urandom(2 * WIDTH * HEIGHT)
     kernel.deliver(data, 41)
-    kernel.deliver(data[:100], 43, videodev2.STAMP_MONOTONIC | videodev2.FLAG_ERROR)
+    kernel.deliver(data[:100], 43, v4l2.STAMP_MONOTONIC | v4l2.FLAG_ERROR)
     first, second = source.read(1.0), source.read(1.0)
     assert (first.data, first.mono_ns, first.sequence, first.error) == (data, 12_000_345_000, 41, False)
     assert (second.data, second.sequence, second.error) == (data[:100], 43, True)
@@ -219,7 +219,7 @@ def test_metadata_node_is_refused(kernel):
     ],
 )
 def test_refused_start_is_explained(kernel, code, error, words):
-    kernel.refuse[videodev2.STREAMON] = code
+    kernel.refuse[v4l2.STREAMON] = code
     with pytest.raises(error, match=words):
         opened(kernel)
 
@@ -292,10 +292,10 @@ def test_structures_are_those_of_this_kernels_headers(tmp_path):
     if subprocess.run(["gcc", source, "-o", program], capture_output=True).returncode:
         pytest.skip("no kernel headers")
     told = [int(word) for word in subprocess.run([program], capture_output=True, text=True).stdout.split()]
-    buffer, layout = videodev2.VideoBuffer, videodev2.Format
+    buffer, layout = v4l2.VideoBuffer, v4l2.Format
     assert told == [
-        *(getattr(videodev2, name) for name in REQUESTS),
+        *(getattr(v4l2, name) for name in REQUESTS),
         *(buffer.seconds.offset, buffer.sequence.offset, buffer.m.offset, buffer.length.offset),
-        *(layout.fmt.offset, videodev2.Capability.device_caps.offset),
-        *(videodev2.ZOOM_ABSOLUTE, videodev2.FLAG_ERROR),
+        *(layout.fmt.offset, v4l2.Capability.device_caps.offset),
+        *(v4l2.ZOOM_ABSOLUTE, v4l2.FLAG_ERROR),
     ]

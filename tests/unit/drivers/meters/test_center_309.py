@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from fieldkit.drivers.meters.center_309 import Center309, take
-from fieldkit.drivers.records import Record, Rejected
+from fieldkit.drivers.decoding import Record, Rejected
+from fieldkit.drivers.meters.center import Center309, take
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError

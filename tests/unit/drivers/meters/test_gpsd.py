@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, take
-from fieldkit.drivers.records import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError

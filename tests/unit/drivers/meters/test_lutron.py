@@ -3,9 +3,9 @@ import math
 import pytest
 
 from fieldkit.drivers import registry
+from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.lutron import Lutron, take
-from fieldkit.drivers.records import Record, Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError

@@ -2,10 +2,18 @@ import math
 
 import pytest
 
-from fieldkit.drivers.meters.modbus import Modbus, crc16, request, take
-from fieldkit.drivers.meters.modbus_map import Channel, RegisterMap, load_map, packaged
+from fieldkit.drivers.decoding import Rejected
+from fieldkit.drivers.meters.modbus import (
+    Channel,
+    Modbus,
+    RegisterMap,
+    crc16,
+    load_map,
+    packaged,
+    request,
+    take,
+)
 from fieldkit.drivers.ports import Line
-from fieldkit.drivers.records import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
@@ -85,7 +93,7 @@ def test_maps_of_pyranometers_say_so(name, component):
     ],
 )
 def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, said, complaint):
-    from fieldkit.drivers.meters.modbus_map import FOLDER
+    from fieldkit.drivers.meters.modbus import FOLDER
 
     mine = tmp_path / "mine.toml"
     mine.write_text(f"{said}\n{(FOLDER / 'renke.toml').read_text().replace('measures =', '# measures =')}")
@@ -132,7 +140,7 @@ def test_packaged_maps_are_whole(name):
     ],
 )
 def test_half_read_map_says_what_is_wrong(tmp_path, change, complaint):
-    from fieldkit.drivers.meters.modbus_map import FOLDER
+    from fieldkit.drivers.meters.modbus import FOLDER
 
     text = (FOLDER / "rtd-8.toml").read_text()
     assert change[0] in text

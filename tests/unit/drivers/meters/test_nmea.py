@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.nmea import Nmea, take
-from fieldkit.drivers.records import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import NO_COUNTER, Quality

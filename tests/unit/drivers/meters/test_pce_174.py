@@ -2,8 +2,8 @@ import math
 
 import pytest
 
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, take
-from fieldkit.drivers.records import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality

@@ -1,7 +1,7 @@
 import pytest
 
+from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters.ut325 import characters, take
-from fieldkit.drivers.records import Rejected
 
 RECORD = bytes.fromhex("30 3A 32 35 33 31 30 30 30 30 30 30 30 30 30 30 31 0D 0A")
 

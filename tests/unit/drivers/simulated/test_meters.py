@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fieldkit.drivers import registry
-from fieldkit.drivers.meters import center_309, lutron
+from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, lutron_record, spoilt
 from fieldkit.model.device import DeviceSettings
@@ -74,7 +74,7 @@ def test_driver_reads_back_what_the_light_meter_says(value):
 
 @given(st.lists(st.floats(-200.0, 1300.0) | st.just(math.nan), max_size=4))
 def test_driver_reads_back_what_the_thermometer_says(celsius):
-    read = [value.value for value in center_309.Center309().decode(center_309_record(celsius), {}).values]
+    read = [value.value for value in center.Center309().decode(center_309_record(celsius), {}).values]
     expected = [*celsius, *[math.nan] * (4 - len(celsius))]
     np.testing.assert_allclose(read, expected, atol=0.0501)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import purethermal, y16
-from fieldkit.drivers.cameras.picture import Picture, kelvin
+from fieldkit.drivers.cameras.camera import Picture, kelvin
 from fieldkit.model.samples import Quality
 
 COUNTS = np.random.default_rng(5).integers(20_000, 40_000, (48, 64)).astype("<u2")

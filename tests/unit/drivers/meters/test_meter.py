@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fieldkit.drivers.meters.units import STREAM_UNITS, TO_SI
+from fieldkit.drivers.meters.meter import STREAM_UNITS, TO_SI
 
 EXACT = [
     ("°C", 0.0, 273.15),

@@ -10,19 +10,63 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from fieldkit.drivers.cameras import thermal_master_bulk
+from fieldkit.drivers import registry
+from fieldkit.drivers.cameras import thermal_master
 from fieldkit.drivers.cameras.source import cameras
-from fieldkit.drivers.identity import SYSFS, UsbIdentity, usb_parent
+from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_fix, usb_parent
 from fieldkit.drivers.meters import ut325
-from fieldkit.drivers.permission import UDEV_FIX, permission_fix
 from fieldkit.drivers.ports import serial_ports
+
+# --- what is connected
+
+UNKNOWN = "no driver of fieldkit's"
+
+
+@dataclass(frozen=True, slots=True)
+class PluggedIn:
+    """One thing on a cable; `drivers` take it for their own, `remark` says why they are not sure."""
+
+    identity: str
+    port: str
+    title: str
+    drivers: tuple[str, ...]
+    remark: str = ""
+
+
+def plugged_in() -> tuple[list[PluggedIn], list[str]]:
+    """(instruments, adapters and cameras that are there; problems with drivers that could not be loaded)."""
+    drivers, problems = registry.load_all()
+    things: dict[tuple[str, str], PluggedIn] = {}
+    for driver in drivers:
+        for found in driver.find():
+            key = (found.identity, found.port)
+            before = things.get(key)
+            names = (*(before.drivers if before else ()), found.driver)
+            remark = "only the instrument's answer tells which" if before else found.doubt
+            things[key] = PluggedIn(found.identity, found.port, found.title, names, remark)
+    known = {thing.port for thing in things.values()}
+    others = [
+        *_strangers(cameras(), known, "y16 reads it if it has Y16"),
+        *_strangers(serial_ports(), known, UNKNOWN),
+    ]
+    return [*things.values(), *others], problems
+
+
+def _strangers(present: list[tuple[str, UsbIdentity]], known: set[str], remark: str) -> list[PluggedIn]:
+    everybody = [usb for _, usb in present]
+    return [
+        PluggedIn(usb.written(everybody), path, usb.title, (), remark)
+        for path, usb in present
+        if path not in known
+    ]
+
 
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")
 VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840))
 """Cameras that take commands through the raw USB node, beside the video node."""
 
-RAW_ONLY = (*thermal_master_bulk.KINDS, *ut325.KINDS)
+RAW_ONLY = (*thermal_master.KINDS, *ut325.KINDS)
 """Instruments that have nothing but the raw USB node."""
 
 SLOW_LATENCY_MS = 2
@@ -70,7 +114,7 @@ def is_plugged_in(identity: str, sysfs: Path = SYSFS) -> bool:
 
 
 def _is_camera(usb: UsbIdentity) -> bool:
-    return (usb.vendor, usb.product) in thermal_master_bulk.KINDS
+    return (usb.vendor, usb.product) in thermal_master.KINDS
 
 
 def _libraries() -> Iterator[Fact]:

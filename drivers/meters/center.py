@@ -1,7 +1,10 @@
-"""Center 304 and 309, Voltcraft K204, Omega HH309: four thermocouples in 45 bytes.
+"""Center thermometers and their brandings: two records, 45 bytes for four thermocouples, 8 for one or two.
 
-9600 8N1, spoken to in single letters: ``K`` answers three digits and CR, ``A`` one record.
-Source: the vendor's protocol sheets, sigrok's description, a public class for the K204.
+9600 8N1, driven by single letters: ``K`` returns the model (three digits and CR), ``A`` one record. There is
+no checksum; a record whose channels lie outside what thermocouples can show is rejected.
+
+**45 bytes**: Center 304 and 309, Voltcraft K204, Omega HH309. Source: the vendor's protocol sheets, sigrok's
+description, a public class for the K204.
 
 ====== ===================================================================================
 offset content
@@ -15,11 +18,30 @@ offset content
 44     03
 ====== ===================================================================================
 
-Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read: offsets 7-14 are the temperatures of
-now, whichever of them the display shows. Sure: all of the table but
-the sign, which stands on one source: below 0 °C is unproven. There is no checksum and 02, 03
-occur inside; a record whose channels lie outside what thermocouples can show is rejected.
-An open probe shows as overload, as 7FFF or as 8000.
+Offsets 15-38 repeat the layout for REL, MIN and MAX and are not read: offsets 7-14 are the current
+temperatures, whichever of them the display shows. All of the table is certain but the sign, which rests on
+one source: below
+0 °C is unproven. 02 and 03 occur inside a record. An open probe shows as overload, as 7FFF or as 8000.
+
+**8 bytes**: Center 300-303, Voltcraft 300-302, HH303, KEW301, TC0301. Source: the vendor's protocol text in
+several brandings, one origin.
+
+====== =====================================================================================
+offset content
+====== =====================================================================================
+0      02
+1      bit 7 °C (else °F), 6 low battery, 5 hold, 4 REL, 3 type J (else K), 2-0 max/min
+2      bits 0-2 main: overload, minus, no decimal; 3-5 the same for sub; 7-6 what they are
+3-4    main, four BCD digits
+5-6    sub, four BCD digits
+7      03
+====== =====================================================================================
+
+Bits 7-6 of offset 2: 00 T1-T2 and T1, 01 T1-T2 and T2, 10 T1 and T2, 11 T2 and T1. A channel has no fixed
+place. Leading digits may be blank (B; one program, against a real meter). A relative display (REL) shows
+differences from an unnamed temperature: it has no value. The three bits of max/min are not documented; with
+any of them set, the display does not show the current temperature. The models 300 and 302 have one probe:
+their sub is a timer, MM:SS with bit 4 of offset 2, else HH:MM.
 """
 
 from __future__ import annotations
@@ -33,9 +55,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.meters import meter
-from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
-from fieldkit.drivers.records import (
+from fieldkit.drivers.decoding import (
     GOOD,
     NO_VALUE,
     Channel,
@@ -44,9 +64,13 @@ from fieldkit.drivers.records import (
     Record,
     Rejected,
     Taken,
+    Value,
     decode_records,
     skip_to,
 )
+from fieldkit.drivers.meters import meter
+from fieldkit.drivers.options import for_bytes
+from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, Found
 from fieldkit.model.errors import DeviceNotFoundError
@@ -156,7 +180,7 @@ class Center309:
         return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes; see `fieldkit.drivers.records.Decodes`."""
+        """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
@@ -201,3 +225,95 @@ def ask_model(port: SerialPort) -> str:
     """The model by ``K``, empty for a sibling that does not know the question."""
     answer = port.read(MODEL, meter.ANSWER_S, b"K")
     return answer.raw[:3].decode() if answer else ""
+
+
+# --- one or two probes: the 8-byte record
+
+SHORT_LENGTH = 8
+TWO_CHANNELS = ("T1", "T2")
+WINDOWS = (("T1-T2", "T1"), ("T1-T2", "T2"), ("T1", "T2"), ("T2", "T1"))
+ONE_PROBE = ("300", "302")
+HOLD, RELATIVE, EXTREME = 0x20, 0x10, 0x07
+_BLANK = "b"
+
+
+def take_two(buffer: bytes) -> Taken:
+    """The record of a model with two probes at the start of `buffer`, by the table above."""
+    return _take(buffer, 2)
+
+
+def take_one(buffer: bytes) -> Taken:
+    """The record of a model with one probe: its main value is T1."""
+    return _take(buffer, 1)
+
+
+def _take(buffer: bytes, probes: int) -> Taken:
+    if not buffer.startswith(_START):
+        return Rejected(skip_to(_START, buffer), "does not begin with 02")
+    if len(buffer) < SHORT_LENGTH:
+        return None
+    if buffer[7] != 0x03:
+        return Rejected(skip_to(_START, buffer), "no 03 at the end of 8 bytes")
+    names = WINDOWS[buffer[2] >> 6] if probes == 2 else ("T1",)
+    values = [_value(buffer, place, name) for place, name in enumerate(names)]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
+        return Rejected(skip_to(_START, buffer), "digits are not decimal")
+    for value in known:
+        low, high = LIMITS[value.unit]
+        if not math.isnan(value.value) and not low <= value.value <= high:
+            reason = f"{value.channel} = {value.value:g} {value.unit} is beyond any thermocouple"
+            return Rejected(skip_to(_START, buffer), reason)
+    return Record.of(SHORT_LENGTH, known, f"type {'J' if buffer[1] & 0x08 else 'K'}")
+
+
+def _value(buffer: bytes, place: int, channel: str) -> Value | None:
+    """The main (0) or sub (1) value; None if its digits are not decimal."""
+    flags = buffer[2] >> 3 * place
+    unit = "°C" if buffer[1] & 0x80 else "°F"
+    quality = Quality.STALE if buffer[1] & (HOLD | EXTREME) else Quality.GOOD
+    words = _short_words(buffer[1])
+    if flags & 1:
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *words))
+    digits = buffer[3 + 2 * place : 5 + 2 * place].hex().lstrip(_BLANK)
+    if not digits.isdigit():
+        return None
+    if buffer[1] & RELATIVE:
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, words)
+    number = int(digits) / (1 if flags & 4 else 10)
+    return Value(-number if flags & 2 else number, unit, channel, quality, words)
+
+
+def _short_words(first: int) -> tuple[str, ...]:
+    states = ((0x40, "low_battery"), (HOLD, "hold"), (RELATIVE, "relative"), (EXTREME, "max_min"))
+    return tuple(word for bits, word in states if first & bits)
+
+
+TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = Layout(take_two, SHORT_LENGTH), Layout(take_one, SHORT_LENGTH)
+
+
+class Center303:
+    """Driver of the one- and two-channel thermometers with the 8-byte record.
+
+    Options: `labels` (names of T1, T2), `model` (of a meter that does not tell it) and those of every meter.
+    A difference T1-T2 on the display is not recorded, nor is a timer.
+    """
+
+    name = "center-303"
+    title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
+    quantity = "temperature"
+    options = (*meter.OPTIONS, "model")
+
+    def find(self) -> list[Found]:
+        """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
+
+    def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
+        """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""
+        is_one = told_model(for_bytes(self.name, options)) in ONE_PROBE
+        return decode_records(data, ONE_PROBE_LAYOUT if is_one else TWO_PROBE_LAYOUT)
+
+    def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
+        """Open the port, ask for the model, and wait for one record."""
+        others = dict.fromkeys(ONE_PROBE, (ONE_PROBE_LAYOUT, TWO_CHANNELS[:1]))
+        return open_thermometer(settings, clock, (TWO_PROBE_LAYOUT, TWO_CHANNELS), others)

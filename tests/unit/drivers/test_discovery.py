@@ -2,15 +2,15 @@
 
 import pytest
 
-from fieldkit.drivers import access
+from fieldkit.drivers import discovery
 
 
 @pytest.fixture
 def sysfs(tmp_path, monkeypatch):
     """Plugs (socket, vendor, product) in; nothing of this computer is seen."""
-    monkeypatch.setattr(access, "cameras", list)
-    monkeypatch.setattr(access, "serial_ports", list)
-    monkeypatch.setattr(access.os.path, "exists", lambda path: True)
+    monkeypatch.setattr(discovery, "cameras", list)
+    monkeypatch.setattr(discovery, "serial_ports", list)
+    monkeypatch.setattr(discovery.os.path, "exists", lambda path: True)
 
     def plug(socket, vendor, product):
         folder = tmp_path / "bus/usb/devices" / socket
@@ -27,8 +27,8 @@ def sysfs(tmp_path, monkeypatch):
 @pytest.mark.parametrize("kind", [("3474", "45a2"), ("1a86", "e008")])
 @pytest.mark.parametrize(("allowed", "level"), [(True, "ok"), (False, "fail")])
 def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypatch, kind, allowed, level):
-    monkeypatch.setattr(access.os, "access", lambda path, mode: allowed)
-    (found,) = [fact for fact in access.look(sysfs("1-2", *kind)) if "/dev/bus/usb/001/007" in fact.what]
+    monkeypatch.setattr(discovery.os, "access", lambda path, mode: allowed)
+    (found,) = [fact for fact in discovery.look(sysfs("1-2", *kind)) if "/dev/bus/usb/001/007" in fact.what]
     assert found.level == level
     assert ":".join(kind) in (found.what + found.text)
     assert allowed or "doctor --udev" in found.fix
@@ -36,15 +36,15 @@ def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypa
 
 @pytest.mark.parametrize(("kind", "missing"), [(("3474", "45a2"), False), (("1a86", "e008"), True)])
 def test_a_camera_without_a_video_node_is_a_camera(sysfs, kind, missing):
-    facts = list(access.look(sysfs("1-2", *kind)))
+    facts = list(discovery.look(sysfs("1-2", *kind)))
     assert any("no USB camera" in fact.text for fact in facts) is missing
 
 
 def test_an_instrument_with_nothing_but_the_raw_node_is_plugged_in(sysfs):
     folder = sysfs("1-2", "1a86", "e008")
-    assert access.is_plugged_in("1a86:e008", folder)
-    assert not access.is_plugged_in("3474:45a2", folder)
+    assert discovery.is_plugged_in("1a86:e008", folder)
+    assert not discovery.is_plugged_in("3474:45a2", folder)
 
 
 def test_other_usb_devices_are_none_of_its_business(sysfs):
-    assert not [fact for fact in access.look(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what]
+    assert not [fact for fact in discovery.look(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what]
