@@ -17,7 +17,12 @@ from numpy.typing import NDArray
 
 from benchmarks.result import Result
 from fieldkit.estimation.contours import RadiationTable, Votes, slope_grid
-from fieldkit.estimation.study import (
+from fieldkit.model.site import Site
+from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.facet import VERTICAL, FloatArray
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
+from fieldkit.study.estimators import (
     Conditions,
     Outcome,
     StudySettings,
@@ -26,11 +31,6 @@ from fieldkit.estimation.study import (
     simulated_temperatures,
     summarise,
 )
-from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
-from fieldkit.physics.facet import VERTICAL, FloatArray
-from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
 
 Answer = TypeVar("Answer")
 SITE = Site(35.558675, 139.395232, 9.0)

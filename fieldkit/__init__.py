@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import open_session as open_session
-    from fieldkit.workflows import open_campaign as open_campaign
+    from fieldkit.workflows.campaign import open_campaign as open_campaign
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "open_campaign", "open_session"]
@@ -18,7 +18,7 @@ __all__ = ["__version__", "open_campaign", "open_session"]
 
 def __getattr__(name: str) -> Any:
     if name == "open_campaign":
-        from fieldkit.workflows import open_campaign
+        from fieldkit.workflows.campaign import open_campaign
 
         return open_campaign
     if name == "open_session":

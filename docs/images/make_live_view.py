@@ -18,11 +18,11 @@ from rich.console import Console
 from rich.screen import Screen
 from rich.terminal_theme import SVG_EXPORT_THEME
 
-from fieldkit.cli.estimating import config_for, estimator_for
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, screen
+from fieldkit.workflows.estimate import config_for, estimator_for
 
 AFTER_NS = 2 * 3600 * 10**9
 COLS, ROWS = 100, 30

@@ -6,13 +6,9 @@ import csv
 import hashlib
 import json
 import math
-import platform
-import shlex
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -20,15 +16,16 @@ from typing import Any
 import click
 import numpy as np
 
-import fieldkit.workflows.runs
+import fieldkit.workflows.batch
 from fieldkit.cli import common
 from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError, SessionError, StorageError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
 from fieldkit.sessions.formats.tables_out import as_text
 from fieldkit.workflows import executors
-from fieldkit.workflows.cache import PACKAGES, Cache, code_version
-from fieldkit.workflows.runs import Failure, Outcome, Run
+from fieldkit.workflows.batch import Failure, Outcome, Run
+from fieldkit.workflows.cache import Cache
+from fieldkit.workflows.json_document import to_json
 from fieldkit.workflows.sources import Source, source_of
 
 Columns = Mapping[str, Sequence[Any]]
@@ -79,7 +76,7 @@ def carried_out(runs: Sequence[Run], executor: Executor, failures: Failures) -> 
     """
     with common.progress() as bar:
         task = bar.add_task("estimating", total=len(runs))
-        for outcome in fieldkit.workflows.runs.carried_out(runs, executor, Cache()):
+        for outcome in fieldkit.workflows.batch.carried_out(runs, executor, Cache()):
             bar.advance(task)
             if isinstance(outcome, Failure):
                 failures[outcome.run.source.path] = outcome.error
@@ -131,28 +128,12 @@ def write_results(base: Path, columns: Columns, about: Mapping[str, Any]) -> lis
             _write_parquet(parquet, columns)
             written.append(parquet)
         digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written}
-        document.write_text(common.to_json({**about, "files": digests}) + "\n", encoding="utf-8")
+        document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
     except OSError as error:
         raise StorageError(
             f"cannot write {base}: {error.strerror}", fix="name another place with -o"
         ) from error
     return [*written, document]
-
-
-def provenance(sources: Sequence[Source], failures: Failures) -> dict[str, Any]:
-    """What made a result: command, code, libraries, sessions by content. No dates, so it repeats."""
-    return {
-        "command_line": shlex.join(["fieldkit", *sys.argv[1:]]),
-        "code_version": code_version(),
-        "python": platform.python_version(),
-        "platform": f"{platform.system()} {platform.machine()}",
-        "packages": {name: metadata.version(name) for name in PACKAGES},
-        "sessions": [
-            {"path": str(source.path), "sha256": source.checksum, "session_id": source.session_id}
-            for source in sources
-        ],
-        "problems": [{"path": str(path), "problem": error.message} for path, error in failures.items()],
-    }
 
 
 def base_of(out: Path, endings: Sequence[str] = ENDINGS) -> Path:

@@ -14,7 +14,8 @@ import numpy as np
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import meant
-from fieldkit.cli.types import MOMENT, RECORD_NAME, utc_ns
+from fieldkit.cli.types import MOMENT, RECORD_NAME
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def command(
     """
     from fieldkit.calibration.record import CalibrationRecord
     from fieldkit.cli.calibrating import finish, moment, source_of
-    from fieldkit.cli.estimating import config_for
     from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.estimate import config_for
 
     if (told is not None) + (gps is not None) + sun != 1:
         raise click.UsageError("give one of --told, --gps, --sun")

@@ -60,8 +60,8 @@ def command(
     from fieldkit.calibration.record import CalibrationRecord
     from fieldkit.calibration.surface import pool
     from fieldkit.cli.calibrating import finish, moment, source_of
-    from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
     from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
     session = meant(ctx, session)
     with open_session(session) as opened:

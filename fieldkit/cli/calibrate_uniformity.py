@@ -48,8 +48,8 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     from fieldkit.calibration.record import CalibrationRecord
     from fieldkit.calibration.uniformity import uniformity
     from fieldkit.cli.calibrating import finish, moment, source_of
-    from fieldkit.cli.estimating import config_for
     from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.estimate import config_for
 
     paths = [meant(ctx, path) for path in (before, after) if path is not None]
     looks = []

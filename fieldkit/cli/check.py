@@ -66,9 +66,9 @@ def findings_for(path: Path, *, estimates: bool = True) -> list[Finding]:
 
 def _estimates(path: Path) -> list[Finding]:
     """The slopes of the recording against those the same samples give now."""
-    from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
     from fieldkit.sessions.findings import Finding
     from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
     with open_session(path) as session:
         stored = session.estimates()

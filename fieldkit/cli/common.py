@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.sessions.reader import Session
 
-JSON_SCHEMA = 1
-
 
 @dataclass(frozen=True)
 class Options:
@@ -139,18 +137,27 @@ def say(text: str) -> None:
 
 def say_damage(session: Session) -> None:
     """Say which samples, of those read so far, do not match their checksum: no result has them."""
-    for name, count in session.damaged.items():
-        what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
-        say(f"warning: {session.path}: {what} and are excluded; fieldkit check lists what is damaged")
+    from fieldkit.workflows.sources import notify_damage
+
+    notify_damage(session, say_warning)
+
+
+def say_warning(text: str) -> None:
+    """Print a warning on stderr, unless ``--quiet``."""
+    say(f"warning: {text}")
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document on stdout, with ``"schema": 1`` in front; NaN becomes null."""
+    from fieldkit.workflows.json_document import to_json
+
     click.echo(_encodable(to_json(document, indent=2)))
 
 
 def print_json_line(document: Mapping[str, Any]) -> None:
     """Print one JSON object on one line, for verbs that go on printing; NaN becomes null."""
+    from fieldkit.workflows.json_document import to_json
+
     click.echo(_encodable(to_json(document, indent=None)))
 
 
@@ -198,27 +205,6 @@ def progress() -> Progress:
     return Progress(
         console=screen, disable=given.quiet or given.json or not screen.is_terminal, transient=True
     )
-
-
-def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
-    """A JSON document with ``"schema": 1`` in front; NaN becomes null."""
-    plain = _plain({"schema": JSON_SCHEMA, **document})
-    return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
-
-
-def _plain(value: Any) -> Any:
-    """Lists, dicts, numbers and text only; NaN and infinity, which JSON has not, become null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):  # a numpy array or scalar
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
 def _configure_logging(given: Options) -> None:

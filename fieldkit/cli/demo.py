@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.estimating import as_document, estimates_of, estimator_for, minutes_of
 from fieldkit.cli.init import make_campaign
 from fieldkit.cli.preflight import preflight
 from fieldkit.cli.record import live_views
 from fieldkit.cli.recording import instruments, record_session, session_path
-from fieldkit.cli.report import report_session
 from fieldkit.cli.running import only_recorder
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
@@ -28,6 +26,8 @@ from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import series
+from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.report import report as write_report
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -63,7 +63,7 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     with open_session(path) as session:
         estimator = estimator_for(session, config)
         minutes = list(minutes_of(session, estimator))
-    report = report_session(path, config.reports / f"{path.stem}.html")
+    report = write_report(path, config.reports / f"{path.stem}.html", notify=common.say_warning).path
     _conclude(path, report, minutes, config.regions, time.monotonic() - began)
 
 

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.estimating import as_document
 from fieldkit.cli.session_paths import resolved
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, SITE
 from fieldkit.estimation.answers import ANSWERED, answers_of
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.workflows.estimate import as_document
 
 if TYPE_CHECKING:
     from fieldkit.model.slope import SlopeEstimate
-    from fieldkit.workflows import Estimates
+    from fieldkit.workflows.estimates import Estimates
 
 
 @click.command(cls=common.Verb)
@@ -82,7 +82,8 @@ def _estimate_sessions(
     present: bool,
 ) -> None:
     from fieldkit.cli import batch
-    from fieldkit.workflows.runs import run_of
+    from fieldkit.workflows.batch import run_of
+    from fieldkit.workflows.provenance import provenance
     from fieldkit.workflows.sweep import names_of
 
     base = None if out is None else batch.base_of(out)
@@ -97,7 +98,7 @@ def _estimate_sessions(
     slopes = {names[source.path]: found[source.path] for source in sources}
     if base is not None and slopes:
         about = {
-            **batch.provenance(sources, failures),
+            **provenance(sources, failures),
             "settings": list(settings),
             "campaign": present,
         }
@@ -114,8 +115,8 @@ def _estimate_table(
     path: Path, site: Site | None, reference: tuple[float, float], settings: Sequence[str]
 ) -> None:
     """Slopes of a table, over the whole of it unless a window is set."""
-    from fieldkit.cli.estimate_table import estimate_table
     from fieldkit.config import config_from_text
+    from fieldkit.workflows.temperature_table import estimate_table
 
     if site is None:
         raise click.UsageError("a table needs --site LAT,LON,ALT: where it was measured")

@@ -10,9 +10,9 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Verb, options, print_json, say
-from fieldkit.cli.types import SITE, with_zone
+from fieldkit.cli.types import SITE
 from fieldkit.model.errors import RefusedError, StorageError
-from fieldkit.model.site import Site, zone_by_longitude
+from fieldkit.model.site import Site, with_zone, zone_by_longitude
 
 FOLDERS = ("calibration", "recordings", "results", "reports")
 GITIGNORE = (

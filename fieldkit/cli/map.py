@@ -16,8 +16,8 @@ from fieldkit.cli.session_paths import newest, resolved
 from fieldkit.model.errors import IntegrityError, NoAnswerError, StorageError
 
 if TYPE_CHECKING:
-    from fieldkit.cli.mapping import MappedSession
     from fieldkit.config import Config
+    from fieldkit.workflows.slope_map import MappedSession
 
 ENDINGS = (".png", ".nc")
 _POLL_S = 1.0
@@ -131,9 +131,9 @@ def damage(path: Path, found: MappedSession) -> IntegrityError | None:
 
 def map_session(path: Path, *, window: str | None, settings: tuple[str, ...], present: bool) -> MappedSession:
     """The map of a session; also what a worker does of many. Raises `FieldkitError`."""
-    from fieldkit.cli.estimating import config_for
-    from fieldkit.cli.mapping import map_of
-    from fieldkit.workflows.work import reading
+    from fieldkit.workflows.estimate import config_for
+    from fieldkit.workflows.slope_map import map_of
+    from fieldkit.workflows.sources import reading
 
     with reading(path) as opened:
         config = config_for(opened, settings, present=present)
@@ -177,9 +177,9 @@ def base_of(out: Path | None, session: Path) -> Path:
 
 def write(base: Path, path: Path, found: MappedSession, settings: tuple[str, ...]) -> list[Path]:
     """Write the map of the session at `path` as picture and arrays; the files. Raises `StorageError`."""
-    from fieldkit.cli.map_file import write_map
     from fieldkit.sessions.reader import open_session
     from fieldkit.views import formatting, slope_map_image
+    from fieldkit.workflows.slope_map import write_map
 
     begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
     day = formatting.local_time(found.start_ns, found.site).date()

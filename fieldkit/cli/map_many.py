@@ -15,7 +15,7 @@ from fieldkit.model.errors import FieldkitError
 from fieldkit.workflows.executors import Work
 
 if TYPE_CHECKING:
-    from fieldkit.cli.mapping import MappedSession
+    from fieldkit.workflows.slope_map import MappedSession
 
 Made = dict[Path, tuple["MappedSession", list[Path]]]
 

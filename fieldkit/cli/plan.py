@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Verb, campaign, options, print_json, print_table, say
-from fieldkit.cli.types import DAY, FACET, SITE, ZONE, utc_ns, with_zone
+from fieldkit.cli.types import DAY, FACET, SITE, ZONE
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
-from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.site import RegionKind, Site, with_zone
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,7 +10,6 @@ from typing import Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.estimating import as_document, config_for, estimates_of, estimator_for, minutes_of
 from fieldkit.cli.session_paths import meant, offer_recovery
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.answers import answers_of
@@ -19,6 +18,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.workflows.estimate import as_document, config_for, estimates_of, estimator_for, minutes_of
 
 
 @click.command(cls=common.Verb)

@@ -1,14 +1,19 @@
-"""``fieldkit study``: sections 2 to 5 of the paper done again, and the same with other choices."""
+"""``fieldkit study``: reproduce sections 2–5 of the paper, or vary its assumptions."""
 
 from __future__ import annotations
 
+from datetime import date, time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli.common import Verb, options, print_json, print_table, progress, say
 from fieldkit.cli.types import DAY, HOUR, SITE, ZONE
+from fieldkit.model.site import Site, with_zone
+
+if TYPE_CHECKING:
+    from fieldkit.study.runs import StudyOptions
 
 SHOWN = {
     "start": "start",
@@ -28,21 +33,39 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
 @click.command(cls=Verb)
-@click.option("--site", type=SITE, help="Where [default: the paper's site].")
+@click.option("--site", type=SITE, help="Site [default: the paper's].")
 @click.option("--zone", type=ZONE, help="Time zone of a --site [default: by longitude].")
-@click.option("--on", "day", type=DAY, help="Which day [default: 2017-08-30, the paper's].")
+@click.option("--on", "day", type=DAY, help="Day [default: 2017-08-30, the paper's].")
 @click.option("--start", "starts", type=HOUR, multiple=True, help="Local start [default: 9, 12, 15 h].")
 @click.option("--minutes", type=click.IntRange(2, 720), default=20, show_default=True, help="Window.")
-@click.option("--dni", type=click.FloatRange(1.0), help="Constant direct normal irradiance, W/m².")
-@click.option("--turbidity", type=click.FloatRange(1.0), help="Linke turbidity of the clear sky.")
-@click.option("--weather", type=FILE, help="A file of SURFRAD or BSRN instead; site and day are its own.")
-@click.option("--longwave", default=400.0, show_default=True, help="Long wave down, W/m².")
-@click.option("--air-c", default=30.0, show_default=True, help="Air temperature, °C.")
-@click.option("--slopes", type=click.IntRange(1), help="So many random slopes [default: the paper's 61x361].")
-@click.option("--noise", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Noise, K.")
-@click.option("--quantum", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Steps of, K.")
 @click.option(
-    "--tolerance", type=click.FloatRange(1e-6), default=0.5, show_default=True, help="Contour, W/m²."
+    "--dni", "dni_w_m2", type=click.FloatRange(1.0), help="Constant direct normal irradiance, W/m²."
+)
+@click.option("--turbidity", type=click.FloatRange(1.0), help="Linke turbidity of the clear sky.")
+@click.option("--weather", type=FILE, help="SURFRAD or BSRN file instead; sets site and day.")
+@click.option(
+    "--longwave", "longwave_w_m2", default=400.0, show_default=True, help="Downward longwave, W/m²."
+)
+@click.option("--air-c", default=30.0, show_default=True, help="Air temperature, °C.")
+@click.option("--slopes", type=click.IntRange(1), help="Number of random slopes [default: 61x361].")
+@click.option(
+    "--noise", "noise_k", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Noise, K."
+)
+@click.option(
+    "--quantum",
+    "quantum_k",
+    type=click.FloatRange(0.0),
+    default=0.0,
+    show_default=True,
+    help="Quantisation step, K.",
+)
+@click.option(
+    "--tolerance",
+    "tolerance_w_m2",
+    type=click.FloatRange(1e-6),
+    default=0.5,
+    show_default=True,
+    help="Contour tolerance, W/m².",
 )
 @click.option(
     "--estimator",
@@ -53,10 +76,10 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     show_default=True,
     help="May be repeated.",
 )
-@click.option("--seed", default=1, show_default=True, help="Of noise and random slopes.")
-@click.option("--sensitivity", is_flag=True, help="Also how Fig. 9 depends on what the paper does not tell.")
-@click.option("--session", "sessions", type=FILE, multiple=True, help="Figs. 12 and 13 from sessions.")
-@click.option("--surfrad", type=FILE, multiple=True, help="Only eq. (7) and others against SURFRAD days.")
+@click.option("--seed", default=1, show_default=True, help="Random seed.")
+@click.option("--sensitivity", is_flag=True, help="Also vary what the paper does not state (Fig. 9).")
+@click.option("--session", "sessions", type=FILE, multiple=True, help="Figs. 12 and 13 from this session.")
+@click.option("--surfrad", type=FILE, multiple=True, help="Only compare surface models with SURFRAD days.")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )
@@ -70,7 +93,7 @@ def command(
     out: Path,
     **given: Any,
 ) -> None:
-    r"""The paper's simulation study, with its tables and figures.
+    r"""Reproduce sections 2–5 of the paper, with tables and figures.
 
     Writes tables (CSV, JSON), figures 5 to 10 and 12 to 14 (SVG) and a page with all of
     them. The paper's irradiance is not public: where figures differ the page says so, and
@@ -83,36 +106,68 @@ def command(
     fieldkit study --surfrad slv15365.dat --surfrad slv16001.dat
     """
     if surfrad:
-        from fieldkit.cli import study_surfrad
-
-        study_surfrad.report(surfrad)
+        _compare_with_surfrad(surfrad)
         return
-    document, folder = _studied(given, sessions, sensitivity, out)
-    if options(ctx).json:
-        print_json(document)
-        return
-    _print(document)
-    say(f"tables, figures and a page with all of them: {folder / 'study.html'}")
+    from fieldkit.study.paper_study import paper_study
 
-
-def _studied(
-    given: dict[str, Any], sessions: tuple[Path, ...], with_sensitivity: bool, out: Path
-) -> tuple[dict[str, Any], Path]:
-    """Run everything and write it; the document that ``--json`` prints, and where the rest is."""
-    from fieldkit.cli import study_output, study_runs
-
-    chosen = study_runs.choices(given)
+    chosen = _study_options(**given)
     with progress() as bar:
         task = bar.add_task("study", total=None)
-        runs = study_runs.run_all(chosen)
-        bar.update(task, description="field")
-        days = study_output.field_days(sessions)
-        bar.update(task, description="tables and figures")
-        rows = study_runs.sensitivity(chosen) if with_sensitivity else []
-        tables = study_output.tables(runs, rows, days)
-        document = study_output.document(chosen, tables)
-        study_output.write(out, document, tables, study_output.figures(chosen, runs, days))
-    return document, out
+        study = paper_study(
+            chosen,
+            sessions=sessions,
+            with_sensitivity=sensitivity,
+            on_stage=lambda stage: bar.update(task, description=stage),
+        )
+        study.write(out)
+    if options(ctx).json:
+        print_json(study.document)
+        return
+    _print(study.document)
+    say(f"tables, figures and a page with all of them: {out / 'study.html'}")
+
+
+def _study_options(
+    site: Site | None,
+    zone: str | None,
+    day: date | None,
+    weather: Path | None,
+    starts: tuple[time, ...],
+    turbidity: float | None,
+    **values: Any,
+) -> StudyOptions:
+    """The study asked for; what was not given is the paper's."""
+    from fieldkit.station_files import read_station_file
+    from fieldkit.study.runs import PAPER_DAY, PAPER_SITE, PAPER_STARTS, PAPER_TURBIDITY, StudyOptions
+
+    study = StudyOptions(
+        site=with_zone(site, zone) if site else PAPER_SITE,
+        day=day or PAPER_DAY,
+        starts=starts or PAPER_STARTS,
+        turbidity=turbidity or PAPER_TURBIDITY,
+        **values,
+    )
+    return study.under_weather(read_station_file(weather), day) if weather else study
+
+
+def _compare_with_surfrad(paths: tuple[Path, ...]) -> None:
+    from fieldkit.study.surfrad import compare
+
+    found = compare(paths)
+    if options().json:
+        print_json({"within_sample": found.within_sample, "next_day": found.next_day})
+        return
+    print_table(
+        ["file", "model", "emissivity", "RMSE K", "bias K"],
+        [[_fixed(value) for value in row.values()] for row in found.within_sample],
+    )
+    if found.next_day:
+        rows = [[_fixed(value) for value in row.values()] for row in found.next_day]
+        print_table(list(found.next_day[0]), rows)
+
+
+def _fixed(value: object) -> str:
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
 def _print(document: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from fieldkit.cli.common import Verb, campaign, options, print_json, print_table
-from fieldkit.cli.types import FACET, MOMENT, SITE, utc_ns
+from fieldkit.cli.types import FACET, MOMENT, SITE
 from fieldkit.model.site import Site
 
 Facet = tuple[float, float]
@@ -29,6 +29,8 @@ def command(
     \b
     fieldkit sun --site 35.558675,139.395232,9 --at 2017-08-30T12:00+09:00 --facet 10,180
     """
+    from fieldkit.workflows.sun_angles import sun_rows
+
     place = site or campaign(ctx).site
     rows = sun_rows(place, moments, facets)
     if options(ctx).json:
@@ -40,38 +42,6 @@ def command(
         print_json({"site": where, "rows": rows})
     else:
         _print_rows(rows, facets)
-
-
-def sun_rows(site: Site, moments: tuple[datetime, ...], facets: tuple[Facet, ...]) -> list[dict[str, Any]]:
-    """One row per moment: the sun's angles and one incidence angle per facet, degrees."""
-    from fieldkit.physics.facet import incidence_deg, normal, tilt_azimuth
-    from fieldkit.physics.sun import sun_vectors
-
-    times = [utc_ns(moment) for moment in moments]
-    seen = [sun_vectors(times, site, refraction=refracted) for refracted in (False, True)]
-    (zenith, azimuth), (apparent, bearing) = (tilt_azimuth(sun) for sun in seen)
-    # the last axis counts facets, so that no facet at all gives an empty table and not an error
-    normals = normal([tilt for tilt, _ in facets], [turn for _, turn in facets]).reshape(-1, 3)
-    angles, lifted = (incidence_deg(normals, sun) for sun in seen)
-    return [
-        {
-            "time": moment.isoformat(),
-            "sun_zenith_deg": float(zenith[row]),
-            "sun_azimuth_deg": float(azimuth[row]),
-            "sun_zenith_refracted_deg": float(apparent[row]),
-            "sun_azimuth_refracted_deg": float(bearing[row]),
-            "facets": [
-                {
-                    "tilt_deg": tilt,
-                    "azimuth_deg": turn,
-                    "incidence_deg": float(angles[index, row]),
-                    "incidence_refracted_deg": float(lifted[index, row]),
-                }
-                for index, (tilt, turn) in enumerate(facets)
-            ],
-        }
-        for row, moment in enumerate(moments)
-    ]
 
 
 def _print_rows(rows: list[dict[str, Any]], facets: tuple[Facet, ...]) -> None:

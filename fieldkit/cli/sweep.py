@@ -51,6 +51,7 @@ def command(
     """
     from fieldkit.cli import batch
     from fieldkit.workflows.grid import read_grid
+    from fieldkit.workflows.provenance import provenance
     from fieldkit.workflows.summary import Summary
     from fieldkit.workflows.sweep import names_of, runs_of
 
@@ -68,7 +69,7 @@ def command(
     ranking = summary.ranking()
     if summary:
         about = {
-            **batch.provenance(sources, failures),
+            **provenance(sources, failures),
             "parameters": {parameter.key: parameter.values for parameter in grid.parameters},
             "ranking": None if ranking is None else ranking_document(ranking, grid),
         }

@@ -7,14 +7,13 @@ one is the commonest mistake of all, an hour of sun wide.
 from __future__ import annotations
 
 import re
-from dataclasses import replace
-from datetime import UTC, date, datetime, time
+from datetime import date, datetime, time
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.model.site import Site, known_zone, zone_by_longitude
+from fieldkit.model.site import Site, known_zone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,14 +159,3 @@ XY = _Typed("X,Y", parse_xy)
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
 RECORD_NAME = _Typed("NAME", parse_record_name)
-
-
-def utc_ns(moment: datetime) -> int:
-    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
-    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
-
-
-def with_zone(site: Site, zone: str | None) -> Site:
-    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
-    return replace(site, timezone=zone or zone_by_longitude(site.longitude_deg))

@@ -12,7 +12,14 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Protocol
+
+
+def utc_ns(moment: datetime) -> int:
+    """UTC nanoseconds since 1970 of a moment with a zone, exact to the microsecond."""
+    since = moment - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1000
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,6 +33,11 @@ def zone_by_longitude(longitude_deg: float) -> str:
     return f"Etc/GMT{-hours:+d}" if hours else "UTC"
 
 
+def with_zone(site: Site, zone: str | None) -> Site:
+    """The site with a zone: the one given, or the whole hours that its longitude lies from Greenwich."""
+    return replace(site, timezone=zone or zone_by_longitude(site.longitude_deg))
+
+
 @lru_cache
 def known_zone(name: str) -> ZoneInfo | None:
     """The IANA time zone of that name; None where this computer knows no such zone."""

@@ -1,10 +1,5 @@
-"""A campaign afterwards: its sessions, estimated with whatever parameters, many at a time, once each.
+"""What people do with fieldkit, as plain functions: what a notebook calls and the command line prints.
 
-`open_campaign` is the way in from Python; the verbs `estimate` and `sweep` use the same runs.
-A room above configuration, sessions and estimation, because it is what needs all three.
+One module per task; each needs two rooms or more (configuration, sessions, estimation, drivers, views).
+They raise, return results and report progress through callbacks; they never print or ask.
 """
-
-from fieldkit.workflows.campaign import Campaign, CampaignSession, open_campaign
-from fieldkit.workflows.estimates import Estimates
-
-__all__ = ["Campaign", "CampaignSession", "Estimates", "open_campaign"]

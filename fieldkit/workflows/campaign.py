@@ -19,11 +19,11 @@ from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.workflows.batch import Failure, carried_out, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
 from fieldkit.workflows.executors import local
 from fieldkit.workflows.grid import Grid, Parameter
-from fieldkit.workflows.runs import Failure, carried_out, run_of
 from fieldkit.workflows.sources import Source, source_of
 from fieldkit.workflows.summary import Summary
 from fieldkit.workflows.sweep import Sweep, names_of, runs_of

@@ -4,14 +4,38 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
-from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import Session, open_session
+
+log_warning = logging.getLogger(__name__).warning
+"""Where remarks of a workflow go unless its caller wants them."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[Session]:
+    """An open session; what its file refuses to tell becomes a `SessionError`."""
+    try:
+        with open_session(path) as session:
+            yield session
+    except FieldkitError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:
+        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
+
+
+def notify_damage(session: Session, notify: Callable[[str], None]) -> None:
+    """Report which samples, of those read so far, do not match their checksum: no result includes them."""
+    for name, count in session.damaged.items():
+        what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
+        notify(f"{session.path}: {what} and are excluded; fieldkit check lists what is damaged")
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
+from fieldkit.workflows.batch import Outcome
 from fieldkit.workflows.grid import Grid
 from fieldkit.workflows.ranking import Ranking, ranked
-from fieldkit.workflows.runs import Outcome
 
 
 class Summary:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.workflows.batch import Run, run_of
 from fieldkit.workflows.grid import Grid
 from fieldkit.workflows.ranking import Ranking
-from fieldkit.workflows.runs import Run, run_of
 from fieldkit.workflows.sources import Source
 
 if TYPE_CHECKING:

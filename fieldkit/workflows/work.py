@@ -1,14 +1,13 @@
 """What worker processes do: read a session into minutes, and work slopes out of minutes.
 
 A session is read once for all parameters: most of them are used after the minutes are made,
-so that estimating again costs no reading. What does enter the minutes is what `runs.bin_settings`
+so that estimating again costs no reading. What does enter the minutes is what `batch.bin_settings`
 keeps. The results are those of the `Estimator`, to the last bit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,28 +16,15 @@ from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import Bin, History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.errors import FieldkitError, SessionError
 from fieldkit.model.site import Region, Site
-from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.estimates import Estimates
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[Session]:
-    """An open session; what its file refuses to tell becomes a `SessionError`."""
-    try:
-        with open_session(path) as session:
-            yield session
-    except FieldkitError:
-        raise
-    except (OSError, RuntimeError, ValueError) as error:
-        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
+from fieldkit.workflows.sources import reading
 
 
 def read_minutes(
     path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
 ) -> list[History]:
-    """The minutes of a session for each site and `runs.bin_settings` wanted, in one pass over its samples.
+    """The minutes of a session for each site and `batch.bin_settings` wanted, in one pass over its samples.
 
     Raises `SessionError`.
     """

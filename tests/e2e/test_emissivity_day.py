@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldkit.cli.estimating import config_for
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.estimate import config_for
 from tests.harness.calibration_days import (
     FAST,
     TRUE_EMISSIVITY,

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
 from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import ESTIMATE_ANGLES, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 FIELDKIT = (sys.executable, "-m", "fieldkit")
 RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", "-q")

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
 from fieldkit.cli.recording import instruments, record_session
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
@@ -22,6 +21,7 @@ from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
 

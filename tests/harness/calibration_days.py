@@ -12,11 +12,11 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import main
 from fieldkit.cli.demo import mean_tilt_error_deg
-from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
 from fieldkit.sessions.formats.imported import Foreign, write_foreign
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 TRUE_EMISSIVITY = 0.80
 FAST = ("--set", "simulation.speed=max", "--set", f"simulation.emissivity={TRUE_EMISSIVITY}")

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import main, mapping
+from fieldkit.cli import main
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import angle_between_deg, normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows import slope_map
 
 
 def fieldkit(*words):
@@ -167,14 +168,14 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     bed = Region("b", RegionKind.TARGET, ((0, 0), (4, 0), (4, 4), (0, 4)), emissivity=0.85)
     flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
     pictures = []
-    monkeypatch.setattr(mapping.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
-    monkeypatch.setattr(mapping, "with_bounds", lambda *_: (np.zeros(0), None))
-    monkeypatch.setattr(mapping, "_within_regions", lambda slopes, regions: slopes)
+    monkeypatch.setattr(slope_map.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
+    monkeypatch.setattr(slope_map, "with_bounds", lambda *_: (np.zeros(0), None))
+    monkeypatch.setattr(slope_map, "_within_regions", lambda slopes, regions: slopes)
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
-    monkeypatch.setattr(mapping, "mean_picture", lambda *_: np.full((4, 4), seen))
+    monkeypatch.setattr(slope_map, "mean_picture", lambda *_: np.full((4, 4), seen))
     estimator = SimpleNamespace(regions=(flat, bed), settings=EstimatorSettings(offsets_k={"b": 1.0}))
     one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, direct_w_m2=800.0)
-    mapping._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])
+    slope_map._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])
     assert pictures[0] == pytest.approx(318.15, abs=1e-3)
 
 

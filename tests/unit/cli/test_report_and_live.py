@@ -9,12 +9,13 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from fieldkit.cli import main, report
-from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
+from fieldkit.cli import main
 from fieldkit.cli.status import latest_of
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.screen import THEMES, snapshot
+from fieldkit.workflows import report
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 FAST = ("--set", "simulation.speed=max")
 

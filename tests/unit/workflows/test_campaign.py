@@ -11,11 +11,11 @@ from click.testing import CliRunner
 
 import fieldkit
 from fieldkit.cli import main
-from fieldkit.cli.estimating import config_for, estimator_for, minutes_of
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.campaign import CampaignSession, full_key
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 
 @pytest.fixture

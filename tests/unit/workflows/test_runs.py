@@ -12,7 +12,7 @@ from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.surface import SurfaceParameters
-from fieldkit.workflows.runs import Run, bin_settings
+from fieldkit.workflows.batch import Run, bin_settings
 from fieldkit.workflows.sources import Source
 
 OF_MINUTES = {

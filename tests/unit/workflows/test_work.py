@@ -12,7 +12,7 @@ from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.runs import bin_settings
+from fieldkit.workflows.batch import bin_settings
 from fieldkit.workflows.sources import config_for
 from fieldkit.workflows.work import estimate, read_minutes
 

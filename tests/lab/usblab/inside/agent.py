@@ -26,7 +26,7 @@ from typing import Any
 PORT = "/dev/vport0p1"
 HEAVY = (
     "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live",
-    "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.cli.estimating",
+    "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.workflows.estimate",
 )  # fmt: skip
 ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
 VERBS = ("check", "devices", "doctor", "record", "recording", "recover", "show")

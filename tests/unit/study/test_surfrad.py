@@ -5,8 +5,8 @@ Window: three hours about the highest sun; emissivity for the measured temperatu
 
 import pytest
 
-from fieldkit.cli.study_surfrad import next_day, within_sample
-from fieldkit.cli.study_surfrad import read as read_day
+from fieldkit.study.surfrad import next_day, within_sample
+from fieldkit.study.surfrad import read as read_day
 from tests.shared_data import shared
 
 PRINTED = {

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fieldkit.cli.estimate_table import estimate_table, read_table
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.irradiance import IrradianceModel
+from fieldkit.workflows.temperature_table import estimate_table, read_table
 
 SITE = Site(35.558675, 139.395232, 9.0)
 WHOLE = EstimatorSettings(window_s=None)

@@ -7,18 +7,19 @@ paper's model meets the errors it met outdoors. Sessions go the same way.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from fieldkit.cli.types import utc_ns
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.estimation.statistics import ErrorSpan, errors_over_time, root_mean_square_error
+from fieldkit.model.clock import utc_ns
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
@@ -27,8 +28,10 @@ from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 from fieldkit.simulation import ClearSky, Facet, Scene
+from fieldkit.study.runs import PAPER_SITE
 from fieldkit.views.formatting import zone_name
 from fieldkit.views.report.series import Series, modelled_temperature, series
+from fieldkit.workflows.report import report_part
 
 MINUTE_NS = 60_000_000_000
 NOISE_K = 0.05
@@ -81,6 +84,15 @@ class FieldDay:
         return float(np.mean([span.mean for span in spans])) if spans else float("nan")
 
 
+def field_days(sessions: Sequence[Path]) -> list[FieldDay]:
+    """Sessions, or the paper's two days under a simulated sky."""
+    if sessions:
+        return [recorded_day(path, f"#{number}") for number, path in enumerate(sessions, 1)]
+    # the paper's table ends at 30 degrees; its beds' direction was known
+    settings = EstimatorSettings(window_s=1200.0, azimuth="known", tilt_limit_deg=30.0)  # as in the paper
+    return [simulated_day(day, PAPER_SITE, settings) for day in PAPER_DAYS]
+
+
 def simulated_day(day: PaperDay, site: Site, settings: EstimatorSettings) -> FieldDay:
     """The paper's beds from 12 to 15 h under a clear sky, estimated minute by minute."""
     scene = _scene(day, site)
@@ -104,9 +116,7 @@ def recorded_day(path: Path, label: str) -> FieldDay:
 
     `label` tells its beds from those of other sessions.
     """
-    from fieldkit.cli.report import part_of
-
-    part = part_of(path)
+    part = report_part(path)
     columns, surface = part.columns, part.settings.surface
     known = [bed for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
     names = {bed.region.name: _bed_name(label, bed.region) for bed in known}

@@ -8,19 +8,18 @@ models trained on the first local day and tried on the second.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fieldkit.cli.common import options, print_json, print_table
-from fieldkit.estimation.study_surface import Score, Station, as_printed, families
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.station_files import read_station_file
+from fieldkit.study.surface_models import Score, Station, as_printed, families
 from fieldkit.weather import Weather
 
 EMISSIVITIES = (0.90, 0.97)
@@ -30,17 +29,19 @@ _DARK_W_M2 = 20.0  # below, the ratio of two small numbers says nothing of the g
 Rows = list[dict[str, Any]]
 
 
-def report(paths: Sequence[Path]) -> None:
-    """Print both tables, or one JSON document."""
+@dataclass(frozen=True)
+class SurfradComparison:
+    """Errors of surface models: on their own day, and on the day after the one they were fitted to."""
+
+    within_sample: Rows
+    next_day: Rows
+
+
+def compare(paths: Sequence[Path]) -> SurfradComparison:
+    """Compare the surface models with SURFRAD daily files. Raises `ConfigError`."""
     days = [read(path) for path in paths]
     alone = [row for path, day in zip(paths, days, strict=True) for row in within_sample(path.name, day)]
-    across = next_day(days)
-    if options().json:
-        print_json({"within_sample": alone, "next_day": across})
-        return
-    print_table(["file", "model", "emissivity", "RMSE K", "bias K"], [list(_shown(row)) for row in alone])
-    if across:
-        print_table(list(across[0]), [list(_shown(row)) for row in across])
+    return SurfradComparison(alone, next_day(days))
 
 
 def within_sample(name: str, day: tuple[Weather, FloatArray]) -> Rows:
@@ -140,7 +141,3 @@ def _row(name: str, model: str, emissivity: float, score: Score) -> dict[str, An
         "rmse_k": score.rmse_k,
         "bias_k": score.bias_k,
     }
-
-
-def _shown(row: dict[str, Any]) -> list[str]:
-    return [f"{value:.2f}" if isinstance(value, float) else str(value) for value in row.values()]

@@ -10,7 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.estimation.study import (
+from fieldkit.model.site import Site
+from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.facet import normal
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.study.estimators import (
     Conditions,
     Outcome,
     StudySettings,
@@ -20,10 +24,6 @@ from fieldkit.estimation.study import (
     simulated_temperatures,
     summarise,
 )
-from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
-from fieldkit.physics.facet import normal
-from fieldkit.physics.sun import sun_vectors
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 NOISELESS = StudySettings()

@@ -1,4 +1,4 @@
-"""What ``fieldkit study`` writes: tables as CSV and JSON, figures as SVG, one page with all of it."""
+"""What a study writes: tables as CSV and JSON, figures as SVG, one page with all of it."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from fieldkit.cli.common import to_json
-from fieldkit.cli.study_field import PAPER_DAYS, FieldDay, recorded_day, simulated_day
-from fieldkit.cli.study_runs import PAPER_SITE, Choices, Run, conditions
-from fieldkit.cli.sun import sun_rows
-from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import root_mean_square_error
-from fieldkit.estimation.study import Conditions, summarise
 from fieldkit.model.errors import NoAnswerError, StorageError
 from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.study.estimators import Conditions, summarise
+from fieldkit.study.field_days import FieldDay
+from fieldkit.study.runs import PAPER_SITE, Run, StudyOptions, conditions
 from fieldkit.views import paper_figures, plotting
 from fieldkit.views.paper_figures import errors_over_local_time, measured_against_modelled
 from fieldkit.views.study_page import page
+from fieldkit.workflows.json_document import to_json
+from fieldkit.workflows.sun_angles import sun_rows
 
 EXAMPLE = (10.0, 180.0)
 """Tilt and direction of the slope in the paper's Figs. 6 to 8."""
@@ -106,12 +105,12 @@ def cumulative_rows(runs: Sequence[Run]) -> Rows:
     return rows
 
 
-def figures(chosen: Choices, runs: Sequence[Run], days: Sequence[FieldDay]) -> dict[str, str]:
+def figures(options: StudyOptions, runs: Sequence[Run], days: Sequence[FieldDay]) -> dict[str, str]:
     """Figures by name as SVG text; none without matplotlib."""
     if not plotting.available():
         return {}
-    drawn = _of_the_method(chosen)
-    for method in chosen.estimators:
+    drawn = _of_the_method(options)
+    for method in options.estimators:
         mine = [run for run in runs if run.method == method]
         errors = {f"{run.start:%H:%M}": run.outcome.tilt_error_deg for run in mine}
         drawn[f"figure-09-{method}"] = paper_figures.cumulative(errors)
@@ -120,11 +119,11 @@ def figures(chosen: Choices, runs: Sequence[Run], days: Sequence[FieldDay]) -> d
     return drawn | _of_the_field(days)
 
 
-def _of_the_method(chosen: Choices) -> dict[str, str]:
+def _of_the_method(options: StudyOptions) -> dict[str, str]:
     """Figs. 5 to 8 and 14: tables at the first minutes of an hour and a half hour of contours."""
     tilts, azimuths = np.arange(0.0, 30.25, 0.5), np.arange(0.0, 361.0)
     try:
-        noon = _at_noon(chosen)
+        noon = _at_noon(options)
     except NoAnswerError:  # polar winter, or weather without a noon
         return {}
     tables = {name: _table(sky.sun[0], sky.direct_w_m2[0], tilts, azimuths) for name, sky in noon.items()}
@@ -147,8 +146,8 @@ def _of_the_method(chosen: Choices) -> dict[str, str]:
     }
 
 
-def _at_noon(chosen: Choices) -> dict[str, Conditions]:
-    noon = replace(chosen, minutes=1)
+def _at_noon(options: StudyOptions) -> dict[str, Conditions]:
+    noon = replace(options, minutes=1)
     starts = (time(12), time(12, 30), time(13))
     return {f"{start:%H:%M}": conditions(noon, start) for start in starts}
 
@@ -171,15 +170,6 @@ def _of_the_field(days: Sequence[FieldDay]) -> dict[str, str]:
     if errors:
         drawn["figure-13"] = errors_over_local_time(errors, days[0].zone)
     return drawn
-
-
-def field_days(sessions: Sequence[Path]) -> list[FieldDay]:
-    """Sessions, or the paper's two days under a simulated sky."""
-    if sessions:
-        return [recorded_day(path, f"#{number}") for number, path in enumerate(sessions, 1)]
-    # the paper's table ends at 30 degrees; its beds' direction was known
-    settings = EstimatorSettings(window_s=1200.0, azimuth="known", tilt_limit_deg=30.0)  # as in the paper
-    return [simulated_day(day, PAPER_SITE, settings) for day in PAPER_DAYS]
 
 
 def tables(runs: Sequence[Run], sensitivity: Rows, days: Sequence[FieldDay]) -> dict[str, Rows]:
@@ -208,17 +198,17 @@ def tables(runs: Sequence[Run], sensitivity: Rows, days: Sequence[FieldDay]) -> 
     }
 
 
-def document(chosen: Choices, made: dict[str, Rows]) -> dict[str, Any]:
-    """What was chosen and the short tables, for ``--json`` and ``study.json``."""
+def document(options: StudyOptions, made: dict[str, Rows]) -> dict[str, Any]:
+    """The options and the short tables, for ``--json`` and ``study.json``."""
     return {
-        "site": asdict(chosen.site),
-        "day": str(chosen.day),
-        "minutes": chosen.minutes,
-        "irradiance": chosen.light,
-        "noise_k": chosen.noise,
-        "quantum_k": chosen.quantum,
-        "tolerance_w_m2": chosen.tolerance,
-        "seed": chosen.seed,
+        "site": asdict(options.site),
+        "day": str(options.day),
+        "minutes": options.minutes,
+        "irradiance": options.irradiance,
+        "noise_k": options.noise_k,
+        "quantum_k": options.quantum_k,
+        "tolerance_w_m2": options.tolerance_w_m2,
+        "seed": options.seed,
         **{
             name.replace("-", "_"): made[name]
             for name in ("table-2", "errors", "directions", "sensitivity", "field")

@@ -1,0 +1,30 @@
+"""JSON documents as `--json` prints them and result files hold them: ``"schema": 1`` first, NaN as null."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+JSON_SCHEMA = 1
+
+
+def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
+    """A JSON document with ``"schema": 1`` in front; NaN becomes null."""
+    plain = _plain({"schema": JSON_SCHEMA, **document})
+    return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    """Lists, dicts, numbers and text only; NaN and infinity, which JSON does not have, become null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # a numpy array or scalar
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)

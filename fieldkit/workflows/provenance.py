@@ -1,0 +1,36 @@
+"""What made a result: the command typed, the code, its libraries, the sessions by content."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from fieldkit.model.errors import FieldkitError
+from fieldkit.workflows.cache import PACKAGES, code_version
+from fieldkit.workflows.sources import Source
+
+
+def command_line() -> str:
+    """The command that is running, as it was typed."""
+    return shlex.join(["fieldkit", *sys.argv[1:]])
+
+
+def provenance(sources: Sequence[Source], failures: Mapping[Path, FieldkitError]) -> dict[str, Any]:
+    """What made a result: command, code, libraries, sessions by content. No dates, so it repeats."""
+    return {
+        "command_line": command_line(),
+        "code_version": code_version(),
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "packages": {name: metadata.version(name) for name in PACKAGES},
+        "sessions": [
+            {"path": str(source.path), "sha256": source.checksum, "session_id": source.session_id}
+            for source in sources
+        ],
+        "problems": [{"path": str(path), "problem": error.message} for path, error in failures.items()],
+    }

@@ -1,0 +1,211 @@
+"""Reports: sessions estimated afresh and written as one HTML file, or printed to PDF.
+
+>>> fieldkit.report("recordings/20261211T030000Z.h5").path          # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.slopes import slopes
+from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.model.samples import is_usable
+from fieldkit.sessions.reader import open_session
+from fieldkit.views.report import Part, write_campaign_report, write_report
+from fieldkit.views.report.pdf import refuse_without_printer, write_pdf
+from fieldkit.views.report.series import series
+from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.provenance import command_line
+from fieldkit.workflows.sources import log_warning, notify_damage
+
+if TYPE_CHECKING:
+    from fieldkit.estimation.estimator import Estimator, Minute
+    from fieldkit.estimation.statistics import SdKind
+    from fieldkit.model.samples import Frame
+    from fieldkit.sessions.reader import Session
+
+
+@dataclass(frozen=True)
+class Report:
+    """A written report: `path` of the HTML or PDF file, the sessions asked for, those that failed."""
+
+    path: Path
+    sessions: tuple[Path, ...]
+    failures: Mapping[Path, FieldkitError] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """How a report is made.
+
+    `sd` is the standard deviation of absolute errors: the paper's eq. (9) as printed, or the usual
+    one. `settings` are ``KEY=VALUE`` over the configuration; `present` takes the campaign's
+    ``fieldkit.toml`` and regions as they are now.
+    """
+
+    sd: SdKind = "paper"
+    settings: tuple[str, ...] = ()
+    present: bool = False
+
+
+DEFAULTS = ReportOptions()
+
+
+def report(
+    sessions: str | Path | Sequence[str | Path],
+    out: str | Path | None = None,
+    options: ReportOptions = DEFAULTS,
+    *,
+    notify: Callable[[str], None] = log_warning,
+) -> Report:
+    """Write the report of a session, or one of several sessions together.
+
+    Parameters
+    ----------
+    sessions
+        A session file, or several.
+    out
+        ``FILE.html``, or ``FILE.pdf`` with the HTML beside it; by default HTML in the campaign's
+        ``reports`` folder, or beside a session elsewhere.
+    options
+        How the sessions are estimated and summarised.
+    notify
+        Receives remarks, such as damaged samples that were excluded.
+
+    Returns
+    -------
+    Report
+        Of several sessions, those that cannot be read are in its `failures`.
+
+    Raises
+    ------
+    SessionError, ConfigError
+        If no session can be read or estimated.
+    StorageError
+        If the report cannot be written.
+    """
+    paths = (Path(sessions),) if isinstance(sessions, str | Path) else tuple(map(Path, sessions))
+    target = None if out is None else Path(out)
+    pdf = target if target is not None and target.suffix == ".pdf" else None
+    page = target if pdf is None else pdf.with_suffix(".html")
+    if pdf is not None:
+        refuse_without_printer()
+    failures: dict[Path, FieldkitError] = {}
+    if len(paths) == 1:
+        written = _report_session(paths[0], page, options, notify)
+    else:
+        written, failures = _report_sessions(paths, page, options)
+    if pdf is None:
+        return Report(written, paths, failures)
+    with _writing(pdf):
+        write_pdf(written, pdf)
+    return Report(pdf, paths, failures)
+
+
+def _report_session(
+    path: Path, out: Path | None, options: ReportOptions, notify: Callable[[str], None]
+) -> Path:
+    out = out or default_path(path)
+    with open_session(path) as session:
+        config = config_for(session, options.settings, present=options.present)
+        estimator = estimator_for(session, config, present=options.present)
+        minutes = list(minutes_of(session, estimator))
+        notify_damage(session, notify)
+        with _writing(out):
+            write_report(
+                out,
+                session,
+                minutes,
+                settings=estimator.settings,
+                site=estimator.site,
+                regions=estimator.regions,
+                sd=options.sd,
+                frame=middle_frame(session),
+                full_minutes=with_full_model(minutes, estimator),
+                command_line=command_line(),
+                config_toml=config.to_toml(),
+            )
+    return out
+
+
+def _report_sessions(
+    paths: Sequence[Path], out: Path | None, options: ReportOptions
+) -> tuple[Path, dict[Path, FieldkitError]]:
+    """One report of all sessions that can be read; raises the first failure where none can."""
+    parts: list[Part] = []
+    failures: dict[Path, FieldkitError] = {}
+    for path in paths:
+        try:
+            parts.append(report_part(path, options))
+        except FieldkitError as error:
+            failures[path] = error
+    if not parts:
+        raise next(iter(failures.values()))
+    out = out or default_path(paths[0]).with_name("campaign.html")
+    title = parts[0].path.resolve().parent.parent.name
+    with _writing(out):
+        write_campaign_report(out, title, parts, sd=options.sd, command_line=command_line())
+    return out, failures
+
+
+def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
+    """A session estimated afresh, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
+    with open_session(path) as session:
+        config = config_for(session, options.settings, present=options.present)
+        estimator = estimator_for(session, config, present=options.present)
+        columns = series(list(minutes_of(session, estimator)), estimator.regions)
+    return Part(path, estimator.site, columns, estimator.settings)
+
+
+@contextmanager
+def _writing(out: Path) -> Iterator[None]:
+    """Make the folder of a file; an error of the disk becomes a `StorageError`."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {out}: {error.strerror}", fix="name another place with -o"
+        ) from error
+
+
+def default_path(session: Path) -> Path:
+    """``reports/NAME.html`` beside the recordings folder, or ``NAME.html`` beside a session elsewhere."""
+    folder = session.resolve().parent
+    name = f"{session.stem}.html"
+    return folder.parent / "reports" / name if folder.name == "recordings" else session.parent / name
+
+
+def middle_frame(session: Session) -> Frame | None:
+    """The usable frame nearest to the middle of the session, or None."""
+    camera = next((name for name, info in session.streams.items() if info.is_camera), None)
+    if camera is None:
+        return None
+    reader = session.stream(camera)
+    good = np.flatnonzero(is_usable(reader.column("flags")))
+    nearest = good[np.argsort(np.abs(good - len(reader) // 2), kind="stable")]
+    frames = (reader.frame(row) for row in nearest.tolist())
+    # the stored flags do not include the checksum; reading the frame verifies it
+    return next((frame for frame in frames if is_usable(frame.quality)), None)
+
+
+def with_full_model(minutes: Sequence[Minute], estimator: Estimator) -> list[Minute] | None:
+    """The same minutes with slopes by the full surface model, from the bins already made.
+
+    None where the full model was used in the first place.
+    """
+    if estimator.settings.model == "full":
+        return None
+    settings = replace(estimator.settings, model="full")
+    history = History.of(estimator.bins)
+    return [
+        replace(minute, estimates=slopes(history.until(index), estimator.regions, settings))
+        for index, minute in enumerate(minutes, start=1)
+    ]
