@@ -13,8 +13,7 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import resolved
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.grid import Grid
-    from fieldkit.workflows.ranking import Ranking
+    from fieldkit.workflows.sweep import Grid, Ranking
 
 
 @click.command(cls=common.Verb)
@@ -50,10 +49,8 @@ def command(
     fieldkit sweep recordings/ --set surface.albedo=0.15:0.35:0.05 --set surface.emissivity=0.88,0.90
     """
     from fieldkit.cli import batch
-    from fieldkit.workflows.grid import read_grid
     from fieldkit.workflows.provenance import provenance
-    from fieldkit.workflows.summary import Summary
-    from fieldkit.workflows.sweep import names_of, runs_of
+    from fieldkit.workflows.sweep import Summary, names_of, read_grid, runs_of
 
     grid = read_grid(settings)
     paths = resolved(ctx, sessions)

@@ -23,10 +23,8 @@ from fieldkit.workflows.batch import Failure, carried_out, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
 from fieldkit.workflows.executors import local
-from fieldkit.workflows.grid import Grid, Parameter
 from fieldkit.workflows.sources import Source, source_of
-from fieldkit.workflows.summary import Summary
-from fieldkit.workflows.sweep import Sweep, names_of, runs_of
+from fieldkit.workflows.sweep import Grid, Parameter, Summary, Sweep, names_of, runs_of
 
 TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""

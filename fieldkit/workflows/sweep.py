@@ -2,19 +2,97 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.model.errors import ConfigError, FieldkitError
-from fieldkit.workflows.batch import Run, run_of
-from fieldkit.workflows.grid import Grid
-from fieldkit.workflows.ranking import Ranking
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeState
+from fieldkit.workflows.batch import Outcome, Run, run_of
 from fieldkit.workflows.sources import Source
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+# Grids of parameters
+
+NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+RANGE = re.compile(rf"({NUMBER}):({NUMBER}):({NUMBER})")
+MOST_VALUES = 10_000
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A key of ``fieldkit.toml`` and the values to try, as they are written."""
+
+    key: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Every combination of the parameters' values; `sets` lists them, the last parameter fastest."""
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def sets(self) -> list[tuple[str, ...]]:
+        """Each set of parameters as ``KEY=VALUE``; a grid of none has one, as configured."""
+        options = [
+            [f"{parameter.key}={value}" for value in parameter.values] for parameter in self.parameters
+        ]
+        return list(itertools.product(*options))
+
+    @property
+    def varied(self) -> tuple[Parameter, ...]:
+        """The parameters of more than one value."""
+        return tuple(parameter for parameter in self.parameters if len(parameter.values) > 1)
+
+
+def read_grid(settings: Sequence[str]) -> Grid:
+    """The grid that ``--set`` asks for; raises `ConfigError`.
+
+    ``LOW:HIGH:STEP`` counts with both ends, in decimal, so that 0.15:0.35:0.05 holds 0.3 and not
+    0.30000000000000004. ``A,B,C`` is a list; a list in brackets is one value.
+    """
+    parameters = [_parameter(setting) for setting in settings]
+    keys = [parameter.key for parameter in parameters]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ConfigError(f"--set {key} is given more than once", fix=f"write one list: {key}=A,B,C")
+    return Grid(tuple(parameters))
+
+
+def _parameter(setting: str) -> Parameter:
+    key, equals, text = (part.strip() for part in setting.partition("="))
+    if not equals or not key or not text:
+        raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.15:0.35:0.05")
+    if text.startswith("["):
+        return Parameter(key, (text,))
+    values: list[str] = []
+    for piece in text.split(","):
+        match = RANGE.fullmatch(piece.strip())
+        values.extend(_counted(setting, *map(Decimal, match.groups())) if match else [piece.strip()])
+    return Parameter(key, tuple(dict.fromkeys(values)))
+
+
+def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
+    if step <= 0 or high < low or (high - low) / step > MOST_VALUES:
+        raise ConfigError(
+            f"--set {setting}: {low} to {high} in steps of {step} is no range",
+            fix="write LOW:HIGH:STEP, STEP above 0",
+        )
+    return [format(low + count * step, "f") for count in range(int((high - low) / step) + 1)]
 
 
 @dataclass(frozen=True)
@@ -62,3 +140,226 @@ def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:
             tables = "surface, air, irradiance, estimator, slab, site"
             raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
     return runs
+
+
+# Ranking. A set's error is the mean over sessions of the mean over regions of the median absolute tilt
+# error, so a long session weighs no more than a short one. A set that estimates much less often than the
+# others is not ranked: it would win by excluding the difficult minutes.
+
+FloatArray = NDArray[np.float64]
+
+OVERFITTED = 1.2
+"""How much larger than the best set's error that of sessions excluded from the choice may be."""
+
+TALKATIVE = 0.9
+"""Share of the most answers any set gives, below which a set is not ranked."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How the error goes with one parameter: its mean over all ranked sets of each value, degrees."""
+
+    key: str
+    values: tuple[str, ...]
+    error_deg: tuple[float, ...]
+
+    @property
+    def span_deg(self) -> float:
+        """How much the choice of this parameter matters."""
+        return float(np.nanmax(self.error_deg) - np.nanmin(self.error_deg))
+
+    @property
+    def best_at_edge(self) -> bool:
+        """Whether the best value is the first or last of three or more."""
+        return len(self.values) > 2 and int(np.nanargmin(self.error_deg)) in (0, len(self.values) - 1)
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The best set and its honesty.
+
+    `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of
+    the best. `left_out_deg` is the mean error of sessions under the parameters chosen from the
+    other sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice
+    was the best set itself. `uncertain_share` of the best set's slopes are uncertain. `silent` are the
+    sessions in which no ranked set has an error.
+    """
+
+    best: int
+    error_deg: FloatArray
+    worst_deg: float
+    left_out_deg: float
+    same_choice: int
+    folds: int
+    effects: tuple[Effect, ...]
+    uncertain_share: float
+    silent: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against taking the best set over."""
+        return tuple(self._doubts())
+
+    def _doubts(self) -> list[str]:
+        found = float(self.error_deg[self.best])
+        doubts = []
+        if self.folds < 2:
+            doubts.append("one session cannot tell a good parameter from a lucky one; sweep over several")
+        elif self.left_out_deg > OVERFITTED * found:
+            doubts.append(
+                f"overfitting: chosen without it, parameters give a session {self.left_out_deg:.2f}°, not "
+                f"{found:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
+            )
+        elif self.same_choice < self.folds:
+            doubts.append(
+                f"the choice is loose: in {self.folds - self.same_choice} of {self.folds} trials without one "
+                f"session another set is chosen, and it is about as good ({self.left_out_deg:.2f}°, the best "
+                f"set {found:.2f}°)"
+            )
+        if self.silent:
+            doubts.append(
+                f"without a slope of a bed of known tilt, and not in the ranking: {', '.join(self.silent)}"
+            )
+        if self.uncertain_share > 0.0:
+            doubts.append(
+                f"{self.uncertain_share:.0%} of the best set's slopes are uncertain: their 90 % regions "
+                "are wide however small the errors came out"
+            )
+        doubts.extend(
+            f"{effect.key}: the best value is at the end of those tried; try further"
+            for effect in self.effects
+            if effect.best_at_edge and effect.span_deg > 0.05
+        )
+        return doubts
+
+
+def ranked(
+    error_deg: FloatArray,
+    worst_deg: FloatArray,
+    answers: NDArray[np.int64],
+    uncertain: NDArray[np.int64],
+    sets: Sequence[tuple[str, ...]],
+    varied: Sequence[Parameter],
+    names: Sequence[str],
+) -> Ranking | None:
+    """Rank sets (rows) by their errors in sessions (columns), degrees, NaN where nothing is known.
+
+    `worst_deg` and `answers` are the largest error and the number of answers, of the same shape,
+    `uncertain` how many of the answers are; `sets` the ``KEY=VALUE`` of each row, `names` the sessions. None
+    where no set has an error.
+    """
+    quiet = answers.sum(axis=1) < TALKATIVE * answers.sum(axis=1).max(initial=0)
+    judged = np.where(quiet[:, np.newaxis], np.nan, error_deg)
+    sessions = np.flatnonzero(np.isfinite(judged).any(axis=0))
+    silent = tuple(name for place, name in enumerate(names) if place not in sessions)
+    if not sessions.size:
+        return None
+    judged = judged[:, sessions]
+    error = _mean(judged)
+    best = int(np.nanargmin(error))
+    left_out, same = np.nan, 0
+    if sessions.size > 1:
+        choices = [int(np.nanargmin(_mean(np.delete(judged, out, axis=1)))) for out in range(sessions.size)]
+        left_out = float(_mean(np.array([judged[choice, out] for out, choice in enumerate(choices)])))
+        same = choices.count(best)
+    effects = tuple(_effect(parameter, sets, error) for parameter in varied)
+    worst = float(np.nanmax(worst_deg[best, sessions]))
+    share = float(uncertain[best].sum() / answers[best].sum())
+    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share, silent)
+
+
+def _mean(error_deg: FloatArray) -> FloatArray:
+    """Mean over the sessions where a set speaks; NaN where it never does."""
+    known = np.isfinite(error_deg)
+    total, count = np.where(known, error_deg, 0.0).sum(axis=-1), known.sum(axis=-1)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan), np.float64)
+
+
+def _effect(parameter: Parameter, sets: Sequence[tuple[str, ...]], error_deg: FloatArray) -> Effect:
+    settings = [f"{parameter.key}={value}" for value in parameter.values]
+    means = (_mean(error_deg[[setting in one for one in sets]]) for setting in settings)
+    return Effect(parameter.key, parameter.values, tuple(float(mean) for mean in means))
+
+
+class Summary:
+    """Rows of a sweep, in the order of sessions, sets and beds however the runs came in.
+
+    `cached` counts the runs that were known before.
+    """
+
+    def __init__(self, grid: Grid, names: Mapping[Path, str]) -> None:
+        self._grid, self._names = grid, dict(names)
+        self._beds: dict[tuple[int, int], list[dict[str, Any]]] = {}
+        self.cached = 0
+        self._places = {path: place for place, path in enumerate(self._names)}
+
+    def __bool__(self) -> bool:
+        return bool(self._beds)
+
+    def add(self, outcome: Outcome) -> None:
+        """Take the estimates of one run."""
+        run, estimates = outcome.run, outcome.estimates
+        self.cached += outcome.cached
+        targets = [region for region in estimates.regions if region.kind is RegionKind.TARGET]
+        place = self._places[run.source.path]
+        self._beds[place, run.number] = [_bed(region, estimates.of_region(region)) for region in targets]
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The tidy table; keys of parameters as in ``fieldkit.toml``, angles in degrees."""
+        names = list(self._names.values())
+        rows = [
+            {"session": names[place], "set": number, **self._values(number), **bed}
+            for (place, number), beds in sorted(self._beds.items())
+            for bed in beds
+        ]
+        return {column: [row[column] for row in rows] for column in (rows[0] if rows else ())}
+
+    def ranking(self) -> Ranking | None:
+        """The sets by their errors; None where no bed of known tilt was answered."""
+        shape = len(self._grid.sets), len(self._names)
+        error, worst = np.full((2, *shape), np.nan)
+        answers, uncertain = np.zeros((2, *shape), np.int64)
+        for (place, number), beds in self._beds.items():
+            known = [bed for bed in beds if np.isfinite(bed["median_abs_error_deg"])]
+            answers[number, place] = sum(bed["answered"] for bed in known)
+            uncertain[number, place] = sum(bed["uncertain"] for bed in known)
+            if known:
+                error[number, place] = np.mean([bed["median_abs_error_deg"] for bed in known])
+                worst[number, place] = max(bed["worst_abs_error_deg"] for bed in known)
+        return ranked(
+            error, worst, answers, uncertain, self._grid.sets, self._grid.varied, tuple(self._names.values())
+        )
+
+    def _values(self, number: int) -> dict[str, Any]:
+        """The parameters of a set: numbers where all values of the key are, else as written."""
+        written = (setting.split("=", 1)[1] for setting in self._grid.sets[number])
+        return {
+            parameter.key: float(value) if all(map(_is_number, parameter.values)) else value
+            for parameter, value in zip(self._grid.parameters, written, strict=True)
+        }
+
+
+def _bed(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
+    answered = rows[np.isin(rows["state"], [int(state) for state in WORKED_OUT])]
+    tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
+    known = error.size > 0 and np.isfinite(region.tilt_deg)
+    return {
+        "region": region.name,
+        "true_tilt_deg": region.tilt_deg,
+        "minutes": int(rows.size),
+        "answered": int(answered.size),
+        "uncertain": int(np.count_nonzero(rows["state"] == SlopeState.UNCERTAIN)),
+        "median_tilt_deg": float(np.median(tilt)) if tilt.size else float("nan"),
+        "mean_error_deg": float(np.mean(tilt) - region.tilt_deg) if known else float("nan"),
+        "mean_abs_error_deg": float(np.mean(error)) if known else float("nan"),
+        "median_abs_error_deg": float(np.median(error)) if known else float("nan"),
+        "worst_abs_error_deg": float(np.max(error)) if known else float("nan"),
+    }
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,7 +1,7 @@
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.workflows.grid import read_grid
+from fieldkit.workflows.sweep import read_grid
 
 
 def test_a_range_holds_both_ends_in_decimals_as_one_would_write_them():

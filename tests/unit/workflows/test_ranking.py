@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.workflows.grid import read_grid
-from fieldkit.workflows.ranking import ranked
+from fieldkit.workflows.sweep import ranked, read_grid
 
 GRID = read_grid(["a=1,2,3"])
 

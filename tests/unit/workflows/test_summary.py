@@ -8,7 +8,7 @@ import pytest
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.workflows.estimates import Estimates
-from fieldkit.workflows.summary import _bed
+from fieldkit.workflows.sweep import _bed
 
 BED = Region("b15", RegionKind.TARGET, ((0.0, 0.0),), 15.0, 180.0)
 
