@@ -215,14 +215,18 @@ def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) 
     Missing minutes are bridged by straight lines.
     """
     steps = np.arange(minutes[0], minutes[-1] + 1)
+    is_known = np.isfinite(difference_k)
+    columns = np.flatnonzero(np.count_nonzero(is_known, axis=0) >= SMOOTHED_MINUTES)
     flux = np.full_like(difference_k, np.nan)
-    for column in range(difference_k.shape[1]):
-        known = np.isfinite(difference_k[:, column])
-        if known.sum() < SMOOTHED_MINUTES:
-            continue
-        whole = _smooth(np.interp(steps, minutes[known], difference_k[known, column]))
-        flux[:, column] = conducted_flux(slab, whole, MINUTE_S)[minutes - minutes[0]]
-    return np.where(np.isfinite(difference_k), flux, np.nan)
+    if columns.size:
+        bridged = [
+            _smooth(np.interp(steps, minutes[known], values[known]))
+            for known, values in zip(is_known.T[columns], difference_k.T[columns], strict=True)
+        ]
+        # all columns in one transform: called once per minute bin and layer, this is the full model's main cost
+        whole = conducted_flux(slab, np.column_stack(bridged), MINUTE_S)
+        flux[:, columns] = whole[minutes - minutes[0]]
+    return np.where(is_known, flux, np.nan)
 
 
 def _smooth(values: FloatArray) -> FloatArray:
