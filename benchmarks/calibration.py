@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from benchmarks.result import Result
 from fieldkit.calibration.emissivity import Shared, fit_emissivity, single_pair
-from fieldkit.estimation.choice import choose
-from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site

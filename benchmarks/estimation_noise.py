@@ -14,13 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.result import Result
-from fieldkit.estimation.bounds import cramer_rao
-from fieldkit.estimation.choice import Choice, choose
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.estimation.light import Cusum
-from fieldkit.estimation.likelihood import NINETY_PERCENT
-from fieldkit.estimation.normal import Misfit, solve
-from fieldkit.estimation.posterior import posterior
+from fieldkit.estimation.disturbances import Cusum
+from fieldkit.estimation.likelihood import NINETY_PERCENT, posterior
+from fieldkit.estimation.normal import Choice, Misfit, choose, cramer_rao, solve
 from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth

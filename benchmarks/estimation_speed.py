@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.result import Result
 from fieldkit.estimation.bins import MINUTE_NS, CameraSums, Outline
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
-from fieldkit.estimation.slope_map import MapSums
+from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.model.site import Region, RegionKind, Site

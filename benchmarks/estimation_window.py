@@ -26,13 +26,12 @@ from benchmarks.estimation_outdoors import (
     regions,
 )
 from benchmarks.result import Result
-from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.light import LightWatch
+from fieldkit.estimation.disturbances import LightWatch
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.samples import Quality
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import WORKED_OUT, SlopeEstimate
 from fieldkit.simulation import Facet
 from fieldkit.weather import Weather
 

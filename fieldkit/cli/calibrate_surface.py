@@ -97,9 +97,8 @@ def command(
 def rows_of(estimator: Estimator) -> tuple[Rows, History]:
     """Rows of all clear minutes of a session for all its targets, with their history."""
     from fieldkit.estimation import balance
-    from fieldkit.estimation.bins import History
-    from fieldkit.estimation.offsets import without_offsets
-    from fieldkit.estimation.window import Field
+    from fieldkit.estimation.bins import Field, History
+    from fieldkit.estimation.region_temperatures import without_offsets
     from fieldkit.model.samples import Quality
 
     history, field, settings = History.of(estimator.bins), Field(estimator.regions), estimator.settings
@@ -159,8 +158,8 @@ def identified(
     estimator: Estimator, history: History, slopes: Sequence[tuple[float, float]], names: Sequence[str]
 ) -> Identified:
     """What the known beds tell of alpha and beta of eq. (6)."""
+    from fieldkit.estimation.bins import Field
     from fieldkit.estimation.scale import identify
-    from fieldkit.estimation.window import Field
     from fieldkit.physics.facet import normal
 
     field, surface = Field(estimator.regions), estimator.settings.surface
@@ -185,7 +184,7 @@ def identified(
 
 def _more_light(history: History, bed: FloatArray, reference: FloatArray) -> FloatArray:
     """Direct light (n,) of a bed beyond the reference's, W/m2; NaN while one is in its own shade."""
-    from fieldkit.estimation.quality import LOWEST_COS_INCIDENCE
+    from fieldkit.estimation.methods import LOWEST_COS_INCIDENCE
 
     on_bed, on_reference = history.sun @ bed, history.sun @ reference
     lit = np.minimum(on_bed, on_reference) >= LOWEST_COS_INCIDENCE

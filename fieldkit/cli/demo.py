@@ -19,8 +19,8 @@ from fieldkit.cli.running import only_recorder
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
-from fieldkit.estimation.answers import answers_of
 from fieldkit.model.site import Region
+from fieldkit.model.slope import answers_of
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting

@@ -12,9 +12,9 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import resolved
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, SITE
-from fieldkit.estimation.answers import ANSWERED, answers_of
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import ANSWERED, answers_of
 from fieldkit.workflows.estimate import as_document
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fieldkit.config import Config
-    from fieldkit.estimation.plan_day import DayPlan
+    from fieldkit.estimation.day_plan import DayPlan
     from fieldkit.physics.facet import FloatArray
 
 Facet = tuple[float, float]
@@ -108,7 +108,7 @@ def make_plan(
     """
     import numpy as np
 
-    from fieldkit.estimation.plan_day import PlanSettings, plan_day
+    from fieldkit.estimation.day_plan import PlanSettings, plan_day
     from fieldkit.physics.sun import sun_vectors
 
     time_ns = np.arange(*_ends_ns(site, day), 60_000_000_000, dtype=np.int64)

@@ -12,10 +12,10 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import meant, offer_recovery
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
-from fieldkit.estimation.answers import answers_of
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
+from fieldkit.model.slope import answers_of
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.estimate import as_document, config_for, estimates_of, estimator_for, minutes_of

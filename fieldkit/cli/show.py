@@ -89,7 +89,7 @@ def describe(session: Session) -> dict[str, Any]:
 
 def answers(session: Session) -> list[SlopeEstimate]:
     """The slope that stands for each target of a session."""
-    from fieldkit.estimation.answers import answers_of
+    from fieldkit.model.slope import answers_of
 
     return list(answers_of(session.estimates(), session.regions).values())
 

@@ -223,7 +223,7 @@ def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) 
             _smooth(np.interp(steps, minutes[known], values[known]))
             for known, values in zip(is_known.T[columns], difference_k.T[columns], strict=True)
         ]
-        # all columns in one transform: called once per minute bin and layer, this is the full model's main cost
+        # all columns in one transform: this is called once per minute bin and layer
         whole = conducted_flux(slab, np.column_stack(bridged), MINUTE_S)
         flux[:, columns] = whole[minutes - minutes[0]]
     return np.where(is_known, flux, np.nan)

@@ -11,11 +11,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldkit.estimation.bins import MINUTE_NS, Bin, Camera, OpenMinute
+from fieldkit.estimation.bins import MINUTE_NS, Bin, Camera, Field, OpenMinute
+from fieldkit.estimation.disturbances import Watch, end_of
 from fieldkit.estimation.instruments import Instruments, Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.watch import Watch, end_of
-from fieldkit.estimation.window import Field
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity

@@ -10,6 +10,7 @@ flags stay on the bin.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
@@ -20,9 +21,9 @@ from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.radiance import surface_temperature_k
 
 MINUTE_NS = 60_000_000_000
@@ -191,6 +192,34 @@ class OpenMinute:
     def sorted_readings(self, stream: str) -> list[Reading]:
         """Readings of one stream by time; equal times by value, so the order of arrival never shows."""
         return sorted(self.readings.get(stream, []), key=lambda r: (r.time_ns, r.values, r.quality))
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The regions of a picture as the estimator sees them: which columns are references, which targets."""
+
+    regions: tuple[Region, ...]
+
+    @property
+    def references(self) -> NDArray[np.int64]:
+        """Columns of the references."""
+        return self._columns(RegionKind.REFERENCE)
+
+    @property
+    def targets(self) -> NDArray[np.int64]:
+        """Columns of the targets."""
+        return self._columns(RegionKind.TARGET)
+
+    @property
+    def reference_normals(self) -> FloatArray:
+        """Unit normals of the references; one without a tilt is flat."""
+        beds = [self.regions[column] for column in self.references]
+        tilts = [0.0 if math.isnan(bed.tilt_deg) else bed.tilt_deg for bed in beds]
+        azimuths = [0.0 if math.isnan(bed.azimuth_deg) else bed.azimuth_deg for bed in beds]
+        return normal(tilts, azimuths).reshape(-1, 3)
+
+    def _columns(self, kind: RegionKind) -> NDArray[np.int64]:
+        return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,11 +11,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri
 
-from fieldkit.estimation import quality
 from fieldkit.estimation.balance import Rows
-from fieldkit.estimation.choice import choose
 from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
@@ -23,17 +22,23 @@ from fieldkit.estimation.likelihood import (
     DoubtfulMisfit,
     LikelihoodRegion,
     MisfitOf,
+    posterior,
     region,
     region_known_azimuth,
     with_doubts,
 )
-from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
-from fieldkit.estimation.posterior import posterior
+from fieldkit.estimation.normal import Misfit, choose, solve, solve_known_azimuth
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
+ALARM_PROBABILITY = 0.01
+"""Chance that chi-square calls a good window a bad one."""
+MIN_DIFFERENCES = 8
+LOWEST_COS_INCIDENCE = 0.03
+"""Rows whose predicted cosine of incidence is lower count as in the bed's own shade."""
+SHADE_SIGMAS = 2.0
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
 
@@ -53,6 +58,30 @@ class Solution:
     chi_square: float
     used: int
     explained: bool = True
+
+
+def solution(
+    rows: Rows, index: int, weights: FloatArray, bed: Region, settings: EstimatorSettings
+) -> Solution:
+    """Slope of one region from its rows; weights (n,), zero for rows that do not count."""
+    known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
+    problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
+    fit = _least_squares(problem)
+    lit = problem.used & (np.nan_to_num(rows.lamps) @ fit.best >= LOWEST_COS_INCIDENCE)
+    if 3 <= lit.sum() < problem.used.sum():
+        problem = replace(problem, weights=np.where(lit, weights, 0.0))
+        fit = _least_squares(problem)
+    ratio = noise_ratio(problem.standardised(fit.best))
+    if ratio > 1.0:
+        problem = replace(problem, weights=problem.weights / ratio)
+        fit = _least_squares(problem)
+    best, votes, problem = _answer(problem, fit)
+    if problem.settings.method == "posterior":
+        fit = _least_squares(problem)
+    if best is None:
+        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
+        return replace(nowhere, explained=False)
+    return _judged(problem, fit, best)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,30 +150,6 @@ class _Fit:
     steeper_misfit: float  # of the better branch, where both break the limit; else that of best
 
 
-def solution(
-    rows: Rows, index: int, weights: FloatArray, bed: Region, settings: EstimatorSettings
-) -> Solution:
-    """Slope of one region from its rows; weights (n,), zero for rows that do not count."""
-    known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
-    problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
-    fit = _least_squares(problem)
-    lit = problem.used & (np.nan_to_num(rows.lamps) @ fit.best >= quality.LOWEST_COS_INCIDENCE)
-    if 3 <= lit.sum() < problem.used.sum():
-        problem = replace(problem, weights=np.where(lit, weights, 0.0))
-        fit = _least_squares(problem)
-    ratio = quality.noise_ratio(problem.standardised(fit.best))
-    if ratio > 1.0:
-        problem = replace(problem, weights=problem.weights / ratio)
-        fit = _least_squares(problem)
-    best, votes, problem = _answer(problem, fit)
-    if problem.settings.method == "posterior":
-        fit = _least_squares(problem)
-    if best is None:
-        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
-        return replace(nowhere, explained=False)
-    return _judged(problem, fit, best)
-
-
 def _least_squares(problem: _Problem) -> _Fit:
     limit, misfit = problem.settings.tilt_limit_deg, problem.misfit
     if problem.azimuth_deg is not None:
@@ -209,7 +214,7 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
         limit = problem.settings.tilt_limit_deg
         return _nowhere(problem, fit, f"what fits best is steeper than the limit of {limit:g}°")
     misfit, doubtful = problem.misfit, problem.doubtful
-    alarm = quality.chi_square_limit(problem.freedom)
+    alarm = chi_square_limit(problem.freedom)
     chi_square = max(fit.misfit, 0.0) / problem.freedom  # rounding may leave less than nothing
     is_bad = float(doubtful(fit.best)) / problem.freedom > alarm
     # beyond what noise explains, the misfit itself is the measure of how far to trust
@@ -250,3 +255,35 @@ def _region(
     if problem.azimuth_deg is not None:
         return region_known_azimuth(misfit, problem.azimuth_deg, best, problem.drop, limit)
     return region(misfit, information, best, problem.drop, limit)
+
+
+def noise_ratio(residuals: ArrayLike) -> float:
+    """Variance of standardised residuals (n,) by their second differences; 1.0 when too few.
+
+    ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6``. Below 1, or above it by less than chance
+    explains (95 %), the stated noise stands: 1.0.
+    """
+    values = np.asarray(residuals, np.float64)
+    bends = np.diff(values, 2)
+    if bends.size < MIN_DIFFERENCES:
+        return 1.0
+    ratio = float(np.mean(bends**2)) / 6.0
+    # neighbouring second differences share samples: 18/35 of their number is independent
+    freedom = bends.size * 18.0 / 35.0
+    return ratio if ratio > float(chdtri(freedom, 0.05)) / freedom else 1.0
+
+
+def chi_square_limit(freedom: int) -> float:
+    """Reduced chi-square that noise alone exceeds once in a hundred windows."""
+    return float(chdtri(freedom, ALARM_PROBABILITY)) / freedom
+
+
+def kelvin_per_degree(tilt_deg: float, azimuth_deg: float, lamp: FloatArray, y_per_kelvin: float) -> float:
+    """Change of surface temperature per degree of tilt at a slope under a lamp (3,), K per degree."""
+    steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
+    return float(np.radians(1.0) * (steeper @ lamp) / y_per_kelvin)
+
+
+def sunlit(y: FloatArray, sigma: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Rows bright enough to be an equation: in its own shade a bed only says ``n . s < 0``."""
+    return np.asarray(y >= SHADE_SIGMAS * sigma)

@@ -5,7 +5,7 @@ lamp of the full surface model), `y` is the measured cosine of incidence. With w
 ``w = 1 / sigma_y**2`` the misfit of a normal is ``q(n) = n'Hn - 2 b'n + c``, so `Misfit`
 is all that has to be kept of any number of rows. The three-vector solution ``H x = b`` is
 never used as an answer: below three hours its length is noise. Two circles on a sphere
-meet in two points, so there are always two branches; `fieldkit.estimation.choice` says which
+meet in two points, so there are always two branches; `fieldkit.estimation.normal` says which
 of them is meant.
 
 Angles in degrees at every boundary; vectors are east, north, up.
@@ -18,11 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldkit.physics.facet import VERTICAL, FloatArray
+from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 
 POLISH_STEPS = 30
 _MERGED = 1e-5
 """Branches closer than this (chord) are one: the slope lies on the fold."""
+_ROUNDING_DEG = 1e-3
+"""A slope on the very limit must not be ruled out by rounding."""
 _ONES = np.ones(3)  # a product with it adds up components faster than a sum over three
 
 
@@ -205,6 +207,60 @@ def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: NDArra
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The normal to believe (..., 3), its misfit, and the other branch where it keeps the limit, else NaN."""
+
+    best: FloatArray
+    misfit: FloatArray
+    other: FloatArray
+    other_misfit: FloatArray
+
+
+def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
+    """Choose between the branches, given that the tilt does not exceed the limit.
+
+    In 20 minutes both often fit equally well. Then the prior decides, uniform in tilt and
+    azimuth up to the limit: per solid angle it falls as 1 / sin(tilt), so of two equal fits
+    the flatter one is believed. Where both branches are steeper, the least misfit on the
+    limit itself is taken: its misfit tells whether the limit is to blame.
+    """
+    normals = np.stack([branches.first, branches.second])
+    misfits = np.stack([branches.first_misfit, branches.second_misfit])
+    tilts = tilt_azimuth(normals)[0]
+    allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
+    price = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
+    price = np.where(allowed, price, np.inf)
+    swap = price[1] < price[0]
+    swapped = swap[..., np.newaxis]
+    best, other = np.where(swapped, normals[::-1], normals)
+    misfit_best, misfit_other = np.where(swap, misfits[::-1], misfits)
+    lone = branches.merged | ~allowed.all(axis=0)
+    other = np.where(lone[..., np.newaxis], np.nan, other)
+    steep = ~allowed.any(axis=0) & np.isfinite(misfits[0])
+    if np.any(steep):
+        edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
+        best = np.where(steep[..., np.newaxis], edge, best)
+        misfit_best = np.where(steep, edge_misfit, misfit_best)
+    return Choice(best, misfit_best, other, np.where(lone, np.nan, misfit_other))
+
+
+def _on_limit(
+    misfit: Misfit, tilt_limit_deg: float, wanted: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Least misfit among normals of the limit's tilt, for the slopes wanted (NaN for the others)."""
+    rim = normal(tilt_limit_deg, np.arange(0.0, 360.0, 0.1))
+    best, least = np.full((*wanted.shape, 3), np.nan), np.full(wanted.shape, np.nan)
+    # in parts, so that many slopes do not fill the memory
+    for part in np.array_split(np.argwhere(wanted), 1 + int(wanted.sum()) // 1000):
+        index = tuple(part.T)
+        H = misfit.H if misfit.H.ndim == 2 else misfit.H[index]
+        values = np.einsum("ri,...ij,rj->...r", rim, H, rim, optimize=True)
+        values = values - 2.0 * misfit.b[index] @ rim.T + np.asarray(misfit.c)[index][..., np.newaxis]
+        best[index], least[index] = rim[np.argmin(values, axis=-1)], values.min(axis=-1)
+    return best, least
+
+
 def solve_known_azimuth(misfit: Misfit, azimuth_deg: float, tilt_limit_deg: float) -> tuple[float, float]:
     """Tilts of least misfit along one azimuth, degrees: the best, and the other local minimum or NaN.
 
@@ -242,3 +298,36 @@ def _polish_tilt(H: FloatArray, b: FloatArray, tilt: float, limit: float) -> flo
             break
         tilt = float(np.clip(tilt - slope / bend, 0.0, limit))
     return tilt
+
+
+def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
+    """Mirror images ``n - 2 (n . m) m`` of normals (..., 3) in the plane of the sun's motion.
+
+    `m`, the eigenvector of H with the smallest eigenvalue, is the direction the sun never
+    showed; what fits a slope fits its mirror image nearly as well.
+    """
+    n = np.asarray(normals, np.float64)
+    across = np.linalg.eigh(H)[1][..., :, 0]
+    return np.asarray(n - 2.0 * np.sum(n * across, axis=-1, keepdims=True) * across)
+
+
+def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Unit vectors along growing tilt and growing azimuth at normals (..., 3).
+
+    At the vertical, where azimuth has no meaning, those of azimuth 0.
+    """
+    tilt, azimuth = (np.radians(angle) for angle in tilt_azimuth(normals))
+    level = np.zeros_like(tilt)
+    along = np.stack([np.cos(tilt) * np.sin(azimuth), np.cos(tilt) * np.cos(azimuth), -np.sin(tilt)], axis=-1)
+    return along, np.stack([np.cos(azimuth), -np.sin(azimuth), level], axis=-1)
+
+
+def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:
+    """Smallest possible covariance (..., 2, 2) of an unbiased estimate at normals (..., 3), rad**2.
+
+    Entry 0 is tilt, entry 1 direction on the ground (azimuth times the sine of tilt). S. Kay,
+    "Fundamentals of statistical signal processing: estimation theory", 1993. Needs only sun,
+    irradiance and noise, so it can be drawn before the day. Near the fold it is too small.
+    """
+    basis = np.stack(tangents(normals), axis=-1)
+    return np.asarray(np.linalg.inv(np.swapaxes(basis, -1, -2) @ H @ basis))

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fieldkit.estimation.choice import choose
-from fieldkit.estimation.normal import Misfit, solve
-from fieldkit.estimation.quality import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.methods import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 

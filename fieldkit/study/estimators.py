@@ -13,11 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.choice import choose
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.estimation.normal import Misfit, solve
-from fieldkit.estimation.plan import GRAZING, cosine_noise
-from fieldkit.estimation.posterior import posterior
+from fieldkit.estimation.day_plan import GRAZING, cosine_noise
+from fieldkit.estimation.likelihood import posterior
+from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
 from fieldkit.physics.facet import (
     VERTICAL,

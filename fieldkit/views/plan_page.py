@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fieldkit.estimation.plan_day import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
+from fieldkit.estimation.day_plan import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, html, plotting
 

@@ -21,11 +21,10 @@ from rich.table import Table
 from rich.text import Text
 from rich.theme import Theme
 
-from fieldkit.estimation.answers import CERTAIN
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import CERTAIN, SlopeEstimate
 from fieldkit.views import formatting, frame_image
 from fieldkit.views.latest import Latest
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fieldkit.estimation.map_bounds import PixelBounds
-from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import normal

@@ -18,19 +18,16 @@ import numpy as np
 
 import fieldkit
 from fieldkit.config import Config
-from fieldkit.estimation.answers import ANSWERED, CERTAIN, answers_of
-from fieldkit.estimation.bins import MINUTE_NS, Bin
+from fieldkit.estimation.bins import MINUTE_NS, Bin, Field
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
-from fieldkit.estimation.map_bounds import PixelBounds, with_bounds
+from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slope_map import MapSums, SlopeMap
-from fieldkit.estimation.window import Field
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SlopeState
+from fieldkit.model.slope import ANSWERED, CERTAIN, SlopeState, answers_of
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k

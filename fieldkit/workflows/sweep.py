@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeState
+from fieldkit.model.slope import WORKED_OUT, SlopeState
 from fieldkit.workflows.batch import Outcome, Run, run_of
 from fieldkit.workflows.sources import Source
 

@@ -5,10 +5,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from fieldkit.estimation.bins import Outline
-from fieldkit.estimation.bounds import mirror
-from fieldkit.estimation.choice import choose
 from fieldkit.estimation.likelihood import DoubtfulMisfit, with_doubts
-from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.normal import Misfit, choose, mirror, solve
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.answers import CERTAIN, is_certain
 from fieldkit.estimation.statistics import mean_absolute_error
 from fieldkit.model.samples import Event, EventKind
+from fieldkit.model.slope import CERTAIN, is_certain
 from fieldkit.views import formatting
 from fieldkit.views.report.series import Bed, Series
 

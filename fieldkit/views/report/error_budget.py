@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.band_emissivity import difference_k
 from fieldkit.estimation.bins import MINUTE_NS
+from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics import sky
 from fieldkit.physics.facet import cos_incidence, normal

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.answers import ANSWERED, WORKED_OUT, answer_of
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import ANSWERED, WORKED_OUT, SlopeEstimate, SlopeState, answer_of
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.surface import (
     SurfaceParameters,

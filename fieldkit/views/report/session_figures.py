@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fieldkit.estimation.answers import WORKED_OUT
 from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.slope import WORKED_OUT
 from fieldkit.views import formatting, plotting
 from fieldkit.views.report.series import Bed, FloatArray, Series
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fieldkit.estimation.choice import Choice, choose
-from fieldkit.estimation.normal import Branches, Misfit
+from fieldkit.estimation.normal import Branches, Choice, Misfit, choose
 from fieldkit.physics.facet import normal, tilt_azimuth
 
 FLAT_DEG, STEEP_DEG = 10.0, 30.0

@@ -2,8 +2,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fieldkit.estimation.bounds import cramer_rao
-from fieldkit.estimation.choice import choose
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     NINETY_PERCENT_ONE,
@@ -13,7 +11,7 @@ from fieldkit.estimation.likelihood import (
     region_known_azimuth,
     with_doubts,
 )
-from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT, region
-from fieldkit.estimation.map_bounds import with_bounds
 from fieldkit.estimation.normal import Misfit
+from fieldkit.estimation.pixel_slopes import MapSums, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slope_map import MapSums
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import VERTICAL, normal
@@ -28,7 +27,7 @@ MORNING = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
 @pytest.fixture(autouse=True)
 def _the_papers_model_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene of these tests is made by the paper's model: nothing is missing from it."""
-    monkeypatch.setattr("fieldkit.estimation.map_bounds.PAPER_SCALE_SD", 0.0)
+    monkeypatch.setattr("fieldkit.estimation.pixel_slopes.PAPER_SCALE_SD", 0.0)
 
 
 def suns(minutes: int):

@@ -7,9 +7,7 @@ here is astropy's, 0.0015 degrees away, which sets the tolerances.
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bounds import cramer_rao, mirror
-from fieldkit.estimation.choice import choose
-from fieldkit.estimation.normal import Misfit, solve, solve_known_azimuth
+from fieldkit.estimation.normal import Misfit, choose, cramer_rao, mirror, solve, solve_known_azimuth
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors

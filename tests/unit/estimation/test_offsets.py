@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.offsets import without_offsets
+from fieldkit.estimation.region_temperatures import without_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k

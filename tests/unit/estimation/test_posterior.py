@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.choice import choose
-from fieldkit.estimation.normal import Misfit, solve
-from fieldkit.estimation.posterior import posterior
+from fieldkit.estimation.likelihood import posterior
+from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.estimation.map_bounds import PixelBounds
-from fieldkit.estimation.slope_map import SlopeMap
+from fieldkit.estimation.pixel_slopes import PixelBounds, SlopeMap
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.pixel_axes import LEFT_PX

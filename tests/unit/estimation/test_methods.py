@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from fieldkit.estimation.quality import chi_square_limit, kelvin_per_degree, noise_ratio, sunlit
+from fieldkit.estimation.methods import chi_square_limit, kelvin_per_degree, noise_ratio, sunlit
 from fieldkit.physics.facet import normal
 from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 

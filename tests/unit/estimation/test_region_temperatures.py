@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.band_emissivity import difference_k, moved_temperatures
 from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.region_temperatures import difference_k, moved_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import (

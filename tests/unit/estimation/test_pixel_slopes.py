@@ -2,9 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldkit.estimation.choice import choose
-from fieldkit.estimation.normal import Misfit, solve
-from fieldkit.estimation.slope_map import MapSums
+from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal

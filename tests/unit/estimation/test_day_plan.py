@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.plan import bound, bounds_over_day, cosine_noise, expected_temperature, sensitivity
+from fieldkit.estimation.day_plan import (
+    bound,
+    bounds_over_day,
+    cosine_noise,
+    expected_temperature,
+    sensitivity,
+)
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import normal
 from fieldkit.physics.sun import sun_vectors

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.light import Cusum, LightWatch, ShadeWatch
+from fieldkit.estimation.disturbances import Cusum, LightWatch, ShadeWatch
 
 SECOND_NS = 10**9
 

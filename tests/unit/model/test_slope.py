@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.answers import answer_of, answers_of, is_certain
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
+from fieldkit.model.slope import SlopeEstimate, SlopeState, answer_of, answers_of, is_certain, is_too_wide
 
 BED = Region("b", RegionKind.TARGET, ())
 OTHER = Region("c", RegionKind.TARGET, ())

@@ -1,0 +1,343 @@
+"""What the minutes say about weather, shade and camera: flags on the bins, and events to tell."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.bins import Bin, Field, OpenMinute
+from fieldkit.estimation.instruments import Light, mean_of
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
+
+SUDDEN_CHANGE = 0.15
+SUDDEN_S = 120.0
+STEADY_CHANGE = 0.05
+STEADY_S = 60.0
+NEW_WEATHER_S = 1200.0
+MIN_VALUES = 10
+STRETCH_NS = 5 * 10**9
+GUST_SD_K = 0.2
+"""What gusts do to a bed's temperature from minute to minute outdoors: smaller jumps are no weather."""
+MOVED_PX = 1.5
+_CLEAR_PEAK = 8.0
+"""How far the correlation peak must stand out of its surroundings, in standard deviations."""
+Spectrum = NDArray[np.complexfloating[Any, Any]]
+
+
+class Watch:
+    """Looks for clouds, shade on one bed, and a picture that moved or froze."""
+
+    def __init__(self, field: Field) -> None:
+        self._field = field
+        self._light = LightWatch()
+        self._reference = Cusum(least_sd=GUST_SD_K)
+        self._shade = {int(column): ShadeWatch() for column in field.targets}
+        self._shaded: set[int] = set()
+        self._picture = PictureWatch()
+        self._moved = False
+        self._settled_ns = -(2**62)
+        self._last_sums: tuple[int, list[int]] | None = None
+
+    def look(
+        self, entry: Bin, minute: OpenMinute, light: Light, settings: EstimatorSettings
+    ) -> tuple[Bin, list[Event]]:
+        """The bin with its flags, and what is to be told."""
+        notices = self._clouds(entry, light, settings)
+        if self._light.cloudy or notices or entry.start_ns < self._settled_ns:
+            entry = replace(entry, flags=entry.flags | Quality.CLOUD)
+        reference_k = mean_of(entry.temperature_k[self._field.references])
+        jump = self._reference.add(entry.minute, reference_k)
+        if jump is not None:
+            notices.append(_jump_notice(jump, minute, bool(entry.flags & Quality.CLOUD)))
+        entry = self._shades(entry, reference_k, minute, notices)
+        return self._pictures(entry, minute, notices), notices
+
+    def _clouds(self, entry: Bin, light: Light, settings: EstimatorSettings) -> list[Event]:
+        notices = []
+        for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
+            change = self._light.add(reading.mono_ns, reading.time_ns, clearness)
+            if change is None:
+                continue
+            if change.kind == "end":
+                self._settled_ns = change.time_ns + round(settings.settle_s * 1e9)
+            data = {"phase": change.kind}
+            severity = Severity.WARNING if change.kind == "begin" else Severity.INFO
+            text = f"cloud {change.kind}s: {change.text}"
+            notices.append(
+                Event(EventKind.CLOUD, change.mono_ns, change.time_ns, text, reading.stream, severity, data)
+            )
+        return notices
+
+    def _shades(self, entry: Bin, reference_k: float, minute: OpenMinute, notices: list[Event]) -> Bin:
+        flags = list(entry.region_flags)
+        for column, watch in self._shade.items():
+            # a cloud is not a shadow: while the light changes no bed is singled out
+            over = float("nan") if entry.flags & Quality.CLOUD else entry.temperature_k[column] - reference_k
+            shaded = watch.add(entry.minute, float(over))
+            if shaded:
+                flags[column] |= Quality.SHADED
+            if shaded != (column in self._shaded):
+                self._shaded ^= {column}
+                text = (
+                    f"{self._field.regions[column].name} {'alone lost its sun' if shaded else 'is lit again'}"
+                )
+                notices.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
+        return replace(entry, region_flags=tuple(flags))
+
+    def _pictures(self, entry: Bin, minute: OpenMinute, notices: list[Event]) -> Bin:
+        if minute.first_frame is None:
+            return entry
+        sums = (minute.pictures.frames, minute.pictures.totals)
+        if sums == self._last_sums:
+            blank = np.full_like(entry.temperature_k, np.nan)
+            entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
+        self._last_sums = sums
+        moved = self._picture.add(minute.first_frame.counts)
+        if moved and not self._moved:
+            text = f"picture moved {self._picture.shift_px:.1f} px, regions may be off their beds"
+            notices.append(Event(EventKind.MOVED, *end_of(minute), text, severity=Severity.WARNING))
+        self._moved = moved
+        return replace(entry, flags=entry.flags | Quality.MOVED) if moved else entry
+
+
+def end_of(minute: OpenMinute) -> tuple[int, int]:
+    """Monotonic and UTC nanoseconds of the last sample of a minute."""
+    samples: list[Frame | Reading] = [r for readings in minute.readings.values() for r in readings]
+    if minute.first_frame is not None:
+        samples.append(minute.first_frame)
+    last = max(samples, key=lambda sample: sample.time_ns, default=None)
+    return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
+
+
+def _jump_notice(jump: Jump, minute: OpenMinute, clouded: bool) -> Event:
+    change = f"the reference's temperature left its trend by {jump.found - jump.expected:+.1f} K"
+    text = f"{change}, as the light did" if clouded else f"{change} in steady light: wind, shade or a drift"
+    return Event(EventKind.ESTIMATOR, *end_of(minute), text)
+
+
+@dataclass(frozen=True, slots=True)
+class LightChange:
+    """The light became unsteady (`begin`) or steady again (`end`), and why, in words."""
+
+    kind: Literal["begin", "end"]
+    mono_ns: int
+    time_ns: int
+    text: str
+
+
+class LightWatch:
+    """Tells clouds from a stream of light readings in order of time.
+
+    Each reading is divided by what the sun's height alone would make of it. A change of
+    15 % within two minutes begins a cloud. It ends when the light has been steady (5 %) for
+    one minute near its old level, or for 20 minutes at a new one: then that is the weather.
+    """
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[int, float, float]] = deque()
+        self._level = float("nan")
+        self._steady_since = 0
+        self._steady_at = float("nan")
+        self.cloudy = False
+
+    def add(self, mono_ns: int, time_ns: int, clearness: float) -> LightChange | None:
+        """Look at one reading over its clear expectation, any unit, positive; NaN is passed over."""
+        if not np.isfinite(clearness) or clearness <= 0.0:
+            return None
+        self._remember(time_ns // STRETCH_NS, clearness)
+        if self.cloudy:
+            return self._ending(mono_ns, time_ns, clearness)
+        lowest = min(low for _, low, _ in self._recent)
+        highest = max(high for _, _, high in self._recent)
+        change = max(clearness / highest - 1.0, clearness / lowest - 1.0, key=abs)
+        if abs(change) <= SUDDEN_CHANGE:
+            return None
+        self.cloudy = True
+        self._level = highest if change < 0 else lowest
+        self._steady_since, self._steady_at = time_ns, clearness
+        return LightChange("begin", mono_ns, time_ns, f"light changed by {change:+.0%} within 2 min")
+
+    def _remember(self, stretch: int, clearness: float) -> None:
+        """Keep the lowest and highest of every 5 s, so that a fast meter costs no more than a slow one."""
+        while self._recent and (stretch - self._recent[0][0]) * STRETCH_NS > SUDDEN_S * 1e9:
+            self._recent.popleft()
+        if self._recent and self._recent[-1][0] == stretch:
+            _, low, high = self._recent.pop()
+            self._recent.append((stretch, min(low, clearness), max(high, clearness)))
+        else:
+            self._recent.append((stretch, clearness, clearness))
+
+    def _ending(self, mono_ns: int, time_ns: int, clearness: float) -> LightChange | None:
+        if abs(clearness / self._steady_at - 1.0) > STEADY_CHANGE:
+            self._steady_since, self._steady_at = time_ns, clearness
+            return None
+        steady_s = (time_ns - self._steady_since) / 1e9
+        back = abs(clearness / self._level - 1.0) <= SUDDEN_CHANGE
+        if steady_s < (STEADY_S if back else NEW_WEATHER_S):
+            return None
+        self.cloudy = False
+        self._recent.clear()
+        text = "light is back" if back else f"light steady at {clearness / self._level:.0%} of what it was"
+        return LightChange("end", mono_ns, time_ns, text)
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """A value that left its forecast: what was expected, what came, and by how many standard deviations."""
+
+    expected: float
+    found: float
+    score: float
+
+
+@dataclass(slots=True)
+class Cusum:
+    """Two-sided cumulative sum on the residuals of a quadratic forecast of one-minute values.
+
+    `slack` and `limit` are in standard deviations (Page's k and h); with a limit of 8 seven
+    clear hours give no false alarm. The forecast runs through the last `memory` minutes, and
+    its residual is scaled by the scatter of the past ones, never below `least_sd`.
+    """
+
+    slack: float = 0.5
+    limit: float = 8.0
+    memory: int = 30
+    least_sd: float = 0.03
+    high: float = 0.0
+    low: float = 0.0
+    _values: deque[tuple[float, float]] = field(default_factory=deque)
+    _errors: deque[float] = field(default_factory=deque)
+
+    def add(self, minute: int, value: float) -> Jump | None:
+        """Take the value of a minute; a `Jump` on alarm. NaN is passed over.
+
+        After an alarm the past is forgotten: new weather is not forecast from the old.
+        """
+        if not np.isfinite(value):
+            return None
+        while self._values and minute - self._values[0][0] > self.memory:
+            self._values.popleft()
+        jump = None
+        if len(self._values) >= MIN_VALUES:
+            expected, leverage = _forecast(self._values, minute)
+            score = self._accumulate((value - expected) / np.sqrt(1.0 + leverage))
+            jump = Jump(expected, value, score) if score else None
+        if jump is not None:
+            self._values.clear()
+            self._errors.clear()
+        self._values.append((minute, value))
+        return jump
+
+    def _accumulate(self, error: float) -> float:
+        """The score when the sums pass the limit, else 0."""
+        scatter = float(np.std(self._errors)) if len(self._errors) >= MIN_VALUES else 0.0
+        score = error / max(self.least_sd, scatter)
+        self._errors.append(error)
+        if len(self._errors) > self.memory:
+            self._errors.popleft()
+        self.high = max(0.0, self.high + score - self.slack)
+        self.low = max(0.0, self.low - score - self.slack)
+        if max(self.high, self.low) <= self.limit:
+            return 0.0
+        self.high = self.low = 0.0
+        return score
+
+
+def _forecast(values: Sequence[tuple[float, float]], minute: int) -> tuple[float, float]:
+    """Quadratic forecast for a minute, and its own variance relative to the noise."""
+    past = np.array(values)
+    design = np.vander((past[:, 0] - minute) / 30.0, 3)
+    inverse = np.linalg.inv(design.T @ design)
+    return float((inverse @ design.T @ past[:, 1])[2]), float(inverse[2, 2])
+
+
+class ShadeWatch:
+    """Tells when one bed alone loses its sun: its temperature over the reference's falls off the forecast.
+
+    It is lit again when half the fall is made good; after 20 minutes the new level is
+    taken for what it is.
+    """
+
+    def __init__(self) -> None:
+        self._cusum = Cusum(least_sd=GUST_SD_K)
+        self._fall: Jump | None = None
+        self._since = 0
+
+    def add(self, minute: int, over_reference_k: float) -> bool:
+        """Whether the bed is in shade in this minute."""
+        jump = self._cusum.add(minute, over_reference_k)
+        if self._fall is None:
+            if jump is not None and jump.found < jump.expected:
+                self._fall, self._since = jump, minute
+            return self._fall is not None
+        half = 0.5 * (self._fall.expected + self._fall.found)
+        if over_reference_k > half or (minute - self._since) * 60.0 >= NEW_WEATHER_S:
+            # the shade is no past to forecast the light from
+            self._fall, self._cusum = None, Cusum(least_sd=GUST_SD_K)
+        return self._fall is not None
+
+
+class PictureWatch:
+    """Compares one picture a minute with the first."""
+
+    def __init__(self) -> None:
+        self._first: Spectrum | None = None
+        self._before = 0.0
+        self.shift_px = 0.0
+
+    def add(self, counts: NDArray[np.uint16]) -> bool:
+        """Whether the picture has moved: by more than 1.5 pixels in this minute and the one before."""
+        spectrum = np.fft.rfft2(_edges(counts))
+        if self._first is None:
+            self._first = spectrum
+            return False
+        self._before, self.shift_px = self.shift_px, _shift(self._first, spectrum, counts.shape)
+        return min(self._before, self.shift_px) > MOVED_PX
+
+
+def _edges(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Steepness of the picture, faded out towards its border (else the border itself is matched).
+
+    In single precision: a shift of a pixel needs no more, and costs a third.
+    """
+    down, right = np.gradient(counts.astype(np.float32))
+    steepness = np.sqrt(np.sqrt(down * down + right * right))
+    return np.asarray((steepness - steepness.mean()) * _fade(*counts.shape))
+
+
+@lru_cache(maxsize=4)
+def _fade(rows: int, cols: int) -> NDArray[np.float32]:
+    return np.outer(np.hanning(rows), np.hanning(cols)).astype(np.float32)
+
+
+def _shift(
+    first: NDArray[np.complexfloating[Any, Any]],
+    now: NDArray[np.complexfloating[Any, Any]],
+    shape: tuple[int, ...],
+) -> float:
+    """Length of the shift in pixels; 0 where the pictures have no edges in common that stand out."""
+    cross = first.conj() * now
+    # weighted by its size to half power: pure phase would listen to noise where there are no edges
+    surface = np.fft.irfft2(cross / np.sqrt(np.abs(cross) + 1e-30), s=(shape[0], shape[1]))
+    peak = np.unravel_index(int(np.argmax(surface)), surface.shape)
+    if surface[peak] < surface.mean() + _CLEAR_PEAK * surface.std():
+        return 0.0
+    return float(np.hypot(_centred(surface, peak, 0), _centred(surface, peak, 1)))
+
+
+def _centred(surface: NDArray[np.floating[Any]], peak: tuple[np.intp, ...], axis: int) -> float:
+    """Peak position along an axis, refined by a parabola, as a signed shift."""
+    size = surface.shape[axis]
+    line = np.take(surface, int(peak[1 - axis]), axis=1 - axis)
+    at = int(peak[axis])
+    left, middle, right = line[at - 1], line[at], line[(at + 1) % size]
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return float((at + offset + size / 2.0) % size - size / 2.0)
