@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from fieldkit.drivers.decoding import Decodes
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Device, DeviceSettings, Driver, Found, StreamInfo
+from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.radiation import COMPONENTS, UNIT, UNKNOWN
 from fieldkit.model.samples import Frame, Reading
@@ -95,7 +95,7 @@ def _words(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
     def finds() -> str:
         found = driver.find()
         _need(
-            isinstance(found, list) and all(isinstance(one, Found) for one in found),
+            isinstance(found, list) and all(isinstance(one, DiscoveredDevice) for one in found),
             "find() gives no list of Found",
         )
         strange = [one.driver for one in found if one.driver != driver.name]

@@ -23,7 +23,7 @@ UNKNOWN = "no driver of fieldkit's"
 
 
 @dataclass(frozen=True, slots=True)
-class PluggedIn:
+class ConnectedDevice:
     """One thing on a cable; `drivers` take it for their own, `remark` says why they are not sure."""
 
     identity: str
@@ -33,17 +33,17 @@ class PluggedIn:
     remark: str = ""
 
 
-def plugged_in() -> tuple[list[PluggedIn], list[str]]:
+def plugged_in() -> tuple[list[ConnectedDevice], list[str]]:
     """(instruments, adapters and cameras that are there; problems with drivers that could not be loaded)."""
     drivers, problems = registry.load_all()
-    things: dict[tuple[str, str], PluggedIn] = {}
+    things: dict[tuple[str, str], ConnectedDevice] = {}
     for driver in drivers:
         for found in driver.find():
             key = (found.identity, found.port)
             before = things.get(key)
             names = (*(before.drivers if before else ()), found.driver)
             remark = "only the instrument's answer tells which" if before else found.doubt
-            things[key] = PluggedIn(found.identity, found.port, found.title, names, remark)
+            things[key] = ConnectedDevice(found.identity, found.port, found.title, names, remark)
     known = {thing.port for thing in things.values()}
     others = [
         *_strangers(cameras(), known, "y16 reads it if it has Y16"),
@@ -52,10 +52,10 @@ def plugged_in() -> tuple[list[PluggedIn], list[str]]:
     return [*things.values(), *others], problems
 
 
-def _strangers(present: list[tuple[str, UsbIdentity]], known: set[str], remark: str) -> list[PluggedIn]:
+def _strangers(present: list[tuple[str, UsbIdentity]], known: set[str], remark: str) -> list[ConnectedDevice]:
     everybody = [usb for _, usb in present]
     return [
-        PluggedIn(usb.written(everybody), path, usb.title, (), remark)
+        ConnectedDevice(usb.written(everybody), path, usb.title, (), remark)
         for path, usb in present
         if path not in known
     ]
@@ -106,7 +106,7 @@ def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
     yield _modem_manager([path for path, _ in found_ports])
 
 
-def is_plugged_in(identity: str, sysfs: Path = SYSFS) -> bool:
+def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
     """Whether an instrument or serial adapter of that identity is there."""
     with_nodes = (usb for _, usb in (*cameras(), *serial_ports()))
     raw_only = (usb for usb, _ in _raw_nodes(sysfs, RAW_ONLY))

@@ -35,7 +35,7 @@ from fieldkit.drivers.identity import (
     usb_parent,
 )
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import new_tuple
 
@@ -380,12 +380,14 @@ def serial_ports() -> list[tuple[str, UsbIdentity]]:
     return [(path, identity) for path, identity in found if identity is not None]
 
 
-def find_ports(driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str) -> list[Found]:
+def find_ports(
+    driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str
+) -> list[DiscoveredDevice]:
     """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
     ports = serial_ports()
     present = [identity for _, identity in ports]
     return [
-        Found(
+        DiscoveredDevice(
             driver, identity.written(present), path, f"{title} ({identity.title or 'serial adapter'})", doubt
         )
         for path, identity in ports

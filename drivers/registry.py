@@ -18,7 +18,7 @@ from typing import Any, cast
 from fieldkit.drivers.decoding import Decoded, Decodes
 from fieldkit.drivers.options import for_bytes, refuse_unknown
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Device, DeviceSettings, Driver, Found
+from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver
 from fieldkit.model.errors import ConfigError
 
 GROUP = "fieldkit.drivers"
@@ -100,7 +100,7 @@ def load_all() -> tuple[list[Driver], list[str]]:
     return drivers, problems
 
 
-def find_all() -> list[Found]:
+def find_all() -> list[DiscoveredDevice]:
     """Every instrument that is plugged in and that a driver takes for its own; problems are logged."""
     drivers, problems = load_all()
     for problem in problems:

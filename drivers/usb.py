@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from fieldkit.drivers.identity import UsbIdentity, permission_fix, right_one_fix
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
 
@@ -26,10 +26,15 @@ def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIden
     return [(unit, _identity(unit)) for unit in present if (unit.idVendor, unit.idProduct) in kinds]
 
 
-def find_usb(driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str = "") -> list[Found]:
+def find_usb(
+    driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str = ""
+) -> list[DiscoveredDevice]:
     """Plugged-in instruments of `kinds`, for `Driver.find`."""
     units = [identity for _, identity in usb_instruments(kinds)]
-    return [Found(driver, one.written(units), f"usb:{one.path}", one.title or title, doubt) for one in units]
+    return [
+        DiscoveredDevice(driver, one.written(units), f"usb:{one.path}", one.title or title, doubt)
+        for one in units
+    ]
 
 
 def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tuple[Any, UsbIdentity]:

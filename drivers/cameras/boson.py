@@ -31,7 +31,7 @@ from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -193,7 +193,7 @@ class Boson:
     quantity = "brightness_temperature"
     options = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Bosons that are plugged in."""
         return find_cameras(self.name, self.title, WANTED)
 

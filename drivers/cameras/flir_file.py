@@ -30,7 +30,7 @@ _INFORMATION_END = 0x394
 
 
 @dataclass(frozen=True, slots=True)
-class FlirPicture:
+class FlirFrame:
     """One picture of a file: counts (rows, cols), its Planck constants and path, and where it came from.
 
     `time_ns` is UTC nanoseconds since 1970 as the camera's clock had it, 0 if the file does not say.
@@ -48,7 +48,7 @@ class FlirPicture:
         return planck_table(self.constants).take(self.counts)
 
 
-def pictures(data: bytes | mmap) -> Iterator[FlirPicture]:
+def pictures(data: bytes | mmap) -> Iterator[FlirFrame]:
     """Every picture of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
     if data[:2] == b"\xff\xd8":
         data = embedded(data)
@@ -84,7 +84,7 @@ def frame_length(data: bytes | mmap, start: int = 0) -> int:
     return max(ends)
 
 
-def read_picture(data: bytes) -> FlirPicture:
+def read_picture(data: bytes) -> FlirFrame:
     """Decode one FFF; raises `DecodeError`."""
     order, directory, count = _header(data, 0)
     records = {
@@ -163,7 +163,7 @@ def _png(body: bytes, height: int, width: int) -> NDArray[np.uint16]:
     return np.asarray(image, np.uint16).byteswap()
 
 
-def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirPicture:
+def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirFrame:
     if len(record) < _INFORMATION_END:
         raise DecodeError("the camera information is too short", record[:32])
     order = _order(record)
@@ -192,7 +192,7 @@ def _with_information(counts: NDArray[np.uint16], record: bytes) -> FlirPicture:
     )
     _refuse_nonsense(constants, record)
     seconds, milliseconds = struct.unpack_from(f"{order}II", record, 0x384)
-    return FlirPicture(
+    return FlirFrame(
         counts,
         constants,
         model=_text(record[0xD4:0xF4]),
@@ -227,7 +227,7 @@ def _text(raw: bytes) -> str:
     return raw.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
-def settings(picture: FlirPicture) -> dict[str, Any]:
+def settings(picture: FlirFrame) -> dict[str, Any]:
     """What a stream with law ``planck`` records of a picture: brightness temperature, the path taken out.
 
     The emissivity set in the camera is kept as `camera_emissivity` and not applied.

@@ -27,7 +27,7 @@ from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, Picture, decode_frames,
 from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import Quality
 from fieldkit.physics.camera_laws import (
@@ -102,7 +102,7 @@ class Ht301:
     quantity = "brightness_temperature"
     options = (*camera.OPTIONS, "range")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """HT-301 cameras that are plugged in; the other models go by changing ids."""
         return find_cameras(self.name, self.title, WANTED)
 

@@ -37,7 +37,7 @@ from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
 from fieldkit.drivers.usb import explained, usb_instruments
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -251,7 +251,7 @@ class P2Pro:
     quantity = "brightness_temperature"
     options = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Cameras with the chip maker's ids; the frame size tells when opening."""
         doubt = "webcams share this id; only the frame size 256x384 tells"
         return find_cameras(self.name, self.title, WANTED, doubt)

@@ -30,7 +30,7 @@ from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, 
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found, FrameSource, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import new_tuple
 
@@ -111,7 +111,7 @@ class PureThermal:
     quantity = "brightness_temperature"
     options = (*camera.OPTIONS, "kelvin_per_count")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """PureThermal boards that are plugged in."""
         return find_cameras(self.name, self.title, WANTED)
 

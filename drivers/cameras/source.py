@@ -15,7 +15,7 @@ from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
 from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Buffer, DeviceSettings, Found, FrameSource
+from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 
 # --- OpenCV, where there is no Video4Linux or the configuration asks for it
@@ -142,11 +142,13 @@ def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
     return found
 
 
-def find_cameras(driver: str, title: str, wanted: Wanted, doubt: str = "") -> list[Found]:
+def find_cameras(driver: str, title: str, wanted: Wanted, doubt: str = "") -> list[DiscoveredDevice]:
     """Plugged-in cameras of the wanted kinds."""
     present = cameras()
     return [
-        Found(driver, usb.written([other for _, other in present]), path, usb.title or title, doubt)
+        DiscoveredDevice(
+            driver, usb.written([other for _, other in present]), path, usb.title or title, doubt
+        )
         for path, usb in present
         if (usb.vendor, usb.product) in wanted.kinds
     ]

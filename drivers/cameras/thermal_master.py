@@ -28,7 +28,7 @@ from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.drivers.usb import explained, find_usb, pick_usb
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Buffer, DeviceSettings, Found
+from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import NO_COUNTER
 
@@ -247,7 +247,7 @@ class ThermalMaster:
     quantity = "brightness_temperature"
     options = (*camera.OPTIONS, "model")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Cameras of the family that are plugged in, with and without a kernel driver."""
         return find_cameras(self.name, self.title, WANTED) + find_usb(self.name, self.title, tuple(KINDS))
 

@@ -17,7 +17,7 @@ from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import for_bytes, kelvin_per_count
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found, StreamInfo
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import ConfigError
 
 SIZES = (
@@ -70,7 +70,7 @@ class Y16:
     quantity = "counts"
     options = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Nothing: every camera could be one, and a family's own driver knows more."""
         return []
 

@@ -72,7 +72,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceNotFoundError
 from fieldkit.model.samples import NO_COUNTER, Quality, new_tuple
 
@@ -175,7 +175,7 @@ class Center309:
     quantity = "temperature"
     options = meter.OPTIONS
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
 
@@ -212,7 +212,7 @@ def open_thermometer(
     meter.first_answer(port, b"A", layout, settings.name, _HINT)
     names = options.labels(settings, channels)
     info = meter.describe(settings, port, layout, "temperature", "K", names, model)
-    asking = meter.Asking(b"A", settings.every_s)
+    asking = meter.PollSettings(b"A", settings.every_s)
     return meter.Meter(info, port, layout, clock, channels[: len(names)], asking=asking)
 
 
@@ -304,7 +304,7 @@ class Center303:
     quantity = "temperature"
     options = (*meter.OPTIONS, "model")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
 

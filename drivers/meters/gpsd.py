@@ -20,7 +20,7 @@ from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, 
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Framer, Stamped
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import NO_COUNTER, Quality
 
@@ -152,13 +152,13 @@ class Gpsd:
     quantity = "position"
     options = meter.OPTIONS
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """A gpsd on this computer."""
         with socket.socket() as probe:
             probe.settimeout(0.2)
             if probe.connect_ex(("127.0.0.1", PORT)):
                 return []
-        return [Found(self.name, "", f"localhost:{PORT}", self.title)]
+        return [DiscoveredDevice(self.name, "", f"localhost:{PORT}", self.title)]
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""

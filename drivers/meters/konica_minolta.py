@@ -26,7 +26,7 @@ from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, 
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
@@ -174,7 +174,7 @@ class KonicaMinolta:
     quantity = "illuminance"
     options = (*meter.OPTIONS, "model", "head")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""
         return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
 
@@ -206,16 +206,16 @@ def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     clock.sleep(0.5)
 
 
-def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) -> meter.Asking:
+def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) -> meter.PollSettings:
     """Set the measuring conditions; what to ask for every reading."""
     if model == "t-10":
         running = request(head, "10", "0200")  # run, no colour correction, automatic range
         port.write(running)
         clock.sleep(3.0)  # until the automatic range has settled
-        return meter.Asking(running, every_s)
+        return meter.PollSettings(running, every_s)
     _hold(port, clock, head)
     trigger = request(99, "40", "21")
-    return meter.Asking(request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)
+    return meter.PollSettings(request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)
 
 
 def _hold(port: Port, clock: Clock, head: int) -> None:

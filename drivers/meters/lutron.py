@@ -46,7 +46,7 @@ from fieldkit.drivers.decoding import (
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DecodeError
 from fieldkit.model.samples import NO_COUNTER, new_tuple
 
@@ -113,7 +113,7 @@ class Lutron:
     quantity = "illuminance"
     options = meter.OPTIONS
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; the stream does not name its sender, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only its stream tells")
 

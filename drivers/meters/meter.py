@@ -43,7 +43,7 @@ OPTIONS = ("labels", "latency_s", "response_s", "accuracy", "range_max_lx")
 
 
 @dataclass(frozen=True, slots=True)
-class Asking:
+class PollSettings:
     """How to ask a meter that speaks only when spoken to.
 
     Some must be told to measure (`trigger`, unanswered) and given `settle_s` before they are asked.
@@ -72,7 +72,7 @@ class Meter:
         keys: Sequence[str],
         *,
         units: Sequence[str] = (),
-        asking: Asking | None = None,
+        asking: PollSettings | None = None,
     ) -> None:
         self.info = info
         self._name = info.name
@@ -124,7 +124,7 @@ class Meter:
                 return reading
         return None
 
-    def _turn(self, asking: Asking, timeout_s: float) -> bool:
+    def _turn(self, asking: PollSettings, timeout_s: float) -> bool:
         """Wait until it is time to ask; False if that is not within `timeout_s`."""
         now_ns = self._clock.mono_ns()
         if now_ns < self._due_ns:

@@ -22,7 +22,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Quality
@@ -374,7 +374,7 @@ class Modbus:
     quantity = "irradiance"
     options = (*meter.OPTIONS, "map", "unit", "baud", "parity")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; an RS-485 adapter does not tell what hangs on it."""
         return find_ports(self.name, self.title, (), f"any adapter; needs map = {' | '.join(packaged())}")
 
@@ -407,7 +407,7 @@ class Modbus:
         info = meter.describe(settings, port, answers, register_map.quantity, unit, names, register_map.title)
         if component := _component(settings, port, register_map):
             info = replace(info, measures=(component,) * len(names))
-        asking = meter.Asking(question, settings.every_s)
+        asking = meter.PollSettings(question, settings.every_s)
         return meter.Meter(info, port, answers, clock, keys[: len(names)], asking=asking)
 
 

@@ -22,7 +22,7 @@ from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, 
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality
 
@@ -146,7 +146,7 @@ class Nmea:
     quantity = "position"
     options = (*meter.OPTIONS, "baud")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial ports; only the sentences tell, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only its sentences tell")
 

@@ -32,7 +32,7 @@ from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, 
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import Quality
 
 LENGTH = 18
@@ -90,7 +90,7 @@ class Pce174:
     quantity = "illuminance"
     options = meter.OPTIONS
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""
         return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
 
@@ -103,5 +103,5 @@ class Pce174:
         port = open_port(settings, LINE, clock, kinds=KINDS)
         meter.first_answer(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))
-        asking = meter.Asking(ASK_LIVE, settings.every_s)
+        asking = meter.PollSettings(ASK_LIVE, settings.every_s)
         return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), asking=asking)

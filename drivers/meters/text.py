@@ -28,7 +28,7 @@ from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.options import for_bytes
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.radiation import UNIT, named
 from fieldkit.model.samples import NO_COUNTER, Quality
@@ -155,7 +155,7 @@ class Text:
     quantity = "temperature"
     options = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Serial ports; only the lines tell, so each is only a candidate."""
         return find_ports(self.name, self.title, (), "any adapter: only its lines tell")
 

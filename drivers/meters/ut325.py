@@ -32,7 +32,7 @@ from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Framer, Line, Stamped
 from fieldkit.drivers.usb import explained, find_usb, pick_usb
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import DeviceSettings, Found
+from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import Quality
 
 LENGTH = 19
@@ -138,7 +138,7 @@ class Ut325:
     quantity = "temperature"
     options = meter.OPTIONS
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""
         return find_usb(self.name, self.title, KINDS, "other UNI-T meters use the same bridge")
 

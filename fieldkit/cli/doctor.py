@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Verb, campaign, options, print_json
-from fieldkit.drivers.discovery import Fact, is_plugged_in, look
+from fieldkit.drivers.discovery import Fact, is_connected, look
 from fieldkit.model.errors import DeviceError, FieldkitError
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _configured(device: DeviceSettings) -> Iterator[Fact]:
     driver = registry.get(device.driver)
     if device.port != "simulated" and device.identity:
         found = {one.identity for one in driver.find()}
-        present = device.identity in found or is_plugged_in(device.identity)
+        present = device.identity in found or is_connected(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
         yield Fact(level, device.name, text, "" if present else "fieldkit devices shows what is")
     elif device.port.startswith("/") and not Path(device.port).exists():

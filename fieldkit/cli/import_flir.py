@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.drivers.cameras import flir_file
-from fieldkit.drivers.cameras.flir_file import FlirPicture
+from fieldkit.drivers.cameras.flir_file import FlirFrame
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.samples import Frame, Severity
@@ -81,7 +81,7 @@ def read_flir(source: Path, name: str) -> Foreign:
     return Foreign((info,), samples, ((Severity.INFO, said), *damages, *remarks))
 
 
-def _looked_through(source: Path) -> tuple[FlirPicture, list[_File], tuple[tuple[Severity, str], ...]]:
+def _looked_through(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
     """The first picture, which all must be like, the files in order of time, what is told of the others."""
     first, files, others = None, [], []
     for path in files_in(source):
@@ -105,7 +105,7 @@ def _looked_through(source: Path) -> tuple[FlirPicture, list[_File], tuple[tuple
     return first, files, ((Severity.WARNING, f"left out, without temperatures: {others[0]}{more}"),)
 
 
-def _looked_at(path: Path, first: FlirPicture | None) -> tuple[FlirPicture, _File]:
+def _looked_at(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
     """The first picture of a file, and all that can be taken; raises `DecodeError` where there is none."""
     found, time_ns, damage = None, [], ""
     try:
@@ -122,7 +122,7 @@ def _looked_at(path: Path, first: FlirPicture | None) -> tuple[FlirPicture, _Fil
     return found, _File(path, time_ns, damage)
 
 
-def _refuse_another(path: Path, number: int, picture: FlirPicture, first: FlirPicture) -> None:
+def _refuse_another(path: Path, number: int, picture: FlirFrame, first: FlirFrame) -> None:
     if picture.counts.shape != first.counts.shape or picture.constants != first.constants:
         raise ConfigError(
             f"{path}: picture {number} has another size or other constants than the first",
@@ -135,7 +135,7 @@ def _refuse_another(path: Path, number: int, picture: FlirPicture, first: FlirPi
         )
 
 
-def _pictures(path: Path) -> Iterator[FlirPicture]:
+def _pictures(path: Path) -> Iterator[FlirFrame]:
     """Raises `DecodeError` at the first picture that is none."""
     try:
         if path.stat().st_size == 0:  # which cannot be mapped

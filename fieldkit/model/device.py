@@ -126,7 +126,7 @@ class DeviceSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DiscoveredDevice:
     """One instrument that is plugged in and that a driver takes for its own.
 
     `identity` is what to write into the configuration: ``vendor:product[:serial]`` or a USB
@@ -185,7 +185,7 @@ class Driver(Protocol):
     title: str
     quantity: str
 
-    def find(self) -> list[Found]:
+    def find(self) -> list[DiscoveredDevice]:
         """Instruments of this kind that are plugged in; never raises for absent libraries."""
 
     def open(self, settings: DeviceSettings, clock: Clock) -> Device:

@@ -42,8 +42,8 @@ def test_a_camera_without_a_video_node_is_a_camera(sysfs, kind, missing):
 
 def test_an_instrument_with_nothing_but_the_raw_node_is_plugged_in(sysfs):
     folder = sysfs("1-2", "1a86", "e008")
-    assert discovery.is_plugged_in("1a86:e008", folder)
-    assert not discovery.is_plugged_in("3474:45a2", folder)
+    assert discovery.is_connected("1a86:e008", folder)
+    assert not discovery.is_connected("3474:45a2", folder)
 
 
 def test_other_usb_devices_are_none_of_its_business(sysfs):
