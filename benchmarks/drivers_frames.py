@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.result import Result
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
-from fieldkit.drivers.cameras.camera import Picture, kelvin
+from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.drivers.decoding import Rejected
 
 ROUNDS, TURNS = 100, 300
@@ -53,9 +53,9 @@ class _Bed:
         return cv2.sumElems(image[self._box])[0] / self._pixels
 
 
-def _ours(data: bytes, decode: Callable[[bytes], Picture | Rejected], bed: _Bed) -> Any:
+def _ours(data: bytes, decode: Callable[[bytes], DecodedFrame | Rejected], bed: _Bed) -> Any:
     picture = decode(data)
-    assert isinstance(picture, Picture)
+    assert isinstance(picture, DecodedFrame)
     image = kelvin(picture)
     return image, picture.quality, bed.mean_k(image)
 

@@ -139,9 +139,9 @@ def _least_lutron(path: str) -> tuple[Read, Callable[[], None]]:
 
     def read() -> Reading:
         frame = os.read(line, CHUNK_BYTES)
-        now, taken = time.monotonic_ns(), lutron.take(frame)
-        assert isinstance(taken, Record)
-        return Reading("lux", now, now, taken.numbers, frame, taken.channels[0].quality)
+        now, parsed = time.monotonic_ns(), lutron.parse(frame)
+        assert isinstance(parsed, Record)
+        return Reading("lux", now, now, parsed.numbers, frame, parsed.channels[0].quality)
 
     return read, port.close
 
@@ -159,10 +159,10 @@ def _least_center(path: str) -> tuple[Read, Callable[[], None]]:
         termios.tcflush(line, termios.TCIFLUSH)
         os.write(line, b"A")
         frame = os.read(line, CHUNK_BYTES)
-        now, taken = time.monotonic_ns(), center.take(frame)
-        assert isinstance(taken, Record)
-        kelvin = tuple([number + 273.15 for number in taken.numbers])
-        return Reading("t", now, now, kelvin, frame, taken.channels[0].quality)
+        now, parsed = time.monotonic_ns(), center.parse(frame)
+        assert isinstance(parsed, Record)
+        kelvin = tuple([number + 273.15 for number in parsed.numbers])
+        return Reading("t", now, now, kelvin, frame, parsed.channels[0].quality)
 
     return read, port.close
 

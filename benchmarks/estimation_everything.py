@@ -95,7 +95,7 @@ def with_known_bed(history: History, settings: EstimatorSettings) -> EstimatorSe
     first = len(history) - MINUTES
     made = rows(history, first, np.array([0]), np.array([1]), VERTICAL[np.newaxis], settings)
     scale = scale_from_known_bed(
-        made.lamps,
+        made.design,
         made.y[:, 0],
         made.sigma[:, 0],
         VERTICAL,

@@ -43,7 +43,7 @@ class Trial:
     """Sun (n, 3), light (n,), true normals (m, 3), measured cosines (m, n) and their noise (n,)."""
 
     sun: FloatArray
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     truth: FloatArray
     y: FloatArray
     sigma: FloatArray
@@ -91,9 +91,9 @@ def posterior_means(one: Trial) -> FloatArray:
 
 def scored(one: Trial) -> FloatArray:
     """The paper's scoring at its best tolerance, twice the noise of delta S."""
-    table = RadiationTable(slope_grid(LIMIT_DEG), one.sun * one.direct_w_m2[:, np.newaxis], VERTICAL)
-    differences = (one.y - one.sun[:, 2]) * one.direct_w_m2
-    tolerance = 2.0 * float(np.median(one.sigma * one.direct_w_m2))
+    table = RadiationTable(slope_grid(LIMIT_DEG), one.sun * one.dni_w_m2[:, np.newaxis], VERTICAL)
+    differences = (one.y - one.sun[:, 2]) * one.dni_w_m2
+    tolerance = 2.0 * float(np.median(one.sigma * one.dni_w_m2))
     winners = [table.winner(row, tolerance, threshold=0.0).normals[0] for row in differences]
     return np.array(winners)
 

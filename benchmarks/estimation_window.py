@@ -27,11 +27,11 @@ from benchmarks.estimation_outdoors import (
 )
 from benchmarks.result import Result
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.disturbances import LightWatch
+from fieldkit.estimation.disturbances import CloudMonitor
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.samples import Quality
-from fieldkit.model.slope import WORKED_OUT, SlopeEstimate
+from fieldkit.model.slope import SOLVED, SlopeEstimate
 from fieldkit.simulation import Facet
 from fieldkit.weather import Weather
 
@@ -52,8 +52,8 @@ MIXED: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0), (12.0, 90.
 
 def clouds_flagged(history: History, settle_s: float) -> History:
     """The day with the flags that the light's changes earn its minutes."""
-    watch, settled_ns, flags = LightWatch(), -(2**62), history.flags.copy()
-    clearness = history.direct_w_m2 + history.diffuse_w_m2 / history.sun[:, 2]
+    watch, settled_ns, flags = CloudMonitor(), -(2**62), history.flags.copy()
+    clearness = history.dni_w_m2 + history.diffuse_w_m2 / history.sun[:, 2]
     for index, (time_ns, clear) in enumerate(zip(history.time_ns.tolist(), clearness.tolist(), strict=True)):
         change = watch.add(time_ns, time_ns, clear)
         if change is not None and change.kind == "end":
@@ -100,7 +100,7 @@ def _errors(weather: Weather, beds: Sequence[Bed], settings: EstimatorSettings) 
         for _, bed, one in _looks(_day(weather, beds, seed), beds, settings, 40, 10)
     ]
     said = [(bed, one) for bed, one in found if np.isfinite(one.tilt_deg)]
-    answers = [(bed, one) for bed, one in said if one.state in WORKED_OUT]
+    answers = [(bed, one) for bed, one in said if one.state in SOLVED]
     held = 100.0 * float(np.mean([holds(one, bed) for bed, one in answers]))
     error = float(np.mean([abs(one.tilt_deg - bed[0]) for bed, one in said]))
     return error, f"{100 * len(answers) / len(found):.0f} % worked out, regions hold {held:.0f} %"

@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.replayed import PreparedCamera, meters
 from benchmarks.result import Result
 from fieldkit.drivers import registry
-from fieldkit.drivers.cameras.camera import Picture, ThermalCamera, extremes
+from fieldkit.drivers.cameras.camera import DecodedFrame, ThermalCamera, extremes
 from fieldkit.drivers.simulated.lepton import SimulatedLepton
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.clock import HostClock
@@ -92,9 +92,9 @@ def large_camera() -> list[Result]:
     ]
 
 
-def _decode_large(data: bytes) -> Picture:
+def _decode_large(data: bytes) -> DecodedFrame:
     counts = np.frombuffer(data, "<u2").reshape(512, 640)
-    return Picture(counts, extremes(counts), scale=0.01)
+    return DecodedFrame(counts, extremes(counts), scale=0.01)
 
 
 class _Recording:

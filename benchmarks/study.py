@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.result import Result
-from fieldkit.estimation.contours import RadiationTable, Votes, slope_grid
+from fieldkit.estimation.contours import ContourWinners, RadiationTable, slope_grid
 from fieldkit.model.site import Site
 from fieldkit.physics.clearsky import clear_sky
 from fieldkit.physics.facet import VERTICAL, FloatArray
@@ -87,11 +87,11 @@ class Start:
         slopes, cells, conditions = paper_slopes(), slope_grid(), _conditions(start)
         target, reference = simulated_temperatures(slopes, conditions, StudySettings())
         differences = irradiance_difference(target, reference, SurfaceParameters())
-        lamps = conditions.sun * conditions.direct_w_m2[:, np.newaxis]
-        stored, some = lamps @ (cells - VERTICAL).T, differences[::EVERY]
+        design = conditions.sun * conditions.dni_w_m2[:, np.newaxis]
+        stored, some = design @ (cells - VERTICAL).T, differences[::EVERY]
         plain_s, plain = _timed(lambda: _plain_loop(cells, stored, some), 2)
         votes_s, votes = _timed(
-            lambda: RadiationTable(cells, lamps, VERTICAL).vote(differences, TOLERANCE_W_M2), 3
+            lambda: RadiationTable(cells, design, VERTICAL).vote(differences, TOLERANCE_W_M2), 3
         )
         squares = StudySettings(method="unit-norm")
         squares_s, found = _timed(lambda: estimated_normals(target, reference, conditions, squares), 5)
@@ -118,6 +118,8 @@ def run() -> list[Result]:
     ]  # fmt: skip
 
 
-def _same(votes: Votes, normals: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64]) -> bool:
+def _same(
+    votes: ContourWinners, normals: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64]
+) -> bool:
     alike = np.abs(votes.normals[::EVERY] - normals).max() < 1e-12
     return bool(alike and (votes.best[::EVERY] == best).all() and (votes.tied[::EVERY] == tied).all())

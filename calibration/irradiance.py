@@ -51,7 +51,7 @@ class LightFactor:
 
 def on_plane(
     model: IrradianceModel,
-    direct_w_m2: FloatArray,
+    dni_w_m2: FloatArray,
     diffuse_w_m2: FloatArray | None,
     sun: FloatArray,
     time_ns: NDArray[np.int64],
@@ -63,13 +63,13 @@ def on_plane(
     unit = replace(model, kind="calibrated", factor=1.0)
     if diffuse_w_m2 is not None:
         bare = replace(unit, diffuse="none")
-        cosine = 1.0 / direct_normal(bare, np.ones_like(direct_w_m2), sun, time_ns)
-        return np.asarray(direct_w_m2 * cosine + diffuse_w_m2 * _view(model, sun))
-    guess = np.array(direct_w_m2)
+        cosine = 1.0 / direct_normal(bare, np.ones_like(dni_w_m2), sun, time_ns)
+        return np.asarray(dni_w_m2 * cosine + diffuse_w_m2 * _view(model, sun))
+    guess = np.array(dni_w_m2)
     for _ in range(
         40
     ):  # where the sky's share depends on the light itself (Erbs) whole steps would overshoot
-        guess = guess * (direct_w_m2 / direct_normal(unit, guess, sun, time_ns)) ** 0.4
+        guess = guess * (dni_w_m2 / direct_normal(unit, guess, sun, time_ns)) ** 0.4
     return guess
 
 

@@ -87,14 +87,14 @@ class Rejected(NamedTuple):
     offset: int = 0
 
 
-Taken = Record | Rejected | None
+Parsed = Record | Rejected | None
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How records look on the wire: `take` sees at most `longest` bytes and needs no more."""
+    """How records look on the wire: `parse` sees at most `longest` bytes and needs no more."""
 
-    take: Callable[[bytes], Taken]
+    parse: Callable[[bytes], Parsed]
     longest: int
 
 
@@ -129,17 +129,17 @@ def decode_records(data: bytes, layout: Layout) -> Decoded:
     notes: list[str] = []
     position = 0
     while position < len(data):
-        taken = layout.take(data[position : position + layout.longest])
-        if taken is None:
+        parsed = layout.parse(data[position : position + layout.longest])
+        if parsed is None:
             if len(data) - position < layout.longest:
                 break
-            taken = Rejected(1, "no end of record in sight")
-        if isinstance(taken, Record):
-            values.extend(taken.values)
-            notes.extend([taken.note] if taken.note else [])
+            parsed = Rejected(1, "no end of record in sight")
+        if isinstance(parsed, Record):
+            values.extend(parsed.values)
+            notes.extend([parsed.note] if parsed.note else [])
         else:
-            _note_rejected(rejected, taken, position)
-        position += taken.length
+            _note_rejected(rejected, parsed, position)
+        position += parsed.length
     return Decoded(tuple(values), tuple(rejected), len(data) - position, tuple(notes))
 
 

@@ -65,7 +65,7 @@ class UsbIdentity:
         return kind if len(alike) <= 1 or not self.path else self.path
 
 
-def right_one_fix(name: str, present: Sequence[object]) -> str:
+def identity_fix(name: str, present: Sequence[object]) -> str:
     """What to do when the instrument called `name` is not found among those `present`."""
     if not present:
         return "plug it in and switch it on; fieldkit devices shows what this computer sees"

@@ -11,7 +11,7 @@ from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 
 
-def refuse_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
+def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
     """Raise `ConfigError` for the first option of a device that its driver does not know."""
     for key in settings.options:
         if key not in allowed:
@@ -59,7 +59,7 @@ def labels(settings: DeviceSettings, default: Sequence[str]) -> tuple[str, ...]:
     return tuple(value)
 
 
-def for_bytes(driver: str, given: Mapping[str, Any]) -> DeviceSettings:
+def decoding_settings(driver: str, given: Mapping[str, Any]) -> DeviceSettings:
     """Options given to `Decodes.decode`, which has no instrument, as the settings of one."""
     return DeviceSettings("bytes", driver, options=given)
 

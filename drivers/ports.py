@@ -30,8 +30,8 @@ from fieldkit.drivers.identity import (
     UDEV_FIX,
     UsbIdentity,
     group_of,
+    identity_fix,
     permission_fix,
-    right_one_fix,
     usb_parent,
 )
 from fieldkit.model.clock import Clock
@@ -88,10 +88,10 @@ class Port(Protocol):
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
 
-    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
+    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`.
 
-        With a `question` everything received so far is forgotten, and the record is the answer.
+        With a `request` everything received so far is forgotten, and the record is the answer.
         """
 
     def close(self) -> None:
@@ -129,34 +129,34 @@ class Framer:
         length = len(chunk)
         self.received += length
         if not self.left and 0 < length <= layout.longest:  # most chunks are one whole record
-            taken = layout.take(chunk)
+            parsed = layout.parse(chunk)
             begun_ns = mono_ns - length * self._byte_ns
-            if isinstance(taken, Record) and taken.length == length and begun_ns >= self._passed_ns:
+            if isinstance(parsed, Record) and parsed.length == length and begun_ns >= self._passed_ns:
                 self._refused = b""
                 self._passed = self.received
                 self._passed_ns = self._read_ns = mono_ns
-                return new_tuple(Stamped, (taken, chunk, begun_ns, False))
+                return new_tuple(Stamped, (parsed, chunk, begun_ns, False))
         self.left += chunk
         self._arrivals.append(Arrival(self.received, mono_ns, mono_ns - self._read_ns))
         self._read_ns = mono_ns
-        return self.take(layout)
+        return self.next_record(layout)
 
     def discard(self) -> None:
         """Forget everything received so far: the next record answers a request and did not wait."""
         self._asked = True
         self.left = self._refused = b""
 
-    def take(self, layout: Layout) -> Stamped | None:
+    def next_record(self, layout: Layout) -> Stamped | None:
         """The next record of what is left of earlier chunks, None if there is none."""
         while buffer := self.left:
-            taken = layout.take(buffer[: layout.longest])
-            if taken is None and len(buffer) < layout.longest:
+            parsed = layout.parse(buffer[: layout.longest])
+            if parsed is None and len(buffer) < layout.longest:
                 return None
-            length = taken.length if taken else 1
+            length = parsed.length if parsed else 1
             self.left = buffer[length:]
-            if isinstance(taken, Record):
+            if isinstance(parsed, Record):
                 self._refused = b""
-                return self._stamped(layout, taken, buffer[:length])
+                return self._stamped(layout, parsed, buffer[:length])
             self.rejected += not self._refused
             self._refused = (self._refused + buffer[:length])[-_REFUSED_KEPT:]
         return None
@@ -184,7 +184,7 @@ class Framer:
             return True
         if arrival.after_ns <= _HELD_BACK_NS:
             return False
-        behind = layout.take(self.left[: layout.longest]) if self.left else None
+        behind = layout.parse(self.left[: layout.longest]) if self.left else None
         return (before == arrival and channels == record.channels) or (
             isinstance(behind, Record) and behind.channels == record.channels
         )
@@ -290,18 +290,18 @@ class SerialPort:
         except OSError as error:
             raise self._lost() from error
 
-    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
+    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more.
 
-        With a `question` everything received so far is forgotten, and the record is the answer.
+        With a `request` everything received so far is forgotten, and the record is the answer.
         """
         clock, framer = self._clock, self.framer
         try:
-            if question:
+            if request:
                 termios.tcflush(self._fd, termios.TCIFLUSH)
                 framer.discard()
-                os.write(self._fd, question)
-            found = framer.take(layout) if framer.left else None
+                os.write(self._fd, request)
+            found = framer.next_record(layout) if framer.left else None
             left_s, started_ns = timeout_s, clock.mono_ns()
             while found is None and (left_s == self._blocks_for_s or self._will_wait(left_s)):
                 chunk = os.read(self._fd, CHUNK_BYTES) or self._late_bytes()
@@ -411,7 +411,7 @@ def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> st
     what = f"with identity {wanted}" if wanted else "that could be meant"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} serial ports {what}; {_listing(ports)}",
-        fix=right_one_fix(settings.name, ports),
+        fix=identity_fix(settings.name, ports),
     )
 
 

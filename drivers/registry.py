@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from fieldkit.drivers.decoding import Decoded, Decodes
-from fieldkit.drivers.options import for_bytes, refuse_unknown
+from fieldkit.drivers.options import decoding_settings, reject_unknown
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver
 from fieldkit.model.errors import ConfigError
@@ -75,7 +75,7 @@ def get(name: str) -> Driver:
 def open_device(settings: DeviceSettings, clock: Clock) -> Device:
     """Open the instrument that `settings` names; raises `ConfigError` or `DeviceError`."""
     driver = get(settings.driver)
-    _refuse_unknown(settings, driver)
+    _reject_unknown(settings, driver)
     return driver.open(settings, clock)
 
 
@@ -84,7 +84,7 @@ def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
     driver = get(name)
     if not isinstance(driver, Decodes):
         raise ConfigError(f"the driver {name} cannot decode without its instrument", fix="fieldkit record")
-    _refuse_unknown(for_bytes(name, given), driver)
+    _reject_unknown(decoding_settings(name, given), driver)
     return driver.decode(data, given)
 
 
@@ -108,11 +108,11 @@ def find_all() -> list[DiscoveredDevice]:
     return [found for driver in drivers for found in driver.find()]
 
 
-def _refuse_unknown(settings: DeviceSettings, driver: Driver) -> None:
+def _reject_unknown(settings: DeviceSettings, driver: Driver) -> None:
     """Refuse options that the driver has not; one that does not say which it has is given all."""
     allowed = getattr(driver, "options", None)
     if allowed is not None:
-        refuse_unknown(settings, allowed)
+        reject_unknown(settings, allowed)
 
 
 def _plugins() -> list[EntryPoint]:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from fieldkit.drivers.identity import UsbIdentity, permission_fix, right_one_fix
+from fieldkit.drivers.identity import UsbIdentity, identity_fix, permission_fix
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 
@@ -48,12 +48,12 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tupl
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; there: {there}",
-        fix=right_one_fix(settings.name, present),
+        fix=identity_fix(settings.name, present),
     )
 
 
 @contextmanager
-def explained(where: str) -> Iterator[None]:
+def usb_errors(where: str) -> Iterator[None]:
     """Around pyusb calls: their errors become `DeviceAccessError`, `DeviceLostError` or `DeviceError`."""
     try:
         yield

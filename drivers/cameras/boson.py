@@ -24,11 +24,11 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import Picture, decode_frames, doubts, extremes, words
-from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.options import for_bytes, kelvin_per_count
+from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.drivers.ports import Line, SerialPort, serial_ports
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
@@ -40,7 +40,7 @@ from fieldkit.model.samples import Quality
 LINE = Line(921_600)
 START, ESCAPE, END = 0x8E, 0x9E, 0xAE
 LONGEST = 1544
-ANSWER_S = 0.5
+REPLY_TIMEOUT_S = 0.5
 SERIAL_NUMBER, PART_NUMBER, RUN_FFC, FFC_STATE = 0x0005_0002, 0x0005_0004, 0x0005_0007, 0x0005_000C
 FFC_MODE, GAIN, FPA_TEMPERATURE = 0x0005_0013, 0x0005_0015, 0x0005_0030
 TLINEAR, USB_MODE = 0x003E_0001, 0x000E_000D
@@ -85,7 +85,7 @@ def unpack(frame: bytes) -> Message | str:
     return Message(sequence, function, status, bytes(body[_HEADER.size : -2]))
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The frame at the start of `buffer`."""
     if buffer[0] != START:
         found = buffer.find(bytes([START]))
@@ -102,7 +102,7 @@ def take(buffer: bytes) -> Taken:
     )
 
 
-LAYOUT = Layout(take, LONGEST)
+LAYOUT = Layout(parse, LONGEST)
 
 
 class BosonSerial:
@@ -116,7 +116,7 @@ class BosonSerial:
         """Send a command, return its answer's payload."""
         self._sequence += 1
         self._port.write(pack(self._sequence, function, payload))
-        while found := self._port.read(LAYOUT, ANSWER_S):
+        while found := self._port.read(LAYOUT, REPLY_TIMEOUT_S):
             message = unpack(found.raw)
             if isinstance(message, str) or message.sequence != self._sequence:
                 continue
@@ -161,24 +161,26 @@ class BosonSerial:
         self._port.close()
 
 
-WANTED = Wanted(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640, 514), (320, 258)))
+WANTED = CameraFormat(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640, 514), (320, 258)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
-PICTURE_ROWS = {640: 512, 320: 256}
+IMAGE_ROWS = {640: 512, 320: 256}
 SCALE = 0.01
 LOOK_NS = 1_000_000_000  # the serial side is asked once a second
 
 
-def decode(data: bytes, scale: float = math.nan) -> Picture | Rejected:
+def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
     """A picture by its byte count; `scale` (K per count) is what the stream was told."""
     shape = SHAPES.get(len(data))
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
         return Rejected(len(data), f"{len(data)} bytes; a Boson's picture has {sizes}")
     pixels = words(data, shape)
-    height = PICTURE_ROWS[shape[1]]
+    height = IMAGE_ROWS[shape[1]]
     counts = pixels[:height]
     found = extremes(counts)
-    return Picture(counts, found, pixels[height:], scale, quality=doubts(found, (0, 0xFFFF), scale))
+    return DecodedFrame(
+        counts, found, pixels[height:], scale, quality=quality_flags(found, (0, 0xFFFF), scale)
+    )
 
 
 class Boson:
@@ -199,7 +201,7 @@ class Boson:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more pictures; option `kelvin_per_count` (0.01 for TLinear)."""
-        scale = kelvin_per_count(for_bytes(self.name, options))
+        scale = kelvin_per_count(decoding_settings(self.name, options))
         return decode_frames(data, partial(decode, scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
@@ -215,7 +217,7 @@ class Boson:
             opened.source.close()
             raise
         read = partial(decode, scale=scale)
-        first = camera.first_picture(opened.source, read, settings.name, clock)
+        first = camera.first_frame(opened.source, read, settings.name, clock)
         if radiometric and first.quality & Quality.NO_VALUE:
             opened.source.close()
             raise DeviceError(
@@ -241,7 +243,7 @@ class BosonCamera(camera.ThermalCamera):
         self._look_ns = 0
         self._told = (math.nan, False)
 
-    def told(self, picture: Picture, mono_ns: int) -> Picture:
+    def told(self, picture: DecodedFrame, mono_ns: int) -> DecodedFrame:
         """The picture with what the serial side said last."""
         if self._answers and mono_ns >= self._look_ns:
             self._look_ns = mono_ns + LOOK_NS
@@ -305,7 +307,7 @@ def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], told:
 
 
 def describe(
-    settings: DeviceSettings, opened: OpenedSource, first: Picture, facts: Mapping[str, str]
+    settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, facts: Mapping[str, str]
 ) -> StreamInfo:
     """The stream of a Boson."""
     facts = dict(facts)

@@ -33,7 +33,7 @@ _NEW: Any = None  # for OpenCV to make; its type hints want an array
 _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding a row
 
 
-class Picture(NamedTuple):
+class DecodedFrame(NamedTuple):
     """One picture as its bytes alone tell it; a tuple, because one is made for every frame.
 
     `extremes` are the coldest and the hottest of the counts. Kelvin are ``counts * scale + offset`` if `law`
@@ -56,7 +56,7 @@ class Picture(NamedTuple):
     gain: str = ""
 
 
-Decode = Callable[[bytes], Picture | Rejected]
+Decode = Callable[[bytes], DecodedFrame | Rejected]
 
 
 def words(data: bytes, shape: tuple[int, int], start: int = 0) -> NDArray[np.uint16]:
@@ -70,7 +70,7 @@ def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:
     return coldest, hottest
 
 
-def doubts(
+def quality_flags(
     extremes: tuple[float, float], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
 ) -> Quality:
     """`SATURATED` with a pixel at either end of what the camera can count, `NO_VALUE` without a scene.
@@ -118,7 +118,7 @@ def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[st
     return [f"could also be {size // one} pictures of {one} bytes; cut the file to tell" for one in others]
 
 
-def _note(picture: Picture) -> str:
+def _note(picture: DecodedFrame) -> str:
     height, width = picture.counts.shape
     parts = [f"picture of {width}x{height}"]
     if picture.gain:
@@ -134,7 +134,7 @@ def _frame_length(size: int, lengths: tuple[int, ...]) -> int:
     return max(dividing, default=max(fitting, default=0))
 
 
-def summary(picture: Picture) -> list[Value]:
+def summary(picture: DecodedFrame) -> list[Value]:
     """Minimum, mean and maximum in kelvin, in counts where no temperature is known, and the sensor's own."""
     quality = picture.quality | (Quality.SHUTTER if picture.shutter else Quality.GOOD)
     known = picture.law != "linear" or not math.isnan(picture.scale)
@@ -147,7 +147,7 @@ def summary(picture: Picture) -> list[Value]:
     return values
 
 
-def kelvin(picture: Picture) -> NDArray[np.float32]:
+def kelvin(picture: DecodedFrame) -> NDArray[np.float32]:
     """Brightness temperature of a picture, float32.
 
     OpenCV converts and scales in one pass where numpy needs two, but only to a largest value that is told.
@@ -192,7 +192,7 @@ class Watch:
         """A correction was seen or ordered at `mono_ns`."""
         self._settled_ns = mono_ns + SETTLING_NS
 
-    def look(self, picture: Picture, buffer: Buffer) -> Quality:
+    def look(self, picture: DecodedFrame, buffer: Buffer) -> Quality:
         """What the history adds to what the bytes say."""
         quality = self._gap(buffer.sequence)
         if self._is_repeated(picture):
@@ -212,7 +212,7 @@ class Watch:
         self._sequence = sequence
         return Quality.DROPPED_BEFORE if lost else Quality.GOOD
 
-    def _is_repeated(self, picture: Picture) -> bool:
+    def _is_repeated(self, picture: DecodedFrame) -> bool:
         """By the camera's own counter or clock where it has one, else, and in doubt, by the pixels."""
         counter = (picture.device_seq, picture.device_time)
         if any(new == old != NO_COUNTER for new, old in zip(counter, self._counter, strict=True)):
@@ -223,14 +223,14 @@ class Watch:
         middle = len(now) // 2  # noise makes one row enough to tell pictures apart
         return np.array_equal(now[middle], last[middle]) and np.array_equal(now, last)
 
-    def _shutter(self, picture: Picture, mono_ns: int) -> Quality:
+    def _shutter(self, picture: DecodedFrame, mono_ns: int) -> Quality:
         """The camera's word if it gives one; else a picture that stands still betrays the shutter."""
         if picture.shutter is None and self._repeats >= REPEATS_OF_A_SHUTTER:
             self.shutter_runs(mono_ns)
         return Quality.SHUTTER if picture.shutter or mono_ns < self._settled_ns else Quality.GOOD
 
 
-FIRST_PICTURE_S = 5.0
+FIRST_FRAME_S = 5.0
 OPTIONS = ("backend", "accuracy", "latency_s")
 """Options that every camera has."""
 
@@ -296,39 +296,39 @@ class ThermalCamera:
         """Release the camera; a second call does nothing."""
         self.source.close()
 
-    def told(self, picture: Picture, mono_ns: int) -> Picture:
+    def told(self, picture: DecodedFrame, mono_ns: int) -> DecodedFrame:
         """The picture with what a second channel of the camera tells about it; most have none."""
         return picture
 
-    def _scale_doubt(self, picture: Picture) -> Quality:
+    def _scale_doubt(self, picture: DecodedFrame) -> Quality:
         """`NO_VALUE` where a picture's own scale is not the one the stream declared."""
         changed = picture.scale != self.info.scale and self.info.law == "linear"
         return Quality.NO_VALUE if changed else Quality.GOOD
 
 
-def _number(picture: Picture, buffer: Buffer) -> int:
+def _number(picture: DecodedFrame, buffer: Buffer) -> int:
     """The camera's own count of its pictures; the kernel's where the camera keeps none."""
     if picture.device_seq == NO_COUNTER and buffer.sequence >= 0:
         return buffer.sequence
     return picture.device_seq
 
 
-def first_picture(source: FrameSource, decode: Decode, name: str, clock: Clock) -> Picture:
+def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
     """The first picture of a camera that has just been opened; it tells shape and scale.
 
     Raises `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none; the source is
     closed then.
     """
     try:
-        return _first_picture(source, decode, name, clock)
+        return _wait_for_frame(source, decode, name, clock)
     except DeviceError:
         source.close()
         raise
 
 
-def _first_picture(source: FrameSource, decode: Decode, name: str, clock: Clock) -> Picture:
+def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
     """Some cameras begin with pictures of another kind; what is still wrong after a while is wrong."""
-    deadline_ns = clock.mono_ns() + int(FIRST_PICTURE_S * 1e9)
+    deadline_ns = clock.mono_ns() + int(FIRST_FRAME_S * 1e9)
     wrong, raw = "", b""
     while (remaining_ns := deadline_ns - clock.mono_ns()) > 0:
         buffer = source.read(remaining_ns / 1e9)
@@ -345,6 +345,6 @@ def _first_picture(source: FrameSource, decode: Decode, name: str, clock: Clock)
             fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
         )
     raise DeviceTimeoutError(
-        f"{name}: no picture from {source.port} within {FIRST_PICTURE_S:g} s",
+        f"{name}: no picture from {source.port} within {FIRST_FRAME_S:g} s",
         fix="unplug the camera and plug it into another socket, without a hub",
     )

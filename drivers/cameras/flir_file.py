@@ -22,7 +22,7 @@ from fieldkit.physics.camera_laws import Planck, path_transmission, planck_table
 
 MAGIC = (b"FFF\0", b"AFF\0")
 HEADER, ENTRY, RAW_HEADER = 64, 32, 32
-RAW_PICTURE, CAMERA_INFORMATION = 0x01, 0x20
+RAW_IMAGE, CAMERA_INFORMATION = 0x01, 0x20
 MOST_RECORDS = 1024
 MOST_PIXELS = 1 << 24
 _PNG, _JPEG_LS = b"\x89PNG", b"\xff\xd8\xff\xf7"
@@ -91,9 +91,9 @@ def read_picture(data: bytes) -> FlirFrame:
         kind: data[offset : offset + length]
         for kind, offset, length in _entries(data, 0, order, directory, count)
     }
-    if RAW_PICTURE not in records or CAMERA_INFORMATION not in records:
+    if RAW_IMAGE not in records or CAMERA_INFORMATION not in records:
         raise DecodeError("an FFF without raw picture or camera information", data[:32])
-    return _with_information(_pixels(records[RAW_PICTURE]), records[CAMERA_INFORMATION])
+    return _with_information(_pixels(records[RAW_IMAGE]), records[CAMERA_INFORMATION])
 
 
 def _header(data: bytes | mmap, start: int) -> tuple[str, int, int]:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, Picture, decode_frames, extremes, words
-from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, words
+from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
@@ -40,7 +40,7 @@ from fieldkit.physics.camera_laws import (
 )
 
 ROWS = 4
-WANTED = Wanted(((0x1514, 0x0001),), "YUYV", ((384, 292), (256, 196), (240, 184), (640, 516)))
+WANTED = CameraFormat(((0x1514, 0x0001),), "YUYV", ((384, 292), (256, 196), (240, 184), (640, 516)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
 TEMPERATURES, CALIBRATE, NORMAL_RANGE, HIGH_RANGE = 0x8004, 0x8000, 0x8020, 0x8021
 RANGES = {"normal": NORMAL_RANGE, "high": HIGH_RANGE}
@@ -57,7 +57,7 @@ class ZoomSource(FrameSource, Protocol):
         """Write it; raises `DeviceError`."""
 
 
-def decode(data: bytes, law: str = "ht301") -> Picture | Rejected:
+def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
     """A picture by its byte count; words beyond 14 bits are the camera's ordinary picture."""
     shape = SHAPES.get(len(data))
     if shape is None:
@@ -76,7 +76,7 @@ def decode(data: bytes, law: str = "ht301") -> Picture | Rejected:
     if coldest <= 0 or hottest >= HT301_COUNTS:
         quality |= Quality.SATURATED
     fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + ZERO_C
-    return Picture(counts, found, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
+    return DecodedFrame(counts, found, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
 
 
 def user_block(rows: NDArray[np.uint16]) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class Ht301:
             opened.source.close()
             raise
         read = partial(decode, law="ht301" if chosen == "normal" else "ht301-high")
-        first = camera.first_picture(opened.source, read, settings.name, clock)
+        first = camera.first_frame(opened.source, read, settings.name, clock)
         info = describe(settings, opened, first, chosen)
         return camera.ThermalCamera(info, opened.source, read, clock, partial(command, CALIBRATE))
 
@@ -136,7 +136,7 @@ def zoom_of(source: FrameSource) -> Callable[[int], None]:
     return cast(ZoomSource, source).set_zoom
 
 
-def describe(settings: DeviceSettings, opened: OpenedSource, first: Picture, chosen: str) -> StreamInfo:
+def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, chosen: str) -> StreamInfo:
     """The stream of a camera, from its first picture's rows."""
     facts = user_block(first.metadata_rows)
     known = chosen == "normal"

@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import Picture, decode_frames, doubts, extremes, words
-from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
-from fieldkit.drivers.usb import explained, usb_instruments
+from fieldkit.drivers.usb import usb_errors, usb_instruments
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceTimeoutError
@@ -64,7 +64,7 @@ PATIENCE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class CameraSetting:
     """A setting to write and read back: `table` and `item` say where, `slack` how many counts may differ."""
 
     name: str
@@ -75,24 +75,26 @@ class Wish:
     slack: int = 0
 
 
-def wishes(settings: DeviceSettings) -> list[Wish]:
+def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
     """What the options `gain`, `emissivity`, `distance_m` and `auto_shutter` ask of the camera.
 
     Raises `ConfigError` for values that no camera of the family has.
     """
-    found: list[Wish] = []
+    found: list[CameraSetting] = []
     if gain := options.text(settings, "gain", "", ("", *GAINS)):
-        found.append(Wish("gain", gain, PROPERTIES, GAIN, GAINS.index(gain)))
+        found.append(CameraSetting("gain", gain, PROPERTIES, GAIN, GAINS.index(gain)))
     emissivity = options.number(settings, "emissivity", math.nan, (1 / PER_UNIT, 1.0))
     if not math.isnan(emissivity):
         counts = round(emissivity * PER_UNIT)
-        found.append(Wish("emissivity", emissivity, PROPERTIES, EMISSIVITY, counts, slack=1))
+        found.append(CameraSetting("emissivity", emissivity, PROPERTIES, EMISSIVITY, counts, slack=1))
     distance_m = options.number(settings, "distance_m", math.nan, (0.0, LONGEST_M))
     if not math.isnan(distance_m):
-        found.append(Wish("distance_m", distance_m, PROPERTIES, DISTANCE, round(distance_m * PER_UNIT)))
+        found.append(
+            CameraSetting("distance_m", distance_m, PROPERTIES, DISTANCE, round(distance_m * PER_UNIT))
+        )
     if "auto_shutter" in settings.options:
         on = options.flag(settings, "auto_shutter", True)
-        found.append(Wish("auto_shutter", on, AUTO_SHUTTER, 0, int(on)))
+        found.append(CameraSetting("auto_shutter", on, AUTO_SHUTTER, 0, int(on)))
     return found
 
 
@@ -133,11 +135,11 @@ class Commands:
         self._wait()
 
     def _write(self, window: int, data: bytes) -> None:
-        with explained(self._where):
+        with usb_errors(self._where):
             self._unit.ctrl_transfer(*WRITE, VALUE, window, data)
 
     def _read(self, window: int, length: int) -> bytes:
-        with explained(self._where):
+        with usb_errors(self._where):
             return bytes(self._unit.ctrl_transfer(*READ, VALUE, window, length))
 
     def _wait(self) -> None:
@@ -154,7 +156,7 @@ class Commands:
 
 
 def connect(
-    usb: UsbIdentity, clock: Clock, wanted: Sequence[Wish] = ()
+    usb: UsbIdentity, clock: Clock, wanted: Sequence[CameraSetting] = ()
 ) -> tuple[Commands | None, dict[str, Any]]:
     """The command channel of a camera and what it tells; (None, reason) where it cannot be reached.
 
@@ -172,7 +174,7 @@ def connect(
     commands = Commands(units[0], f"at USB {usb.path}", clock)
     try:
         for wish in wanted:
-            _grant(commands, wish)
+            _apply(commands, wish)
         return commands, _facts(commands)
     except DeviceError as error:
         if wanted:
@@ -180,7 +182,7 @@ def connect(
         return None, {"commands": error.message}
 
 
-def _grant(commands: Commands, wish: Wish) -> None:
+def _apply(commands: Commands, wish: CameraSetting) -> None:
     """Write a setting; an automatic shutter that is off would leave the first pictures uncorrected."""
     taken = commands.set(wish.table, wish.item, wish.counts)
     if abs(taken - wish.counts) > wish.slack:
@@ -206,25 +208,25 @@ def _facts(commands: Commands) -> dict[str, Any]:
 
 WIDTH, HEIGHT = 256, 192
 LENGTH = 2 * WIDTH * 2 * HEIGHT
-WANTED = Wanted(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
+WANTED = CameraFormat(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
 SCALE = 1 / 64
 RATE_HZ = 25.0
 GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
 
 
-def decode(data: bytes) -> Picture | Rejected:
+def decode(data: bytes) -> DecodedFrame | Rejected:
     """The temperature half of a frame; its grey half is dropped."""
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {WIDTH}x{2 * HEIGHT} has {LENGTH}")
     counts = words(data, (HEIGHT, WIDTH), LENGTH // 2)
     found = extremes(counts)
-    return Picture(counts, found, scale=SCALE, quality=flags(counts, found))
+    return DecodedFrame(counts, found, scale=SCALE, quality=flags(counts, found))
 
 
 def flags(counts: NDArray[np.uint16], found: tuple[float, float]) -> Quality:
     """What the temperatures alone betray: end of scale, not started, not corrected, or the grey half."""
-    quality = doubts(found, (0, 0xFFFF), SCALE)
+    quality = quality_flags(found, (0, 0xFFFF), SCALE)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
     step = np.abs(row[1:] - row[:-1]).mean()
@@ -262,9 +264,9 @@ class P2Pro:
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera, set in it what the options ask for, record what its commands tell."""
-        wanted = wishes(settings)
+        wanted = requested_settings(settings)
         opened = open_source(settings, WANTED, clock)
-        first = camera.first_picture(opened.source, decode, settings.name, clock)
+        first = camera.first_frame(opened.source, decode, settings.name, clock)
         try:
             commands, facts = connect(opened.usb, clock, wanted)
         except DeviceError:
@@ -277,7 +279,7 @@ class P2Pro:
 
 
 def describe(
-    settings: DeviceSettings, opened: OpenedSource, first: Picture, facts: Mapping[str, Any]
+    settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, facts: Mapping[str, Any]
 ) -> StreamInfo:
     """The stream of a camera of kelvin x 64, shared with its cousins."""
     facts = dict(facts)

@@ -25,18 +25,18 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import Picture, decode_frames, doubts, extremes, words
-from fieldkit.drivers.cameras.source import OpenedSource, Wanted, find_cameras, open_source
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
-from fieldkit.drivers.options import for_bytes, kelvin_per_count
+from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import new_tuple
 
-WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
+WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
-PICTURE_ROWS = {80: 60, 160: 120}
+IMAGE_ROWS = {80: 60, 160: 120}
 SETTLING_MS = 10_000  # levels creep after a correction
 RESOLUTION_K = {(1, 0): 0.1, (1, 1): 0.01}
 """K per count by TLinear (1: on) and its resolution."""
@@ -58,36 +58,36 @@ TLINEAR, TLINEAR_RESOLUTION = (RADIOMETRY_UNIT, 18), (RADIOMETRY_UNIT, 19)
 _TELEMETRY = struct.Struct("<H I I 30x I 4x H 2x H 6x I 268x H 82x H H")
 
 
-def decode(data: bytes, untold_scale: float = math.nan) -> Picture | Rejected:
-    """A picture by its byte count; `untold_scale` (K per count) is for pictures without telemetry."""
+def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejected:
+    """A picture by its byte count; `default_scale` (K per count) is for pictures without telemetry."""
     shape = SHAPES.get(len(data))
     if shape is None:
         return Rejected(len(data), f"{len(data)} bytes; a Lepton's picture has {_sizes()}")
-    pixels, height = words(data, shape), PICTURE_ROWS[shape[1]]
+    pixels, height = words(data, shape), IMAGE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
-        return _untold(counts, rows, untold_scale)
+        return _without_telemetry(counts, rows, default_scale)
     told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
     revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
     if not (revision and COLDEST_FPA < fpa < HOTTEST_FPA):  # the rows are not filled in
-        return _untold(counts, rows, untold_scale)
+        return _without_telemetry(counts, rows, default_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
     found = extremes(counts)
-    quality = doubts(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
+    quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
     state, (running, done) = status >> 4 & 3, OLD_FFC if revision == OLD_REVISION else FFC
     shutter = state == running or (state == done and 0 <= uptime - corrected < SETTLING_MS)
     fields = (
         counts, found, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
         fpa / 100, housing / 100, GAINS.get(gain, "unknown"),
     )  # fmt: skip
-    return new_tuple(Picture, fields)
+    return new_tuple(DecodedFrame, fields)
 
 
-def _untold(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> Picture:
+def _without_telemetry(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> DecodedFrame:
     """A picture that says nothing about itself."""
     found = extremes(counts)
-    quality = doubts(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
-    return Picture(counts, found, rows, scale, quality=quality)
+    quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
+    return DecodedFrame(counts, found, rows, scale, quality=quality)
 
 
 def _ends(found: tuple[float, float]) -> tuple[int, int]:
@@ -117,23 +117,23 @@ class PureThermal:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more pictures; see `fieldkit.drivers.decoding.Decodes`."""
-        scale = kelvin_per_count(for_bytes(self.name, options))
-        return decode_frames(data, partial(decode, untold_scale=scale), tuple(SHAPES))
+        scale = kelvin_per_count(decoding_settings(self.name, options))
+        return decode_frames(data, partial(decode, default_scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the board, choose the picture with telemetry, declare what the first one says."""
-        untold_scale = kelvin_per_count(settings)
+        default_scale = kelvin_per_count(settings)
         opened = open_source(settings, WANTED, clock)
         source = opened.source
-        if math.isnan(untold_scale):
-            untold_scale = ask_scale(source)
-        read = partial(decode, untold_scale=untold_scale)
-        first = camera.first_picture(source, read, settings.name, clock)
+        if math.isnan(default_scale):
+            default_scale = ask_scale(source)
+        read = partial(decode, default_scale=default_scale)
+        first = camera.first_frame(source, read, settings.name, clock)
         info = describe(settings, opened, first)
         return camera.ThermalCamera(info, source, read, clock, partial(run_shutter, source))
 
 
-def describe(settings: DeviceSettings, opened: OpenedSource, first: Picture) -> StreamInfo:
+def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame) -> StreamInfo:
     """The stream of a board, from its first picture and its extension units."""
     source = opened.source
     told = not math.isnan(first.fpa_temperature_k)

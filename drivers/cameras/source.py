@@ -13,7 +13,7 @@ from pathlib import Path
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras.v4l2 import V4l2Source
-from fieldkit.drivers.identity import SYSFS, UsbIdentity, right_one_fix, usb_parent
+from fieldkit.drivers.identity import SYSFS, UsbIdentity, identity_fix, usb_parent
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
@@ -113,7 +113,7 @@ class OpenCvSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class CameraFormat:
     """What a family's camera looks like: USB kinds, raw format, (width, height) by preference."""
 
     kinds: tuple[tuple[int, int], ...]
@@ -142,7 +142,7 @@ def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
     return found
 
 
-def find_cameras(driver: str, title: str, wanted: Wanted, doubt: str = "") -> list[DiscoveredDevice]:
+def find_cameras(driver: str, title: str, wanted: CameraFormat, doubt: str = "") -> list[DiscoveredDevice]:
     """Plugged-in cameras of the wanted kinds."""
     present = cameras()
     return [
@@ -154,7 +154,7 @@ def find_cameras(driver: str, title: str, wanted: Wanted, doubt: str = "") -> li
     ]
 
 
-def open_source(settings: DeviceSettings, wanted: Wanted, clock: Clock) -> OpenedSource:
+def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) -> OpenedSource:
     """The source that `settings` give or name; raises `DeviceNotFoundError` or `DeviceAccessError`.
 
     Option `backend`: ``v4l2``, ``opencv``, or ``auto`` (V4L2 on Linux, OpenCV elsewhere).
@@ -171,7 +171,7 @@ def open_source(settings: DeviceSettings, wanted: Wanted, clock: Clock) -> Opene
 
 
 def _pick(
-    settings: DeviceSettings, wanted: Wanted, present: list[tuple[str, UsbIdentity]]
+    settings: DeviceSettings, wanted: CameraFormat, present: list[tuple[str, UsbIdentity]]
 ) -> tuple[str, UsbIdentity]:
     """The node that identity or port name; another camera in its place is an error, not a fallback."""
     if settings.identity:
@@ -188,7 +188,7 @@ def _pick(
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} cameras {what}; {listing(present)}",
-        fix=right_one_fix(settings.name, present),
+        fix=identity_fix(settings.name, present),
     )
 
 

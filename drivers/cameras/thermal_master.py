@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.camera import Picture, decode_frames, extremes, words
-from fieldkit.drivers.cameras.source import OpenedSource, Wanted, cameras, find_cameras, open_source
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, words
+from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, cameras, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity
-from fieldkit.drivers.usb import explained, find_usb, pick_usb
+from fieldkit.drivers.usb import find_usb, pick_usb, usb_errors
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceError
@@ -125,7 +125,7 @@ class BulkSource:
         self.size = KINDS[self.usb.vendor, self.usb.product]
         width, height = self.size
         self._assembler = Assembler(2 * (2 * height + 2) * width)
-        with explained(self.port):
+        with usb_errors(self.port):
             self._unit.set_interface_altsetting(1, 1)
             self._unit.ctrl_transfer(0x40, 0xEE, 0, 1)
 
@@ -163,7 +163,7 @@ class BulkSource:
 
     def run_shutter(self) -> None:
         """Close the shutter and calibrate."""
-        with explained(self.port):
+        with usb_errors(self.port):
             self._unit.ctrl_transfer(*SEND, 0, 0, command(SHUTTER, SHUTTER_SUBJECT))
             self._wait()
 
@@ -174,7 +174,7 @@ class BulkSource:
         usb.util.dispose_resources(self._unit)
 
     def _ask(self, kind: bytes, register: int, length: int) -> bytes:
-        with explained(self.port):
+        with usb_errors(self.port):
             self._unit.ctrl_transfer(*SEND, 0, 0, command(kind, READ_SUBJECT, register, length))
             self._wait()
             return bytes(self._unit.ctrl_transfer(*RECEIVE, 0, 0, length))
@@ -191,7 +191,7 @@ class BulkSource:
             self._clock.sleep(0.001)
 
     def _chunk(self, timeout_ms: int) -> bytes:
-        with explained(self.port):
+        with usb_errors(self.port):
             try:
                 return bytes(self._unit.read(ENDPOINT, CHUNK, max(int(timeout_ms), 1)))
             except OSError as error:
@@ -206,7 +206,7 @@ def identity_of(source: Any) -> UsbIdentity:
     return found if isinstance(found, UsbIdentity) else UsbIdentity(0, 0)
 
 
-WANTED = Wanted(((0x3474, 0x4281),), "YUYV", ((256, 386),))
+WANTED = CameraFormat(((0x3474, 0x4281),), "YUYV", ((256, 386),))
 SIZES = ((256, 192), (160, 120))
 LENGTHS = {2 * (2 * height + 2) * width: (width, height) for width, height in SIZES}
 MARKED = (0, MARKER.size, 2 * MARKER.size)
@@ -215,7 +215,7 @@ MARKED = (0, MARKER.size, 2 * MARKER.size)
 MODELS = ("auto", "p2", "bulk")
 
 
-def decode(data: bytes) -> Picture | Rejected:
+def decode(data: bytes) -> DecodedFrame | Rejected:
     """A frame without markers, with the one before it, or with both, by the byte count."""
     bare = next((length for length in LENGTHS if len(data) - length in MARKED), None)
     if bare is None:
@@ -233,7 +233,9 @@ def decode(data: bytes) -> Picture | Rejected:
     pixels = words(data, (2 * height + 2, width))
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
     found = extremes(counts)
-    return Picture(counts, found, rows, p2pro.SCALE, quality=p2pro.flags(counts, found), device_seq=counter)
+    return DecodedFrame(
+        counts, found, rows, p2pro.SCALE, quality=p2pro.flags(counts, found), device_seq=counter
+    )
 
 
 class ThermalMaster:
@@ -267,7 +269,7 @@ class ThermalMaster:
     def _start(
         self, settings: DeviceSettings, clock: Clock, opened: OpenedSource, bulk: BulkSource | None
     ) -> camera.ThermalCamera:
-        first = camera.first_picture(opened.source, decode, settings.name, clock)
+        first = camera.first_frame(opened.source, decode, settings.name, clock)
         info = p2pro.describe(settings, opened, first, _facts(bulk))
         info = replace(info, vendor="Thermal Master")
         return camera.ThermalCamera(info, opened.source, decode, clock, bulk.run_shutter if bulk else None)

@@ -12,10 +12,17 @@ from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import Decode, Picture, decode_frames, doubts, extremes, words
-from fieldkit.drivers.cameras.source import Wanted, cameras, open_source
+from fieldkit.drivers.cameras.camera import (
+    Decode,
+    DecodedFrame,
+    decode_frames,
+    extremes,
+    quality_flags,
+    words,
+)
+from fieldkit.drivers.cameras.source import CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
-from fieldkit.drivers.options import for_bytes, kelvin_per_count
+from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import ConfigError
@@ -35,7 +42,7 @@ SIZES = (
 
 def decode(
     data: bytes, width: int, height: int, scale: float = math.nan, offset: float = 0.0
-) -> Picture | Rejected:
+) -> DecodedFrame | Rejected:
     """A picture of width x height words."""
     if len(data) != 2 * width * height:
         return Rejected(
@@ -43,8 +50,8 @@ def decode(
         )
     counts = words(data, (height, width))
     found = extremes(counts)
-    quality = doubts(found, (0, 0xFFFF), scale, offset)
-    return Picture(counts, found, scale=scale, offset=offset, quality=quality)
+    quality = quality_flags(found, (0, 0xFFFF), scale, offset)
+    return DecodedFrame(counts, found, scale=scale, offset=offset, quality=quality)
 
 
 def _sizes(settings: DeviceSettings) -> tuple[tuple[int, int], ...]:
@@ -76,7 +83,7 @@ class Y16:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; options `width`, `height`, `kelvin_per_count`, `kelvin_offset`."""
-        settings = for_bytes(self.name, options)
+        settings = decoding_settings(self.name, options)
         sizes = _sizes(settings)
         if sizes is SIZES:
             sizes = tuple(size for size in SIZES if len(data) % (2 * size[0] * size[1]) == 0)
@@ -95,10 +102,10 @@ class Y16:
                 fix='identity = "vendor:product"',
             )
         sizes = _sizes(settings)
-        opened = open_source(settings, Wanted((), "Y16 ", sizes), clock)
+        opened = open_source(settings, CameraFormat((), "Y16 ", sizes), clock)
         width, height = getattr(opened.source, "size", sizes[0])
         read = _decoder(settings, width, height)
-        first = camera.first_picture(opened.source, read, settings.name, clock)
+        first = camera.first_frame(opened.source, read, settings.name, clock)
         known = not math.isnan(first.scale)
         info = StreamInfo(
             name=settings.name,

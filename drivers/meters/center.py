@@ -61,15 +61,15 @@ from fieldkit.drivers.decoding import (
     Channel,
     Decoded,
     Layout,
+    Parsed,
     Record,
     Rejected,
-    Taken,
     Value,
     decode_records,
     skip_to,
 )
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.options import for_bytes
+from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
@@ -96,7 +96,7 @@ _EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_backgrou
 _HINT = "switch the thermometer on and check its cable; it answers only while no menu is open"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if len(buffer) < LENGTH or buffer[0] != 0x02 or buffer[44] != 0x03:
         return _no_record(buffer)
@@ -149,7 +149,7 @@ def _words(first: int, second: int) -> tuple[str, ...]:
     return tuple(word for word in words if word)
 
 
-def take_model(buffer: bytes) -> Taken:
+def parse_model(buffer: bytes) -> Parsed:
     """The answer to ``K`` at the start of `buffer`: three digits and CR."""
     if not buffer[:3].isdigit():
         return Rejected(1, "not three digits") if len(buffer) >= 3 or not buffer.isdigit() else None
@@ -160,8 +160,8 @@ def take_model(buffer: bytes) -> Taken:
     return Record(4, (float(buffer[:3]),), (Channel("model", ""),))
 
 
-LAYOUT = Layout(take, LENGTH)
-MODEL = Layout(take_model, 4)
+LAYOUT = Layout(parse, LENGTH)
+MODEL = Layout(parse_model, 4)
 
 
 class Center309:
@@ -200,7 +200,7 @@ def open_thermometer(
     `others` are models whose records are not the `usual` ones.
     """
     port = open_port(settings, LINE, clock)
-    model = told_model(settings) or ask_model(port)
+    model = configured_model(settings) or ask_model(port)
     layout, channels = others.get(model, usual)
     driver = DRIVERS.get(model, settings.driver)
     if driver != settings.driver:
@@ -209,21 +209,21 @@ def open_thermometer(
             f"{settings.name}: the meter at {port.path} says it is a Center {model}",
             fix=f'driver = "{driver}"' if driver else "this model has no driver",
         )
-    meter.first_answer(port, b"A", layout, settings.name, _HINT)
+    meter.first_reply(port, b"A", layout, settings.name, _HINT)
     names = options.labels(settings, channels)
     info = meter.describe(settings, port, layout, "temperature", "K", names, model)
-    asking = meter.PollSettings(b"A", settings.every_s)
-    return meter.Meter(info, port, layout, clock, channels[: len(names)], asking=asking)
+    poll = meter.PollSettings(b"A", settings.every_s)
+    return meter.Meter(info, port, layout, clock, channels[: len(names)], poll=poll)
 
 
-def told_model(settings: DeviceSettings) -> str:
+def configured_model(settings: DeviceSettings) -> str:
     """The option `model`, as a number or as text; empty if it is not given."""
     return str(settings.options.get("model", ""))
 
 
 def ask_model(port: SerialPort) -> str:
     """The model by ``K``, empty for a sibling that does not know the question."""
-    answer = port.read(MODEL, meter.ANSWER_S, b"K")
+    answer = port.read(MODEL, meter.REPLY_TIMEOUT_S, b"K")
     return answer.raw[:3].decode() if answer else ""
 
 
@@ -237,17 +237,17 @@ HOLD, RELATIVE, EXTREME = 0x20, 0x10, 0x07
 _BLANK = "b"
 
 
-def take_two(buffer: bytes) -> Taken:
+def parse_two_probes(buffer: bytes) -> Parsed:
     """The record of a model with two probes at the start of `buffer`, by the table above."""
-    return _take(buffer, 2)
+    return _parse_short(buffer, 2)
 
 
-def take_one(buffer: bytes) -> Taken:
+def parse_one_probe(buffer: bytes) -> Parsed:
     """The record of a model with one probe: its main value is T1."""
-    return _take(buffer, 1)
+    return _parse_short(buffer, 1)
 
 
-def _take(buffer: bytes, probes: int) -> Taken:
+def _parse_short(buffer: bytes, probes: int) -> Parsed:
     if not buffer.startswith(_START):
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
     if len(buffer) < SHORT_LENGTH:
@@ -289,7 +289,10 @@ def _short_words(first: int) -> tuple[str, ...]:
     return tuple(word for bits, word in states if first & bits)
 
 
-TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = Layout(take_two, SHORT_LENGTH), Layout(take_one, SHORT_LENGTH)
+TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = (
+    Layout(parse_two_probes, SHORT_LENGTH),
+    Layout(parse_one_probe, SHORT_LENGTH),
+)
 
 
 class Center303:
@@ -310,7 +313,7 @@ class Center303:
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""
-        is_one = told_model(for_bytes(self.name, options)) in ONE_PROBE
+        is_one = configured_model(decoding_settings(self.name, options)) in ONE_PROBE
         return decode_records(data, ONE_PROBE_LAYOUT if is_one else TWO_PROBE_LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:

@@ -16,7 +16,7 @@ from datetime import datetime
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Framer, Stamped
 from fieldkit.model.clock import Clock
@@ -32,7 +32,7 @@ UNIT = "degree degree m s"
 _HINT = "is a receiver attached to gpsd? cgps shows it"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The line at the start of `buffer`."""
     end = buffer.find(b"\n")
     if end < 0:
@@ -82,7 +82,7 @@ def _time_ns(text: Any) -> int:
         return NO_COUNTER
 
 
-LAYOUT = Layout(take, LONGEST)
+LAYOUT = Layout(parse, LONGEST)
 
 
 class SocketPort:
@@ -111,13 +111,13 @@ class SocketPort:
         except OSError as error:
             raise self._lost() from error
 
-    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`; the answer to a `question`."""
-        if question:
+    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`; the answer to a `request`."""
+        if request:
             self.framer.discard()
-            self.write(question)
+            self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.take(layout)
+        found = self.framer.next_record(layout)
         while found is None:
             remaining_s = max((deadline_ns - self._clock.mono_ns()) / 1e9, 0.0)
             if not self._clock.wait_readable(self._socket.fileno(), remaining_s):

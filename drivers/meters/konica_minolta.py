@@ -22,7 +22,16 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.drivers.decoding import (
+    Decoded,
+    Layout,
+    Parsed,
+    Record,
+    Rejected,
+    Value,
+    decode_records,
+    skip_to,
+)
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
@@ -67,13 +76,13 @@ def check(body: bytes) -> bytes:
     return b"%02X" % reduce(xor, body, 0)
 
 
-def request(head: int, command: str, parameters: str) -> bytes:
+def pack_request(head: int, command: str, parameters: str) -> bytes:
     """A question to the meter, ready to send."""
     body = f"{head:02d}{command}{parameters:4}".encode() + b"\x03"
     return _START + body + check(body) + b"\r\n"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, short or long."""
     if buffer[:1] not in (_START, _START_WITH_PARITY):
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
@@ -106,7 +115,7 @@ def _short(buffer: bytes) -> Record:
     return Record(SHORT, note=f"head {head}, command {command}, {buffer[5:9].decode()!r}")
 
 
-def _long(buffer: bytes) -> Taken:
+def _long(buffer: bytes) -> Parsed:
     head, command, status = buffer[1:3].decode(), buffer[3:5], buffer[5:9]
     fields = [buffer[start : start + 6] for start in (9, 15, 21)]
     matches = [_FIELD.fullmatch(field) for field in fields]
@@ -160,7 +169,7 @@ def _number(field: re.Match[bytes]) -> float:
     return -value if sign == b"-" else value
 
 
-LAYOUT = Layout(take, LONG)
+LAYOUT = Layout(parse, LONG)
 
 
 class KonicaMinolta:
@@ -189,19 +198,19 @@ class KonicaMinolta:
         port = open_port(settings, LINE, clock, kinds=KINDS)
         try:
             _enter_pc_mode(port, clock, settings.name)
-            asking = _prepare(port, clock, model, head, settings.every_s)
+            poll = _prepare(port, clock, model, head, settings.every_s)
         except BaseException:
             port.close()
             raise
         names = options.labels(settings, ("lux",))
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", names, model, LATENCY_S)
         key = "illuminance" if head == 0 else f"illuminance head {head:02d}"
-        return meter.Meter(info, port, LAYOUT, clock, (key,), asking=asking)
+        return meter.Meter(info, port, LAYOUT, clock, (key,), poll=poll)
 
 
 def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     """Command 54 must come first; the meter then needs half a second."""
-    if port.read(LAYOUT, meter.ANSWER_S, request(0, "54", "1")) is None:
+    if port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(0, "54", "1")) is None:
         raise DeviceTimeoutError(f"{name}: no answer to the PC mode command from {port.path}", fix=_HINT)
     clock.sleep(0.5)
 
@@ -209,22 +218,22 @@ def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
 def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) -> meter.PollSettings:
     """Set the measuring conditions; what to ask for every reading."""
     if model == "t-10":
-        running = request(head, "10", "0200")  # run, no colour correction, automatic range
+        running = pack_request(head, "10", "0200")  # run, no colour correction, automatic range
         port.write(running)
         clock.sleep(3.0)  # until the automatic range has settled
         return meter.PollSettings(running, every_s)
     _hold(port, clock, head)
-    trigger = request(99, "40", "21")
-    return meter.PollSettings(request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)
+    trigger = pack_request(99, "40", "21")
+    return meter.PollSettings(pack_request(head, "02", "1200"), every_s, trigger=trigger, settle_s=0.5)
 
 
 def _hold(port: Port, clock: Clock, head: int) -> None:
     """Hold the meter, so that each trigger takes one measurement; it may need to be told twice."""
     refusal = ""
     for _ in range(2):
-        port.write(request(99, "55", "1  0"))
+        port.write(pack_request(99, "55", "1  0"))
         clock.sleep(0.5)
-        answer = port.read(LAYOUT, meter.ANSWER_S, request(head, "40", "10"))
+        answer = port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(head, "40", "10"))
         refusal = BROKEN.get(answer.raw[6:7].decode(), "") if answer else "it does not answer"
         if not refusal:
             return

@@ -37,9 +37,9 @@ from fieldkit.drivers.decoding import (
     Channel,
     Decoded,
     Layout,
+    Parsed,
     Record,
     Rejected,
-    Taken,
     decode_records,
     skip_to,
 )
@@ -62,7 +62,7 @@ _HINT = (
 )
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if not buffer.startswith(_START):
         return Rejected(skip_to(_START, buffer), "does not begin with 02")
@@ -99,7 +99,7 @@ def _head(start: bytes) -> Head | None:
     return Head(divisor, (Channel(display, unit, GOOD, words),), (overload,))
 
 
-LAYOUT = Layout(take, LENGTH)
+LAYOUT = Layout(parse, LENGTH)
 
 
 class Lutron:

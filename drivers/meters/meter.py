@@ -37,7 +37,7 @@ TO_SI = {
 
 
 FIRST_RECORD_S = 5.0
-ANSWER_S = 1.0
+REPLY_TIMEOUT_S = 1.0
 OPTIONS = ("labels", "latency_s", "response_s", "accuracy", "range_max_lx")
 """Options that every meter has; `range_max_lx` is the end of a light meter's range, to flag `overrange`."""
 
@@ -51,7 +51,7 @@ class PollSettings:
 
     request: bytes
     every_s: float
-    answer_s: float = ANSWER_S
+    reply_timeout_s: float = REPLY_TIMEOUT_S
     trigger: bytes = b""
     settle_s: float = 0.0
 
@@ -72,7 +72,7 @@ class Meter:
         keys: Sequence[str],
         *,
         units: Sequence[str] = (),
-        asking: PollSettings | None = None,
+        poll: PollSettings | None = None,
     ) -> None:
         self.info = info
         self._name = info.name
@@ -83,8 +83,8 @@ class Meter:
         self.words: tuple[str, ...] = ()
         self._channels: tuple[Channel, ...] = ()
         self._conversion: Conversion | None = None
-        self._asking = asking
-        self._every_ns = int(asking.every_s * 1e9) if asking else 0
+        self._poll = poll
+        self._every_ns = int(poll.every_s * 1e9) if poll else 0
         self._range_max = info.settings.get("range_max_lx") if info.unit == "lx" else None
         self._due_ns = clock.mono_ns()
         self._foreign = 0
@@ -96,12 +96,12 @@ class Meter:
 
     def read(self, timeout_s: float) -> Reading | None:
         """The next reading, or None; see `fieldkit.model.device.Device`."""
-        asking = self._asking
-        if asking is None:
+        poll = self._poll
+        if poll is None:
             found = self._port.read(self._layout, timeout_s)
-        elif self._turn(asking, timeout_s):
-            timeout_s = asking.answer_s
-            found = self._port.read(self._layout, timeout_s, asking.request)
+        elif self._turn(poll, timeout_s):
+            timeout_s = poll.reply_timeout_s
+            found = self._port.read(self._layout, timeout_s, poll.request)
         else:
             return None
         if found is None:
@@ -124,7 +124,7 @@ class Meter:
                 return reading
         return None
 
-    def _turn(self, asking: PollSettings, timeout_s: float) -> bool:
+    def _turn(self, poll: PollSettings, timeout_s: float) -> bool:
         """Wait until it is time to ask; False if that is not within `timeout_s`."""
         now_ns = self._clock.mono_ns()
         if now_ns < self._due_ns:
@@ -136,9 +136,9 @@ class Meter:
         self._due_ns += self._every_ns
         if self._due_ns <= now_ns:
             self._due_ns = now_ns + self._every_ns
-        if asking.trigger:
-            self._port.write(asking.trigger)
-            self._clock.sleep(asking.settle_s)
+        if poll.trigger:
+            self._port.write(poll.trigger)
+            self._clock.sleep(poll.settle_s)
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
@@ -175,26 +175,26 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
 
     A channel that the record has not is NaN; only if all are without a value, the reading is.
     """
-    steps, doubts = [], []
+    steps, quality_flags = [], []
     for key, unit in zip(keys, units, strict=True):
         step = (0, math.nan, 1.0)
         for place, channel in enumerate(channels):
             law = (0.0, 1.0) if channel.unit == unit else TO_SI.get((channel.unit, unit))
             if channel.name == key and law is not None:
                 step = (place, *law)
-                doubts.append(channel.quality)
+                quality_flags.append(channel.quality)
         steps.append(step)
-    if not doubts:
+    if not quality_flags:
         return None
-    missing = reduce(and_, doubts) & NO_VALUE
+    missing = reduce(and_, quality_flags) & NO_VALUE
     if steps == [(place, 0.0, 1.0) for place in range(len(channels))]:
         steps = []
-    return Conversion(tuple(steps), reduce(or_, doubts) & ~NO_VALUE | missing)
+    return Conversion(tuple(steps), reduce(or_, quality_flags) & ~NO_VALUE | missing)
 
 
-def first_answer(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
+def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
     """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
-    return _heard(port.read(layout, ANSWER_S, request), port, name, hint, ANSWER_S)
+    return _require(port.read(layout, REPLY_TIMEOUT_S, request), port, name, hint, REPLY_TIMEOUT_S)
 
 
 def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
@@ -203,10 +203,10 @@ def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
     Raises `DeviceTimeoutError` if nothing is heard, `DecodeError` if what is heard is no record;
     the port is closed then.
     """
-    return _heard(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
+    return _require(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
 
 
-def _heard(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
+def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s: float) -> Stamped:
     if found is not None:
         return found
     port.close()

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
@@ -123,10 +123,10 @@ class RegisterMap:
         self, channel: Channel, registers: Sequence[int], quality: Quality, words: tuple[str, ...]
     ) -> Value:
         place = channel.register - self.first
-        taken = list(registers[place : place + channel.width])
+        raw = list(registers[place : place + channel.width])
         if channel.words_low_first:
-            taken.reverse()
-        (number,) = struct.unpack(f">{TYPES[channel.type]}", struct.pack(f">{channel.width}H", *taken))
+            raw.reverse()
+        (number,) = struct.unpack(f">{TYPES[channel.type]}", struct.pack(f">{channel.width}H", *raw))
         decimals = (
             0
             if channel.decimals_register is None
@@ -137,7 +137,7 @@ class RegisterMap:
         low, high = self.limits
         if not math.isfinite(value):
             words = ("not_a_number", *words)
-        elif taken[0] in self.no_value or not low <= value <= high:
+        elif raw[0] in self.no_value or not low <= value <= high:
             words = ("open", *words)
         else:
             return Value(value, channel.unit, channel.name, quality, words)
@@ -163,7 +163,7 @@ def load_map(name: str) -> RegisterMap:
             f"{path}: {error}", fix="repair the file; see the how-to on register maps"
         ) from error
     try:
-        return _parse(table)
+        return _read_map(table)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise ConfigError(
@@ -171,7 +171,7 @@ def load_map(name: str) -> RegisterMap:
         ) from error
 
 
-def _parse(table: Mapping[str, Any]) -> RegisterMap:
+def _read_map(table: Mapping[str, Any]) -> RegisterMap:
     unknown = set(table) - set(_KEYS)
     if unknown:
         raise ValueError(f"unknown keys: {', '.join(sorted(unknown))}; known are {', '.join(_KEYS)}")
@@ -296,13 +296,13 @@ def _crc_of_byte(crc: int) -> int:
     return crc
 
 
-def request(unit: int, function: int, first: int, count: int) -> bytes:
+def pack_request(unit: int, function: int, first: int, count: int) -> bytes:
     """A question for `count` registers from `first`, ready to send."""
     body = struct.pack(">BBHH", unit, function, first, count)
     return body + crc16(body).to_bytes(2, "little")
 
 
-def take(buffer: bytes, register_map: RegisterMap | None = None) -> Taken:
+def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
     """The answer (or a question) at the start of `buffer`; without a map its registers as they are."""
     if len(buffer) < 2:
         return None
@@ -329,7 +329,7 @@ def _is_whole(frame: bytes) -> bool:
     return crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little")
 
 
-def _refusal(buffer: bytes) -> Taken:
+def _refusal(buffer: bytes) -> Parsed:
     if len(buffer) < 5:
         return None
     if not _is_whole(buffer[:5]):
@@ -344,7 +344,7 @@ def _question(buffer: bytes) -> Record:
     )
 
 
-def _answer(frame: bytes, register_map: RegisterMap | None) -> Taken:
+def _answer(frame: bytes, register_map: RegisterMap | None) -> Parsed:
     registers = struct.unpack(f">{frame[2] // 2}H", frame[3:-2])
     note = f"answer of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
     if register_map is None:
@@ -359,7 +359,7 @@ def _answer(frame: bytes, register_map: RegisterMap | None) -> Taken:
 
 def layout(register_map: RegisterMap | None) -> Layout:
     """How answers look on the wire; with a map, what they mean."""
-    return Layout(partial(take, register_map=register_map), LONGEST)
+    return Layout(partial(parse, register_map=register_map), LONGEST)
 
 
 class Modbus:
@@ -397,18 +397,18 @@ class Modbus:
                 f"{settings.name}: which instrument?", fix=f"map = one of {', '.join(packaged())}, or a file"
             )
         register_map = load_map(name)
-        question = request(_unit(settings), register_map.function, register_map.first, register_map.count)
+        request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
         answers = layout(register_map)
-        meter.first_answer(port, question, answers, settings.name, _HINT)
+        meter.first_reply(port, request, answers, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
         unit = STREAM_UNITS.get(register_map.unit, register_map.unit)
         info = meter.describe(settings, port, answers, register_map.quantity, unit, names, register_map.title)
         if component := _component(settings, port, register_map):
             info = replace(info, measures=(component,) * len(names))
-        asking = meter.PollSettings(question, settings.every_s)
-        return meter.Meter(info, port, answers, clock, keys[: len(names)], asking=asking)
+        poll = meter.PollSettings(request, settings.every_s)
+        return meter.Meter(info, port, answers, clock, keys[: len(names)], poll=poll)
 
 
 def _unit(settings: DeviceSettings) -> int:
@@ -420,10 +420,10 @@ def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) 
     """What the instrument measures, by its map or its type; empty where neither says."""
     if register_map.type_register is None:
         return register_map.measures.get("", "")
-    question = request(_unit(settings), register_map.function, register_map.type_register, 1)
-    found = port.read(layout(None), meter.ANSWER_S, question)
+    request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
+    found = port.read(layout(None), meter.REPLY_TIMEOUT_S, request)
     while found is not None and not found.record.numbers:  # some adapters echo the question
-        found = port.read(layout(None), meter.ANSWER_S)
+        found = port.read(layout(None), meter.REPLY_TIMEOUT_S)
     return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
 
 

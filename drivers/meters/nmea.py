@@ -18,7 +18,7 @@ from operator import xor
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
@@ -35,7 +35,7 @@ _SENTENCE = re.compile(rb"\$([A-Z0-9]{3,}(?:,[\x20-\x7e]*?)?)\*([0-9A-Fa-f]{2})"
 _HINT = "give the receiver a view of the sky; baud = 4800 for older ones"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The sentence at the start of `buffer`, up to its line end."""
     if not buffer.startswith(b"$"):
         found = buffer.find(b"$", 1)
@@ -52,12 +52,12 @@ def take(buffer: bytes) -> Taken:
     return _checked(sentence, end + 1)
 
 
-def _unfinished(buffer: bytes) -> Taken:
+def _unfinished(buffer: bytes) -> Parsed:
     """Wait for the line end; a whole sentence at the end of a file needs none."""
     return None if len(buffer) < LONGEST else Rejected(1, "no line end in sight")
 
 
-def _checked(sentence: re.Match[bytes], length: int) -> Taken:
+def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
     body, told = sentence.groups()
     check = reduce(xor, body, 0)
     if check != int(told, 16):
@@ -84,7 +84,7 @@ def _parse(sentence: bytes) -> Any:
         raise ValueError(str(error)) from error
 
 
-def _meaning(message: Any, length: int) -> Taken:
+def _meaning(message: Any, length: int) -> Parsed:
     if message.msgID == "GGA":
         return _gga(message, length)
     valid = message.msgID == "ZDA" or message.status == "A"
@@ -135,7 +135,7 @@ def _quality(known: bool) -> Quality:
     return Quality.GOOD if known else Quality.NO_VALUE
 
 
-LAYOUT = Layout(take, LONGEST)
+LAYOUT = Layout(parse, LONGEST)
 
 
 class Nmea:

@@ -28,7 +28,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records, skip_to
+from fieldkit.drivers.decoding import (
+    Decoded,
+    Layout,
+    Parsed,
+    Record,
+    Rejected,
+    Value,
+    decode_records,
+    skip_to,
+)
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
@@ -47,7 +56,7 @@ _START = b"\xaa\xdd\x00"
 _HINT = "switch the meter on and its USB output too"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if not buffer.startswith(_START[: len(buffer)]):
         return Rejected(skip_to(_START[:1], buffer), "does not begin with AA DD 00")
@@ -79,7 +88,7 @@ def _value(buffer: bytes) -> Value:
     return Value(-value if second & 0x10 else value, unit, "illuminance", quality, words)
 
 
-LAYOUT = Layout(take, LENGTH)
+LAYOUT = Layout(parse, LENGTH)
 
 
 class Pce174:
@@ -101,7 +110,7 @@ class Pce174:
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
         """Open the port and wait for one record."""
         port = open_port(settings, LINE, clock, kinds=KINDS)
-        meter.first_answer(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
+        meter.first_reply(port, ASK_LIVE, LAYOUT, settings.name, _HINT)
         info = meter.describe(settings, port, LAYOUT, "illuminance", "lx", options.labels(settings, ("lux",)))
-        asking = meter.PollSettings(ASK_LIVE, settings.every_s)
-        return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), asking=asking)
+        poll = meter.PollSettings(ASK_LIVE, settings.every_s)
+        return meter.Meter(info, port, LAYOUT, clock, ("illuminance",), poll=poll)

@@ -22,10 +22,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.meters.meter import STREAM_UNITS
-from fieldkit.drivers.options import for_bytes
+from fieldkit.drivers.options import decoding_settings
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
@@ -72,7 +72,7 @@ class Grammar:
     unit: str = ""
     no_value: tuple[float, ...] = ()
 
-    def take(self, buffer: bytes) -> Taken:
+    def parse(self, buffer: bytes) -> Parsed:
         """The line at the start of `buffer`."""
         end = buffer.find(b"\n")
         if end < 0:
@@ -92,7 +92,7 @@ class Grammar:
             return Record(end + 1, note=_COLUMNS + ",".join(fields))
         return self._row(fields, end + 1)
 
-    def _pairs(self, line: str, length: int) -> Taken:
+    def _pairs(self, line: str, length: int) -> Parsed:
         values = []
         for part in re.split(r"[,;]", line):
             found = _PAIR.fullmatch(part)
@@ -102,7 +102,7 @@ class Grammar:
             values.append(self._value(found[1], found[2], unit))
         return Record.of(length, values)
 
-    def _row(self, fields: list[str], length: int) -> Taken:
+    def _row(self, fields: list[str], length: int) -> Parsed:
         names = self.columns or tuple(f"column {place + 1}" for place in range(len(fields)))
         if len(fields) != len(names):
             return Rejected(length, f"{len(fields)} fields, {len(names)} columns")
@@ -126,7 +126,7 @@ class Grammar:
     @property
     def layout(self) -> Layout:
         """For a port."""
-        return Layout(self.take, LONGEST)
+        return Layout(self.parse, LONGEST)
 
 
 def _is_number(field: str) -> bool:
@@ -163,7 +163,7 @@ class Text:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""
         names = options.get("columns", ())
         given = {**options, "columns": names.split(",") if isinstance(names, str) else names}
-        grammar = _grammar(for_bytes(self.name, given))
+        grammar = _grammar(decoding_settings(self.name, given))
         if not grammar.columns:
             grammar = replace(grammar, columns=header(decode_records(data, Grammar().layout).notes))
         return decode_records(data, grammar.layout)

@@ -27,10 +27,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import Decoded, Layout, Record, Rejected, Taken, Value, decode_records
+from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected, Value, decode_records
 from fieldkit.drivers.meters import meter
 from fieldkit.drivers.ports import Framer, Line, Stamped
-from fieldkit.drivers.usb import explained, find_usb, pick_usb
+from fieldkit.drivers.usb import find_usb, pick_usb, usb_errors
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.samples import Quality
@@ -49,7 +49,7 @@ _READ_MS = 200
 _HINT = "switch the thermometer on and press its USB key until the display shows it"
 
 
-def take(buffer: bytes) -> Taken:
+def parse(buffer: bytes) -> Parsed:
     """The record at the start of `buffer`, by the table above."""
     if len(buffer) < LENGTH:
         return None
@@ -66,7 +66,7 @@ def take(buffer: bytes) -> Taken:
     return Record.of(LENGTH, (value,))
 
 
-LAYOUT = Layout(take, LENGTH)
+LAYOUT = Layout(parse, LENGTH)
 
 
 class HidBridge:
@@ -84,7 +84,7 @@ class HidBridge:
         self.facts = {"line": str(LINE), "backend": "pyusb"}
         self.framer = Framer(self.byte_ns)
         self._clock = clock
-        with explained(self.path):
+        with usb_errors(self.path):
             if self._unit.is_kernel_driver_active(0):
                 self._unit.detach_kernel_driver(0)
             self._unit.set_configuration()
@@ -93,16 +93,16 @@ class HidBridge:
 
     def write(self, data: bytes) -> None:
         """Send up to seven characters."""
-        with explained(self.path):
+        with usb_errors(self.path):
             self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
 
-    def read(self, layout: Layout, timeout_s: float, question: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`; the answer to a `question`."""
-        if question:
+    def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
+        """The next record, or None if none is complete within `timeout_s`; the answer to a `request`."""
+        if request:
             self.framer.discard()
-            self.write(question)
+            self.write(request)
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        found = self.framer.take(layout)
+        found = self.framer.next_record(layout)
         while found is None and self._clock.mono_ns() < deadline_ns:
             report = self._report()
             found = self.framer.feed(layout, characters(report), self._clock.mono_ns())
@@ -116,7 +116,7 @@ class HidBridge:
 
     def _report(self) -> bytes:
         """The next report, empty if none comes for a while."""
-        with explained(self.path):
+        with usb_errors(self.path):
             try:
                 return bytes(self._unit.read(0x82, 8, _READ_MS))
             except OSError as error:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType, TracebackType
 
 from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
-from fieldkit.drivers.simulated.meters import Center309FarEnd, LutronFarEnd, Meter
+from fieldkit.drivers.simulated.meters import Meter, SimulatedCenter309, SimulatedLutron
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.simulation import FaultKind, Scene
@@ -18,7 +18,9 @@ PORT = "simulated"
 """What the configuration writes for the port of a simulated instrument."""
 
 CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType({"purethermal": SimulatedLepton})
-METERS: Mapping[str, type[Meter]] = MappingProxyType({"lutron": LutronFarEnd, "center-309": Center309FarEnd})
+METERS: Mapping[str, type[Meter]] = MappingProxyType(
+    {"lutron": SimulatedLutron, "center-309": SimulatedCenter309}
+)
 
 
 class SimulatedField:

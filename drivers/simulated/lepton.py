@@ -32,7 +32,7 @@ AUTOMATIC_NS = 180_000_000_000
 _ANNOUNCED_NS = 2_000_000_000
 
 
-class State(enum.IntEnum):
+class ShutterState(enum.IntEnum):
     """The camera's word for it, as in the telemetry."""
 
     NEVER = 0
@@ -42,10 +42,10 @@ class State(enum.IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class ShutterStatus:
     """State at one time, when the newest correction began, number and end of the last finished one."""
 
-    state: State
+    state: ShutterState
     began_ns: int
     number: int
     ended_ns: int
@@ -65,10 +65,10 @@ class Shutter:
 
     def run(self, now_ns: int) -> None:
         """Correct now, unless a correction runs already."""
-        if self.at(now_ns).state is not State.RUNNING:
+        if self.at(now_ns).state is not ShutterState.RUNNING:
             self._began.append(now_ns)
 
-    def at(self, mono_ns: int) -> Moment:
+    def at(self, mono_ns: int) -> ShutterStatus:
         """The shutter at a time; what the camera does by itself until then is done."""
         self._run_unasked(mono_ns)
         newest = bisect_right(self._began, mono_ns) - 1
@@ -76,10 +76,10 @@ class Shutter:
         running = newest > 0 and mono_ns < began_ns + CORRECTION_NS
         last = newest - running
         due_ns = began_ns + AUTOMATIC_NS - _ANNOUNCED_NS
-        state = State.RUNNING if running else State.DONE
+        state = ShutterState.RUNNING if running else ShutterState.DONE
         if self.is_automatic and mono_ns >= due_ns:
-            state = State.IMMINENT
-        return Moment(state, began_ns, last, self._began[last] + CORRECTION_NS)
+            state = ShutterState.IMMINENT
+        return ShutterStatus(state, began_ns, last, self._began[last] + CORRECTION_NS)
 
     def _run_unasked(self, mono_ns: int) -> None:
         while True:
@@ -103,12 +103,12 @@ _COUNTS_PER_KELVIN = (10, 100)
 
 
 @dataclass(frozen=True, slots=True)
-class Vitals:
+class BoardStatus:
     """How the board is at one time."""
 
     uptime_ms: int
     frame_counter: int
-    state: State
+    state: ShutterState
     corrected_ms: int
     fpa_k: float
     housing_k: float
@@ -147,13 +147,13 @@ class Board:
         """10 or 100, by the TLinear resolution."""
         return _COUNTS_PER_KELVIN[self._controls[_RESOLUTION][0] & 1]
 
-    def get(self, control: tuple[int, int], length: int, vitals: Vitals) -> bytes:
+    def get(self, control: tuple[int, int], length: int, vitals: BoardStatus) -> bytes:
         """The value of a control; raises `DeviceError` if there is none of that number and length."""
         live = {
             UPTIME: struct.pack("<I", vitals.uptime_ms),
             HOUSING: struct.pack("<H", round(100 * vitals.housing_k)),
             FPA: struct.pack("<H", round(100 * vitals.fpa_k)),
-            FFC_STATUS: struct.pack("<i", vitals.state is State.RUNNING),
+            FFC_STATUS: struct.pack("<i", vitals.state is ShutterState.RUNNING),
             FFC_STATE: struct.pack("<I", vitals.state),
         }
         value = live.get(control) or self._controls.get(control)
@@ -170,7 +170,7 @@ class Board:
             raise DeviceError(f"the simulated board keeps control {control[0]}/{control[1]} as it is")
         self._controls[control] = data
 
-    def telemetry(self, vitals: Vitals) -> bytes:
+    def telemetry(self, vitals: BoardStatus) -> bytes:
         """Two rows of 160 words."""
         fpa, housing = round(100 * vitals.fpa_k), round(100 * vitals.housing_k)
         words = np.zeros(320, dtype="<u2")
@@ -290,7 +290,7 @@ class SimulatedLepton:
     def _draw(self, number: int) -> bytes:
         """Bytes of a picture; while the shutter is closed they show what was seen before."""
         shutter = self._shutter.at(self._seen_ns(number))
-        shown = self._index(shutter.began_ns) if shutter.state is State.RUNNING else number
+        shown = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(shown)
         kelvin = self._scene.picture(self._clock.to_utc_ns(seen_ns), shown, self._correction(seen_ns))
         counts = np.rint(kelvin * np.float32(self._board.counts_per_kelvin)).astype("<u2")
@@ -320,10 +320,10 @@ class SimulatedLepton:
         if (unit, selector) == FFC_MODE:
             self._shutter.is_automatic = self._board.is_automatic
 
-    def _vitals(self, mono_ns: int, number: int) -> Vitals:
+    def _vitals(self, mono_ns: int, number: int) -> BoardStatus:
         shutter = self._shutter.at(mono_ns)
         air_k = self._scene.at(self._clock.to_utc_ns(mono_ns)).air_temperature_k
-        return Vitals(
+        return BoardStatus(
             uptime_ms=self._uptime_ms(mono_ns),
             frame_counter=_COUNTS_PER_PICTURE * number,
             state=shutter.state,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldkit.drivers.ports import Line
-from fieldkit.drivers.simulated.pseudo_terminal import Terminal
+from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
 from fieldkit.model.device import DeviceSettings
 from fieldkit.simulation import FaultKind, Scene
 from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
@@ -37,7 +37,7 @@ class Meter(ABC):
     def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
         self._scene, self._clock = scene, clock
         self._every_ns = max(1, round(settings.every_s * SECOND_NS))
-        self._terminal = Terminal(clock)
+        self._terminal = PseudoTerminal(clock)
         self._closed = False
         self.path = self._terminal.path
         self._start()
@@ -70,11 +70,11 @@ class Meter(ABC):
             return
         now_ns = self._clock.to_utc_ns(self._clock.mono_ns())
         if self._scene.is_on(FaultKind.GARBLED, now_ns):
-            record = spoilt(record, np.random.default_rng([self._scene.seed, now_ns]))
+            record = garbled(record, np.random.default_rng([self._scene.seed, now_ns]))
         self._terminal.send(record)
 
 
-class LutronFarEnd(Meter):
+class SimulatedLutron(Meter):
     """A light meter that lies flat and sends a record every `every_s`, asked or not."""
 
     latency_s = 0.2
@@ -91,7 +91,7 @@ class LutronFarEnd(Meter):
         self._clock.call_at(now_ns + self._every_ns, self._measure)
 
 
-class Center309FarEnd(Meter):
+class SimulatedCenter309(Meter):
     """A thermometer with its four probes in the first four beds; it answers `A` and `K`."""
 
     latency_s = 0.1
@@ -139,7 +139,7 @@ def center_309_record(celsius: ArrayLike) -> bytes:
     return bytes(record)
 
 
-def spoilt(record: bytes, random: np.random.Generator) -> bytes:
+def garbled(record: bytes, random: np.random.Generator) -> bytes:
     """A record as a bad contact leaves it: mostly with bytes lost and others changed."""
     if random.random() > _SPOILT_SHARE:
         return record

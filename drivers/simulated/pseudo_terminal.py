@@ -27,7 +27,7 @@ _MOST_UNREAD = 2048  # then nobody listens, and like a wire it forgets what is s
 _ARRIVES_S = 1.0
 
 
-class Terminal:
+class PseudoTerminal:
     """Opened at once; closing it is pulling the plug."""
 
     def __init__(self, clock: SimulatedClock) -> None:

@@ -98,11 +98,11 @@ def rows_of(estimator: Estimator) -> tuple[Rows, History]:
     """Rows of all clear minutes of a session for all its targets, with their history."""
     from fieldkit.estimation import balance
     from fieldkit.estimation.bins import Field, History
-    from fieldkit.estimation.region_temperatures import without_offsets
+    from fieldkit.estimation.region_temperatures import remove_offsets
     from fieldkit.model.samples import Quality
 
     history, field, settings = History.of(estimator.bins), Field(estimator.regions), estimator.settings
-    true = without_offsets(history, field.regions, settings)
+    true = remove_offsets(history, field.regions, settings)
     rows = balance.rows(true, 0, field.references, field.targets, field.reference_normals, settings)
     doubtful = sum(int(Quality[name]) for name in CLOUDY)
     return replace(rows, y=np.where((history.flags & doubtful)[:, np.newaxis] == 0, rows.y, np.nan)), history
@@ -147,8 +147,8 @@ def scale_of(rows: Rows, index: int, slope: tuple[float, float], tilt_sd_deg: fl
 
     tilt, azimuth = slope
     y, sigma = rows.y[:, index], rows.sigma[:, index]
-    lit = np.isfinite(rows.lamps).all(axis=1) & np.isfinite(sigma)
-    given = rows.lamps[lit], y[lit], sigma[lit], rows.reference
+    lit = np.isfinite(rows.design).all(axis=1) & np.isfinite(sigma)
+    given = rows.design[lit], y[lit], sigma[lit], rows.reference
     found = scale_from_known_bed(*given, normal(tilt, azimuth))
     steeper = scale_from_known_bed(*given, normal(tilt + tilt_sd_deg, azimuth))
     return BedScale(found.kappa, found.kappa_sd, steeper.kappa - found.kappa)
@@ -188,7 +188,7 @@ def _more_light(history: History, bed: FloatArray, reference: FloatArray) -> Flo
 
     on_bed, on_reference = history.sun @ bed, history.sun @ reference
     lit = np.minimum(on_bed, on_reference) >= LOWEST_COS_INCIDENCE
-    return np.where(lit, history.direct_w_m2 * (on_bed - on_reference), np.nan)
+    return np.where(lit, history.dni_w_m2 * (on_bed - on_reference), np.nan)
 
 
 def _details(told: Identified, light: str) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.site import Region
-from fieldkit.model.slope import answers_of
+from fieldkit.model.slope import final_estimates
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
@@ -96,7 +96,7 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
-    answers = answers_of(estimates_of(minutes), regions)
+    answers = final_estimates(estimates_of(minutes), regions)
     mean_error = mean_tilt_error_deg(minutes, regions)
     if common.options().json:
         by_name = {region.name: region for region in regions}

@@ -14,7 +14,7 @@ from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, SITE
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import ANSWERED, answers_of
+from fieldkit.model.slope import WITH_SLOPE, final_estimates
 from fieldkit.workflows.estimate import as_document
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _estimate_sessions(
         }
         written = batch.write_results(base, minute_table(slopes), about)
         common.say(f"wrote {', '.join(map(str, written))}")
-    answers = {name: answers_of(estimates, estimates.regions) for name, estimates in slopes.items()}
+    answers = {name: final_estimates(estimates, estimates.regions) for name, estimates in slopes.items()}
     if slopes:
         _print({names[source.path]: str(source.path) for source in sources}, slopes, answers)
     batch.complain(failures, paths)
@@ -170,6 +170,6 @@ def _document(path: str, estimates: Estimates, answers: Mapping[str, SlopeEstima
 
 
 def _refuse_silence(answers: Sequence[SlopeEstimate]) -> None:
-    if not any(one.state in ANSWERED for one in answers):
+    if not any(one.state in WITH_SLOPE for one in answers):
         reasons = {one.reason or one.state.name.lower() for one in answers} or {"no targets"}
         raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

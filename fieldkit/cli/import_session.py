@@ -160,11 +160,13 @@ def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealR
 
 def _another_light(session: Session, foreign: Foreign) -> Foreign:
     """The recording, with a warning where slopes will take their light from it instead of the session."""
-    from fieldkit.estimation.instruments import light_of
+    from fieldkit.estimation.instruments import sunlight_source
     from fieldkit.estimation.settings import EstimatorSettings
 
     own = tuple(session.streams.values())
-    before, after = (light_of(streams, EstimatorSettings()) for streams in (own, own + foreign.streams))
+    before, after = (
+        sunlight_source(streams, EstimatorSettings()) for streams in (own, own + foreign.streams)
+    )
     if before is None or after is None or before.info.name == after.info.name:
         return foreign
     said = (

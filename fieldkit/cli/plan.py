@@ -229,7 +229,7 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
         "time": _iso(int(plan.time_ns[minute]), site),
         "sun_zenith_deg": zenith,
         "sun_azimuth_deg": azimuth,
-        "direct_normal_w_m2": plan.direct_w_m2[minute],
+        "direct_normal_w_m2": plan.dni_w_m2[minute],
         "verdict": plan.verdict(index),
         "facets": [
             {

@@ -15,7 +15,7 @@ from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
-from fieldkit.model.slope import answers_of
+from fieldkit.model.slope import final_estimates
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.estimate import as_document, config_for, estimates_of, estimator_for, minutes_of
@@ -45,7 +45,7 @@ def command(
             minutes = list(minutes_of(opened, estimator))
         else:
             minutes = play(opened, estimator, factor, _view(opened, estimator, theme))
-        answers = answers_of(estimates_of(minutes), estimator.regions)
+        answers = final_estimates(estimates_of(minutes), estimator.regions)
     if common.options().json:
         common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
         return

@@ -89,9 +89,9 @@ def describe(session: Session) -> dict[str, Any]:
 
 def answers(session: Session) -> list[SlopeEstimate]:
     """The slope that stands for each target of a session."""
-    from fieldkit.model.slope import answers_of
+    from fieldkit.model.slope import final_estimates
 
-    return list(answers_of(session.estimates(), session.regions).values())
+    return list(final_estimates(session.estimates(), session.regions).values())
 
 
 def _stream(session: Session, name: str) -> dict[str, Any]:

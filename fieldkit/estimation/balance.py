@@ -45,7 +45,7 @@ _SMOOTHER: FloatArray = _PARABOLAS @ np.linalg.pinv(_PARABOLAS)
 class Rows:
     """Rows of the least squares for the minutes (n,) of a window and the targets (m,).
 
-    `lamps` (n, 3); `y` (n, m), measured cosine of incidence; `sigma` (n, m), its standard
+    `design` (n, 3); `y` (n, m), measured cosine of incidence; `sigma` (n, m), its standard
     deviation by the stated noise; `per_kelvin` (n, m), how y grows with the target's
     temperature; `per_w_m2` (n,), how it grows with a difference of sunlight on the bed;
     `doubts` (p, n, m), how it moves with one standard deviation of each thing that is only
@@ -54,7 +54,7 @@ class Rows:
     `reference` (3,) is the mean normal of the references. NaN where a minute says nothing.
     """
 
-    lamps: FloatArray
+    design: FloatArray
     y: FloatArray
     sigma: FloatArray
     per_kelvin: FloatArray
@@ -96,7 +96,7 @@ def rows(
     warm = history.temperature_k[:, targets]
     heat = _lost(warm, settings) - np.mean(_lost(base, settings), axis=1, keepdims=True)
     beam, ground = _lamp(history, np.mean(base, axis=1), settings)
-    lamps = history.sun + (ground / beam)[:, np.newaxis] * VERTICAL
+    design = history.sun + (ground / beam)[:, np.newaxis] * VERTICAL
     reference = normals[kept].mean(axis=0)
     steepness, rise = _lost_per_kelvin(warm, settings), np.zeros_like(warm)
     over = warm - np.mean(base, axis=1, keepdims=True)
@@ -121,9 +121,9 @@ def rows(
     loud = np.sqrt(direct**2 + np.sum(amplification[1:] ** 2))
     window = slice(first, None)
     return Rows(
-        lamps[window],
-        ((heat + rise) / scale + (lamps @ reference)[:, np.newaxis])[window],
-        (noise * loud * _unsteadiness(history.direct_w_m2)[:, np.newaxis] / scale)[window],
+        design[window],
+        ((heat + rise) / scale + (design @ reference)[:, np.newaxis])[window],
+        (noise * loud * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
         (steepness / scale)[window],
         ((1.0 - settings.surface.albedo) / scale[:, 0])[window],
         (np.stack(doubts) / scale)[:, window],
@@ -131,15 +131,15 @@ def rows(
     )
 
 
-def _unsteadiness(direct_w_m2: FloatArray) -> FloatArray:
+def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:
     """How much less a minute says when the light changes within it (n,): 1 when steady.
 
     A tenth more or less than a neighbouring minute doubles the variance: means over a
     minute no longer tell when the light came, and the ground answers to that.
     """
-    change = np.abs(np.diff(direct_w_m2, prepend=np.nan, append=np.nan))
+    change = np.abs(np.diff(dni_w_m2, prepend=np.nan, append=np.nan))
     largest = np.fmax(change[:-1], change[1:])
-    relative = np.nan_to_num(largest / np.maximum(direct_w_m2, 1.0))
+    relative = np.nan_to_num(largest / np.maximum(dni_w_m2, 1.0))
     return np.asarray(np.sqrt(1.0 + (relative / UNSTEADY) ** 2))
 
 
@@ -162,7 +162,7 @@ def _lamp(
     """Absorbed light along the sun vector (n,) and along the vertical (n,), W/m2; NaN without sun."""
     surface = settings.surface
     cos_zenith = np.where(history.sun[:, 2] > 0.0, history.sun[:, 2], np.nan)
-    beam = np.where(history.direct_w_m2 > 0.0, history.direct_w_m2, np.nan)
+    beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
     absorbed = 1.0 - surface.albedo
     if settings.model == "paper":
         return absorbed * beam, np.zeros_like(beam)

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldkit.estimation.bins import MINUTE_NS, Bin, Camera, Field, OpenMinute
+from fieldkit.estimation.bins import MINUTE_NS, Camera, Field, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import Watch, end_of
 from fieldkit.estimation.instruments import Instruments, Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
@@ -24,7 +24,7 @@ from fieldkit.physics.sun import sun_vectors
 GRACE_NS = 2_000_000_000
 """How long after its end a minute waits for samples that are late."""
 
-Closed = tuple[Bin, tuple[Event, ...]]
+Closed = tuple[MinuteBin, tuple[Event, ...]]
 """A minute, and what was noticed in it: clouds, shade, a moved picture, samples too late."""
 
 
@@ -54,7 +54,7 @@ class Binner:
             self._camera = Camera(
                 info, self._regions, settings.surface.emissivity, settings.reflected_temperature_k
             )
-        self._open: dict[int, OpenMinute] = {}
+        self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
         self._watch = Watch(Field(self._regions))
@@ -68,7 +68,7 @@ class Binner:
             return closed
         minute = self._open.get(start)
         if minute is None:
-            minute = self._open[start] = OpenMinute(start // MINUTE_NS, len(self._regions))
+            minute = self._open[start] = OpenBin(start // MINUTE_NS, len(self._regions))
         if isinstance(sample, Reading):
             minute.add_reading(sample)
         elif self._camera is not None and sample.stream == self._camera.info.name:
@@ -85,7 +85,7 @@ class Binner:
             self._closed_ns = due[-1] + MINUTE_NS
         return [self._close(self._open.pop(start)) for start in due]
 
-    def _close(self, minute: OpenMinute) -> Closed:
+    def _close(self, minute: OpenBin) -> Closed:
         light = self._instruments.light(minute, self._site, self._settings)
         entry, notices = self._watch.look(self._bin(minute, light), minute, light, self._settings)
         notices.extend(self._ask(minute))
@@ -95,14 +95,14 @@ class Binner:
             self._late = 0
         return entry, tuple(notices)
 
-    def _ask(self, minute: OpenMinute) -> Iterator[Event]:
+    def _ask(self, minute: OpenBin) -> Iterator[Event]:
         """Once, for each stream that cannot serve because what it measures is unknown."""
         for name in self._unasked:
             text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
         self._unasked = ()
 
-    def _bin(self, minute: OpenMinute, light: Light) -> Bin:
+    def _bin(self, minute: OpenBin, light: Light) -> MinuteBin:
         count = len(self._regions)
         temperature, spread, jitter = np.full((3, count), np.nan)
         pixels = np.zeros(count, np.int64)
@@ -112,7 +112,7 @@ class Binner:
         sun = sun_vectors(minute.time_ns, self._site, refraction=self._settings.refraction)
         low = sun[2] < math.sin(math.radians(self._settings.low_sun_deg))
         flags = minute.flags | light.flags | (Quality.LOW_SUN if low else Quality.GOOD)
-        return Bin(
+        return MinuteBin(
             minute.minute,
             minute.time_ns,
             sun,
@@ -121,7 +121,7 @@ class Binner:
             jitter,
             pixels,
             minute.pictures.frames,
-            mean_of(light.direct_w_m2),
+            mean_of(light.dni_w_m2),
             light.illuminance_lx,
             light.diffuse_w_m2,
             self._instruments.mean(minute, "longwave_down"),

@@ -31,13 +31,13 @@ LAW_STEP_K = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Bin:
+class MinuteBin:
     """One closed minute. Temperatures per region in the order of the regions, NaN without pictures.
 
     `time_ns` is the mean time of the pictures that count (the middle of the minute without
     any), `sun` the unit vector to the sun then. `spread_k` is the standard deviation over a
     region's pixels, `jitter_k` that of its mean from picture to picture (NaN for one).
-    Irradiances in W/m2, NaN where not measured; `direct_w_m2` is normal to the beam, the
+    Irradiances in W/m2, NaN where not measured; `dni_w_m2` is normal to the beam, the
     others are on the horizontal. `flags` hold for the minute, `region_flags` for one region.
     """
 
@@ -49,7 +49,7 @@ class Bin:
     jitter_k: FloatArray
     pixels: NDArray[np.int64]
     frames: int
-    direct_w_m2: float
+    dni_w_m2: float
     illuminance_lx: float = float("nan")
     diffuse_w_m2: float = float("nan")
     longwave_w_m2: float = float("nan")
@@ -90,7 +90,7 @@ class Outline:
 
 
 @dataclass(slots=True)
-class CameraSums:
+class RegionSums:
     """Whole-number sums over the pictures of one minute."""
 
     regions: int
@@ -142,7 +142,7 @@ class Camera:
             return None
         return self.outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
 
-    def means(self, sums: CameraSums) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Surface temperature, spread over pixels and jitter over pictures of each region, kelvin."""
         samples = self.outline.pixels * sums.frames
         if sums.frames == 0 or not np.isfinite(self._scale):
@@ -160,12 +160,12 @@ class Camera:
         return kelvin, spread * abs(self._scale), jitter * abs(self._scale)
 
 
-class OpenMinute:
+class OpenBin:
     """One minute while its samples arrive, in whatever order."""
 
     def __init__(self, minute: int, regions: int) -> None:
         self.minute = minute
-        self.pictures = CameraSums(regions)
+        self.pictures = RegionSums(regions)
         self.flags = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
@@ -230,14 +230,14 @@ class History:
     time_ns: NDArray[np.int64]
     sun: FloatArray
     temperature_k: FloatArray
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     diffuse_w_m2: FloatArray
     longwave_w_m2: FloatArray
     flags: NDArray[np.int64]
     region_flags: NDArray[np.int64]
 
     @classmethod
-    def of(cls, bins: Sequence[Bin]) -> History:
+    def of(cls, bins: Sequence[MinuteBin]) -> History:
         """Stack bins, which must be in order of time."""
         regions = bins[0].temperature_k.size if bins else 0
         return cls(
@@ -245,7 +245,7 @@ class History:
             np.array([b.time_ns for b in bins], np.int64),
             np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
             np.array([b.temperature_k for b in bins], np.float64).reshape(len(bins), regions),
-            np.array([b.direct_w_m2 for b in bins], np.float64),
+            np.array([b.dni_w_m2 for b in bins], np.float64),
             np.array([b.diffuse_w_m2 for b in bins], np.float64),
             np.array([b.longwave_w_m2 for b in bins], np.float64),
             np.array([int(b.flags) for b in bins], np.int64),

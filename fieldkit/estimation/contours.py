@@ -30,7 +30,7 @@ def slope_grid(tilt_limit_deg: float = 30.0) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Votes:
+class ContourWinners:
     """Outcome for m slopes: mean normal of the winning cells (m, 3), their votes (m,), how many tied (m,).
 
     The normal is NaN where no cell reached the threshold.
@@ -44,13 +44,13 @@ class Votes:
 class RadiationTable:
     """Radiation differences (times, cells) of the paper's section 3, W/m2, ready for scoring.
 
-    `cells` are normals (cells, 3), `lamps` sun vectors (times, 3) times direct irradiance,
+    `cells` are normals (cells, 3), `design` sun vectors (times, 3) times direct irradiance,
     `reference` the reference's normal.
     """
 
-    def __init__(self, cells: FloatArray, lamps: FloatArray, reference: FloatArray) -> None:
+    def __init__(self, cells: FloatArray, design: FloatArray, reference: FloatArray) -> None:
         self.cells = cells
-        self._lamps, self._away = lamps, cells - reference
+        self._lamps, self._away = design, cells - reference
 
     def _row(self, time: int) -> FloatArray:
         """The table's row (cells,) of one time: one way of rounding, whether it is kept or not."""
@@ -79,7 +79,7 @@ class RadiationTable:
 
     def winner(
         self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
-    ) -> Votes:
+    ) -> ContourWinners:
         """Winning cells of one slope with measured differences (times,), all cells scored."""
         scores = self.scores(difference_w_m2, tolerance_w_m2)
         best = int(scores.max())
@@ -96,7 +96,7 @@ class RadiationTable:
 
     def vote(
         self, differences_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
-    ) -> Votes:
+    ) -> ContourWinners:
         """Winning cells of m slopes with measured differences (m, times).
 
         The same winners, votes and ties as `scores` would give for all cells, without
@@ -172,8 +172,10 @@ class RadiationTable:
         return pairs // len(self.cells), pairs % len(self.cells)
 
 
-def _elected(sums: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64], needed: float) -> Votes:
+def _elected(
+    sums: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64], needed: float
+) -> ContourWinners:
     """Mean normals from the sums (m, 3) over the tied cells, NaN below the votes needed."""
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     enough = ((best > 0) & (best >= needed))[:, np.newaxis]
-    return Votes(np.where(enough, sums / np.where(length > 0.0, length, 1.0), np.nan), best, tied)
+    return ContourWinners(np.where(enough, sums / np.where(length > 0.0, length, 1.0), np.nan), best, tied)

@@ -71,7 +71,7 @@ class DayPlan:
     settings: PlanSettings
     time_ns: NDArray[np.int64]
     sun: FloatArray
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     sensitivity: Sensitivity
     sigma: FloatArray
     rows: NDArray[np.int64]
@@ -184,7 +184,7 @@ def plan_day(
     facets: Sequence[tuple[float, float]],
     time_ns: NDArray[np.int64],
     sun: FloatArray,
-    direct_w_m2: FloatArray,
+    dni_w_m2: FloatArray,
     settings: PlanSettings,
     step_min: int = 30,
 ) -> DayPlan:
@@ -192,7 +192,7 @@ def plan_day(
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
     up = elevation > RISING_DEG
-    light = np.where(up, direct_w_m2, 0.0)
+    light = np.where(up, dni_w_m2, 0.0)
     warm = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
     sigma = cosine_noise(light, warm, settings.noise_k, settings.surface)
     on_step = (time_ns - time_ns[0]) % (step_min * 60_000_000_000) == 0
@@ -259,36 +259,36 @@ class Bound:
 
 
 def expected_temperature(
-    normals: FloatArray, sun: FloatArray, direct_w_m2: ArrayLike, air_k: float, surface: SurfaceParameters
+    normals: FloatArray, sun: FloatArray, dni_w_m2: ArrayLike, air_k: float, surface: SurfaceParameters
 ) -> FloatArray:
     """Surface temperature (f, n) by eq. (7) under a clear sky, kelvin."""
     longwave = SKY_EMISSIVITY * STEFAN_BOLTZMANN * air_k**4
-    light = direct_irradiance(direct_w_m2, cos_incidence(normals, sun))
+    light = direct_irradiance(dni_w_m2, cos_incidence(normals, sun))
     return surface_temperature(light, longwave, air_k, surface)
 
 
 def sensitivity(
     normals: FloatArray,
     sun: FloatArray,
-    direct_w_m2: ArrayLike,
+    dni_w_m2: ArrayLike,
     temperature_k: ArrayLike,
     surface: SurfaceParameters,
 ) -> Sensitivity:
     """Derivative of eq. (2) by tilt, and of eqs. (2) and (6) together."""
     steeper, _ = tangents(normals)
     lit = cos_incidence(normals, sun) > 0.0
-    light = np.where(lit, np.asarray(direct_w_m2) * np.radians(cos_incidence(steeper, sun)), 0.0)
+    light = np.where(lit, np.asarray(dni_w_m2) * np.radians(cos_incidence(steeper, sun)), 0.0)
     return Sensitivity(light, light / irradiance_per_kelvin(temperature_k, surface))
 
 
 def cosine_noise(
-    direct_w_m2: ArrayLike, temperature_k: ArrayLike, noise_k: float, surface: SurfaceParameters
+    dni_w_m2: ArrayLike, temperature_k: ArrayLike, noise_k: float, surface: SurfaceParameters
 ) -> FloatArray:
     """Standard deviation of one minute's measured cosine of incidence.
 
     ``sqrt(2) D sigma_T / S``: both regions carry the noise of a mean. Infinite without sun.
     """
-    direct = np.asarray(direct_w_m2, np.float64)
+    direct = np.asarray(dni_w_m2, np.float64)
     noise = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(temperature_k, surface)
     return np.where(direct > 0.0, noise / np.where(direct > 0.0, direct, 1.0), np.inf)
 

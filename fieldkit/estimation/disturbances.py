@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import Bin, Field, OpenMinute
+from fieldkit.estimation.bins import Field, MinuteBin, OpenBin
 from fieldkit.estimation.instruments import Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
@@ -36,18 +36,18 @@ class Watch:
 
     def __init__(self, field: Field) -> None:
         self._field = field
-        self._light = LightWatch()
+        self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
-        self._shade = {int(column): ShadeWatch() for column in field.targets}
+        self._shade = {int(column): ShadeMonitor() for column in field.targets}
         self._shaded: set[int] = set()
-        self._picture = PictureWatch()
+        self._picture = FrameShiftMonitor()
         self._moved = False
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
 
     def look(
-        self, entry: Bin, minute: OpenMinute, light: Light, settings: EstimatorSettings
-    ) -> tuple[Bin, list[Event]]:
+        self, entry: MinuteBin, minute: OpenBin, light: Light, settings: EstimatorSettings
+    ) -> tuple[MinuteBin, list[Event]]:
         """The bin with its flags, and what is to be told."""
         notices = self._clouds(entry, light, settings)
         if self._light.cloudy or notices or entry.start_ns < self._settled_ns:
@@ -59,7 +59,7 @@ class Watch:
         entry = self._shades(entry, reference_k, minute, notices)
         return self._pictures(entry, minute, notices), notices
 
-    def _clouds(self, entry: Bin, light: Light, settings: EstimatorSettings) -> list[Event]:
+    def _clouds(self, entry: MinuteBin, light: Light, settings: EstimatorSettings) -> list[Event]:
         notices = []
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
             change = self._light.add(reading.mono_ns, reading.time_ns, clearness)
@@ -75,7 +75,9 @@ class Watch:
             )
         return notices
 
-    def _shades(self, entry: Bin, reference_k: float, minute: OpenMinute, notices: list[Event]) -> Bin:
+    def _shades(
+        self, entry: MinuteBin, reference_k: float, minute: OpenBin, notices: list[Event]
+    ) -> MinuteBin:
         flags = list(entry.region_flags)
         for column, watch in self._shade.items():
             # a cloud is not a shadow: while the light changes no bed is singled out
@@ -91,7 +93,7 @@ class Watch:
                 notices.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
         return replace(entry, region_flags=tuple(flags))
 
-    def _pictures(self, entry: Bin, minute: OpenMinute, notices: list[Event]) -> Bin:
+    def _pictures(self, entry: MinuteBin, minute: OpenBin, notices: list[Event]) -> MinuteBin:
         if minute.first_frame is None:
             return entry
         sums = (minute.pictures.frames, minute.pictures.totals)
@@ -107,7 +109,7 @@ class Watch:
         return replace(entry, flags=entry.flags | Quality.MOVED) if moved else entry
 
 
-def end_of(minute: OpenMinute) -> tuple[int, int]:
+def end_of(minute: OpenBin) -> tuple[int, int]:
     """Monotonic and UTC nanoseconds of the last sample of a minute."""
     samples: list[Frame | Reading] = [r for readings in minute.readings.values() for r in readings]
     if minute.first_frame is not None:
@@ -116,14 +118,14 @@ def end_of(minute: OpenMinute) -> tuple[int, int]:
     return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
 
 
-def _jump_notice(jump: Jump, minute: OpenMinute, clouded: bool) -> Event:
+def _jump_notice(jump: Jump, minute: OpenBin, clouded: bool) -> Event:
     change = f"the reference's temperature left its trend by {jump.found - jump.expected:+.1f} K"
     text = f"{change}, as the light did" if clouded else f"{change} in steady light: wind, shade or a drift"
     return Event(EventKind.ESTIMATOR, *end_of(minute), text)
 
 
 @dataclass(frozen=True, slots=True)
-class LightChange:
+class CloudChange:
     """The light became unsteady (`begin`) or steady again (`end`), and why, in words."""
 
     kind: Literal["begin", "end"]
@@ -132,7 +134,7 @@ class LightChange:
     text: str
 
 
-class LightWatch:
+class CloudMonitor:
     """Tells clouds from a stream of light readings in order of time.
 
     Each reading is divided by what the sun's height alone would make of it. A change of
@@ -147,7 +149,7 @@ class LightWatch:
         self._steady_at = float("nan")
         self.cloudy = False
 
-    def add(self, mono_ns: int, time_ns: int, clearness: float) -> LightChange | None:
+    def add(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
         """Look at one reading over its clear expectation, any unit, positive; NaN is passed over."""
         if not np.isfinite(clearness) or clearness <= 0.0:
             return None
@@ -162,7 +164,7 @@ class LightWatch:
         self.cloudy = True
         self._level = highest if change < 0 else lowest
         self._steady_since, self._steady_at = time_ns, clearness
-        return LightChange("begin", mono_ns, time_ns, f"light changed by {change:+.0%} within 2 min")
+        return CloudChange("begin", mono_ns, time_ns, f"light changed by {change:+.0%} within 2 min")
 
     def _remember(self, stretch: int, clearness: float) -> None:
         """Keep the lowest and highest of every 5 s, so that a fast meter costs no more than a slow one."""
@@ -174,7 +176,7 @@ class LightWatch:
         else:
             self._recent.append((stretch, clearness, clearness))
 
-    def _ending(self, mono_ns: int, time_ns: int, clearness: float) -> LightChange | None:
+    def _ending(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
         if abs(clearness / self._steady_at - 1.0) > STEADY_CHANGE:
             self._steady_since, self._steady_at = time_ns, clearness
             return None
@@ -185,7 +187,7 @@ class LightWatch:
         self.cloudy = False
         self._recent.clear()
         text = "light is back" if back else f"light steady at {clearness / self._level:.0%} of what it was"
-        return LightChange("end", mono_ns, time_ns, text)
+        return CloudChange("end", mono_ns, time_ns, text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +260,7 @@ def _forecast(values: Sequence[tuple[float, float]], minute: int) -> tuple[float
     return float((inverse @ design.T @ past[:, 1])[2]), float(inverse[2, 2])
 
 
-class ShadeWatch:
+class ShadeMonitor:
     """Tells when one bed alone loses its sun: its temperature over the reference's falls off the forecast.
 
     It is lit again when half the fall is made good; after 20 minutes the new level is
@@ -284,7 +286,7 @@ class ShadeWatch:
         return self._fall is not None
 
 
-class PictureWatch:
+class FrameShiftMonitor:
     """Compares one picture a minute with the first."""
 
     def __init__(self) -> None:

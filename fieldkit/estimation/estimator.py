@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fieldkit.estimation.binner import Binner, Closed
-from fieldkit.estimation.bins import Bin, History
+from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.device import StreamInfo
@@ -63,7 +63,7 @@ class Estimator:
     ) -> None:
         self.site, self.regions, self.settings = site, tuple(regions), settings or EstimatorSettings()
         self._binner = Binner(site, self.regions, streams, self.settings)
-        self._bins: list[Bin] = []
+        self._bins: list[MinuteBin] = []
 
     @property
     def irradiance_model(self) -> str:
@@ -71,7 +71,7 @@ class Estimator:
         return self._binner.irradiance_model
 
     @property
-    def bins(self) -> tuple[Bin, ...]:
+    def bins(self) -> tuple[MinuteBin, ...]:
         """All minutes closed so far."""
         return tuple(self._bins)
 
@@ -96,7 +96,7 @@ class Estimator:
             dict(zip(names, entry.spread_k.tolist(), strict=True)),
             dict(zip(names, entry.pixels.tolist(), strict=True)),
             entry.illuminance_lx,
-            entry.direct_w_m2,
+            entry.dni_w_m2,
             self.irradiance_model,
             zenith,
             azimuth,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import OpenMinute
+from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
@@ -34,7 +34,7 @@ class Light:
     """
 
     readings: list[Reading]
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     clearness: FloatArray
     illuminance_lx: float
     diffuse_w_m2: float
@@ -54,7 +54,7 @@ class Source:
         """Whether most minutes have no reading of it, as of hourly means."""
         return 0.0 < self.info.rate_hz < SLOW_HZ
 
-    def values(self, minute: OpenMinute) -> list[float]:
+    def values(self, minute: OpenBin) -> list[float]:
         """The usable readings of a minute in order of time."""
         readings = minute.sorted_readings(self.info.name)
         return [r.values[self.channel] for r in readings if is_usable(r.quality)]
@@ -93,7 +93,7 @@ class Instruments:
         found = [one for one in self._sources if one.measures in components]
         return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
-    def light(self, minute: OpenMinute, site: Site, settings: EstimatorSettings) -> Light:
+    def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> Light:
         """Direct irradiance of every light reading at its own time."""
         lux = self._lux.values(minute) if self._lux is not None else []
         source = self.light_source
@@ -124,7 +124,7 @@ class Instruments:
         cosine = sun.reshape(-1, 3) @ facet
         return np.asarray(values / np.where(cosine > 0.1, cosine, np.nan))
 
-    def mean(self, minute: OpenMinute, component: str) -> float:
+    def mean(self, minute: OpenBin, component: str) -> float:
         """Mean of a component of radiation, W/m2; NaN where it is not measured.
 
         Means of more than a minute stand until the next is due: diffuse light and longwave change slowly,
@@ -141,7 +141,7 @@ class Instruments:
         due_minutes = OVERDUE / source.info.rate_hz / 60.0 if source.info.rate_hz > 0.0 else 0.0
         return held if minute.minute - since <= due_minutes else float("nan")
 
-    def contact_k(self, minute: OpenMinute) -> tuple[float, ...]:
+    def contact_k(self, minute: OpenBin) -> tuple[float, ...]:
         """Mean of each channel of all contact thermometers, kelvin."""
         means: list[float] = []
         for info in self._streams.values():
@@ -155,7 +155,7 @@ class Instruments:
         return tuple(means)
 
 
-def _usable(minute: OpenMinute, info: StreamInfo) -> list[Reading]:
+def _usable(minute: OpenBin, info: StreamInfo) -> list[Reading]:
     return [reading for reading in minute.sorted_readings(info.name) if is_usable(reading.quality)]
 
 
@@ -187,7 +187,7 @@ def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.info.name for one in sources if one.info.name not in known))
 
 
-def light_of(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
+def sunlight_source(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
     """The channel that the light is taken from; None where none is known to measure any."""
     return _light(list(_sources(streams, settings)), settings)
 

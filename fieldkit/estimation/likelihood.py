@@ -2,7 +2,7 @@
 
 Two doubts do not average away and are known beforehand only as standard deviations: the
 scale kappa (irradiance, albedo, exchange: measured ``delta S / S`` is kappa times the true one)
-and additive ones such as an offset of temperature between regions. `DoubtfulMisfit` lets
+and additive ones such as an offset of temperature between regions. `ProfileMisfit` lets
 them take their best value at a price, which for additive ones is a Schur complement and for
 kappa a parabola: no iteration, any number of normals at once.
 
@@ -36,10 +36,10 @@ MisfitOf = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
-class DoubtfulMisfit:
+class ProfileMisfit:
     """Misfit of normals when the scale is only known to `scale_sd`.
 
-    `misfit` already carries the additive doubts (`with_doubts`); `reference` is the normal
+    `misfit` already carries the additive doubts (`with_systematics`); `reference` is the normal
     against which differences were taken.
     """
 
@@ -67,12 +67,12 @@ class DoubtfulMisfit:
         return np.asarray(self.misfit.H - np.outer(spread, spread) / price)
 
 
-def with_doubts(lamps: FloatArray, y: FloatArray, weights: FloatArray, doubts: FloatArray) -> Misfit:
+def with_systematics(design: FloatArray, y: FloatArray, weights: FloatArray, doubts: FloatArray) -> Misfit:
     """Misfit of rows whose y may be off by ``t * doubt`` for each doubt, t of standard deviation 1.
 
     lamps (n, 3), y (n,), weights (n,), doubts (p, n). A doubt of zeros changes nothing.
     """
-    table = np.column_stack([lamps, y, *doubts])
+    table = np.column_stack([design, y, *doubts])
     gram = (table * weights[:, np.newaxis]).T @ table
     prices = np.eye(len(doubts))
     gram = gram[:4, :4] - gram[:4, 4:] @ np.linalg.solve(gram[4:, 4:] + prices, gram[4:, :4])
@@ -252,18 +252,18 @@ class Posterior:
     shares: tuple[float, float]
 
 
-def posterior(lamps: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
+def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
     """Posterior of one slope from rows (n,) with weights 1 / sigma**2, all positive.
 
     The mean is taken over the branch that holds more of the mass: between two branches
     lies no slope that fits.
     """
-    robust, branches = _reweighted(lamps, y, weights)
-    information = Misfit.of_rows(lamps, y, robust).H
+    robust, branches = _reweighted(design, y, weights)
+    information = Misfit.of_rows(design, y, robust).H
     across = np.linalg.eigh(information)[1][:, 0]
 
     def misfit(normals: FloatArray) -> FloatArray:
-        squares = (normals @ lamps.T - y) ** 2 * weights
+        squares = (normals @ design.T - y) ** 2 * weights
         return np.asarray((FREEDOM + 1.0) * np.sum(np.log1p(squares / FREEDOM), axis=-1))
 
     starts = [branches.first] if branches.merged else [branches.first, branches.second]
@@ -281,17 +281,17 @@ def posterior(lamps: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_
     return Posterior(moments[int(np.argmax(masses))][1], robust, (shares[0], shares[1]))
 
 
-def _reweighted(lamps: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
+def _reweighted(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
     """Weights of the t distribution at its own mode, by repeated least squares."""
     robust = weights
-    branches = solve(Misfit.of_rows(lamps, y, robust))
+    branches = solve(Misfit.of_rows(design, y, robust))
     for _ in range(_ROUNDS):
-        squares = (lamps @ branches.first - y) ** 2 * weights
+        squares = (design @ branches.first - y) ** 2 * weights
         fresh = weights * (FREEDOM + 1.0) / (FREEDOM + squares)
         if np.allclose(fresh, robust, rtol=1e-6):
             break
         robust = fresh
-        branches = solve(Misfit.of_rows(lamps, y, robust))
+        branches = solve(Misfit.of_rows(design, y, robust))
     return robust, branches
 
 

@@ -19,13 +19,13 @@ from fieldkit.estimation.contours import RadiationTable, slope_grid
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     NINETY_PERCENT_ONE,
-    DoubtfulMisfit,
     LikelihoodRegion,
     MisfitOf,
+    ProfileMisfit,
     posterior,
     region,
     region_known_azimuth,
-    with_doubts,
+    with_systematics,
 )
 from fieldkit.estimation.normal import Misfit, choose, solve, solve_known_azimuth
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
@@ -67,7 +67,7 @@ def solution(
     known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
     problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
     fit = _least_squares(problem)
-    lit = problem.used & (np.nan_to_num(rows.lamps) @ fit.best >= LOWEST_COS_INCIDENCE)
+    lit = problem.used & (np.nan_to_num(rows.design) @ fit.best >= LOWEST_COS_INCIDENCE)
     if 3 <= lit.sum() < problem.used.sum():
         problem = replace(problem, weights=np.where(lit, weights, 0.0))
         fit = _least_squares(problem)
@@ -100,9 +100,9 @@ class _Problem:
         return self.weights > 0.0
 
     @property
-    def lamps(self) -> FloatArray:
+    def design(self) -> FloatArray:
         """Lamps of the rows that count."""
-        return np.asarray(self.rows.lamps[self.used])
+        return np.asarray(self.rows.design[self.used])
 
     @property
     def y(self) -> FloatArray:
@@ -112,17 +112,17 @@ class _Problem:
     @property
     def misfit(self) -> Misfit:
         """Noise only."""
-        return Misfit.of_rows(self.lamps, self.y, self.weights[self.used])
+        return Misfit.of_rows(self.design, self.y, self.weights[self.used])
 
     @property
-    def doubtful(self) -> DoubtfulMisfit:
+    def doubtful(self) -> ProfileMisfit:
         """With the stated doubts of offset, stored heat and scale."""
         settings, used = self.settings, self.used
         doubts = self.rows.doubts[:, used, self.index]
-        summed = with_doubts(self.lamps, self.y, self.weights[used], doubts)
+        summed = with_systematics(self.design, self.y, self.weights[used], doubts)
         left_out = PAPER_SCALE_SD if settings.model == "paper" else 0.0
         scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, left_out)
-        return DoubtfulMisfit(summed, self.rows.reference, scale_sd)
+        return ProfileMisfit(summed, self.rows.reference, scale_sd)
 
     @property
     def freedom(self) -> int:
@@ -136,7 +136,7 @@ class _Problem:
 
     def standardised(self, best: FloatArray) -> FloatArray:
         """What a normal leaves unexplained, in standard deviations."""
-        return np.asarray((self.y - self.lamps @ best) * np.sqrt(self.weights[self.used]))
+        return np.asarray((self.y - self.design @ best) * np.sqrt(self.weights[self.used]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ def _answer(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Prob
     if settings.method == "contours":
         return *_scored(problem), problem
     used = problem.used
-    found = posterior(problem.lamps, problem.y, problem.weights[used], settings.tilt_limit_deg)
+    found = posterior(problem.design, problem.y, problem.weights[used], settings.tilt_limit_deg)
     weights = np.zeros_like(problem.weights)
     weights[used] = found.weights
     return found.mean, "", replace(problem, weights=weights)
@@ -191,11 +191,11 @@ def _answer(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Prob
 def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
     """Contour scoring on the cosine of incidence, so that every minute's tolerance is its own."""
     settings, used, reference = problem.settings, problem.used, problem.rows.reference
-    table = RadiationTable(slope_grid(settings.tilt_limit_deg), problem.lamps, reference)
+    table = RadiationTable(slope_grid(settings.tilt_limit_deg), problem.design, reference)
     tolerance = 2.0 * problem.rows.sigma[used, problem.index]
     if settings.contour_tolerance_w_m2 is not None:
         tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
-    difference = problem.y - problem.lamps @ reference
+    difference = problem.y - problem.design @ reference
     votes = table.winner(difference, tolerance, settings.contour_threshold)
     if np.isnan(votes.normals).any():
         return None, f"at most {votes.best[0]} of {used.sum()} minutes agree"

@@ -42,12 +42,12 @@ class Misfit:
     count: NDArray[np.int64]
 
     @classmethod
-    def of_rows(cls, lamps: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
+    def of_rows(cls, design: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
         """Sum rows: lamps (n, 3), y (n,) or (m, n), weights that broadcast with y; zero weight drops a row.
 
         A row whose y is NaN counts as dropped.
         """
-        u, y = np.asarray(lamps, np.float64), np.asarray(y, np.float64)
+        u, y = np.asarray(design, np.float64), np.asarray(y, np.float64)
         w = np.asarray(weights, np.float64)
         unknown = np.isnan(y)
         shared = y.ndim > 1 and w.ndim < 2 and not unknown.any()

@@ -69,17 +69,17 @@ class MapSums:
         temperature_k: FloatArray,
         reference_k: float,
         sun: FloatArray,
-        direct_w_m2: float,
+        dni_w_m2: float,
         reference_normal: FloatArray,
     ) -> None:
         """Add one picture of surface temperatures (rows, cols), in kelvin.
 
-        `sun` (3,) unit vector and `direct_w_m2` at its time; `reference_k` the temperature
+        `sun` (3,) unit vector and `dni_w_m2` at its time; `reference_k` the temperature
         of a bed whose normal is `reference_normal`. Pixels that are NaN stay NaN.
         """
         steepness = float(irradiance_per_kelvin(reference_k, self._surface))
-        weight = (direct_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k)) ** 2
-        alpha, beta = self._surface.alpha / direct_w_m2, self._surface.beta / direct_w_m2
+        weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k)) ** 2
+        alpha, beta = self._surface.alpha / dni_w_m2, self._surface.beta / dni_w_m2
         start = float(reference_normal @ sun) - (alpha * reference_k**4 + beta * reference_k)
         warm = temperature_k.reshape(-1)
         for piece in self._pieces:
@@ -97,7 +97,7 @@ class MapSums:
             y *= weight
             self._c[piece] += y
         self._H += weight * np.outer(sun, sun)
-        self._weight_per_kelvin += weight * steepness / direct_w_m2
+        self._weight_per_kelvin += weight * steepness / dni_w_m2
         self.count += 1
 
     @property

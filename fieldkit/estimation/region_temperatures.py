@@ -21,7 +21,7 @@ from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import brightness_temperature_k, kelvin_per_emissivity, surface_temperature_k
 
 
-def without_offsets(history: History, regions: Sequence[Region], settings: EstimatorSettings) -> History:
+def remove_offsets(history: History, regions: Sequence[Region], settings: EstimatorSettings) -> History:
     """The history had the camera seen no offset of its targets; `regions` are its columns.
 
     A kelvin of brightness is more than one of the surface, by the emissivity with which it was found.
@@ -37,7 +37,7 @@ def without_offsets(history: History, regions: Sequence[Region], settings: Estim
     return replace(history, temperature_k=kelvin)
 
 
-def moved_temperatures(
+def shifted_temperatures(
     temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
 ) -> Iterator[FloatArray]:
     """Temperatures were one emissivity a standard uncertainty higher, for each that has one.
@@ -67,6 +67,6 @@ def difference_k(
 ) -> FloatArray:
     """Standard uncertainty of bed minus reference (n,) that comes of emissivities, kelvin."""
     both = np.column_stack([bed_k, reference_k])
-    moves = [moved - both for moved in moved_temperatures(both, (bed, reference), settings)]
+    moves = [moved - both for moved in shifted_temperatures(both, (bed, reference), settings)]
     squares = [(move[:, 0] - move[:, 1]) ** 2 for move in moves]
     return np.sqrt(np.sum(squares, axis=0)) if squares else np.zeros(len(both))

@@ -35,7 +35,7 @@ class Scale:
 
 
 def scale_from_known_bed(
-    lamps: FloatArray,
+    design: FloatArray,
     y: FloatArray,
     sigma: FloatArray,
     reference: FloatArray,
@@ -58,10 +58,10 @@ def scale_from_known_bed(
     CalibrationError
         If the bed is so like the reference that the scale is not determined.
     """
-    columns = np.vstack([lamps @ (bed - reference), *(() if doubts is None else doubts)]) / sigma
-    measured = (y - lamps @ reference) / sigma
+    columns = np.vstack([design @ (bed - reference), *(() if doubts is None else doubts)]) / sigma
+    measured = (y - design @ reference) / sigma
     known = np.isfinite(measured) & np.isfinite(columns).all(axis=0)
-    known &= np.minimum(lamps @ bed, lamps @ reference) >= LOWEST_COS_INCIDENCE
+    known &= np.minimum(design @ bed, design @ reference) >= LOWEST_COS_INCIDENCE
     columns, measured = columns[:, known], measured[known]
     if float(columns[0] @ columns[0]) < LEAST_SIGNAL**2:
         raise CalibrationError(

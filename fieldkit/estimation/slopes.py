@@ -20,11 +20,11 @@ from fieldkit.estimation.balance import Rows, rows
 from fieldkit.estimation.bins import Field, History
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solution, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
-from fieldkit.estimation.region_temperatures import moved_temperatures, without_offsets
+from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
-from fieldkit.model.slope import WORKED_OUT, SlopeEstimate, SlopeState
+from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 
 DOUBTFUL_WEIGHT = 0.01
@@ -68,7 +68,7 @@ def _held(
     for index in range(field.targets.size):
         answer = window.estimate(index)
         answer = replace(answer, time_ns=now, flags=answer.flags | flags)
-        if answer.state in WORKED_OUT:
+        if answer.state in SOLVED:
             reason = f"the light is unsteady; estimate of {ago:.0f} min ago"
             answer = replace(answer, state=SlopeState.HELD_CLOUD, reason=reason)
         held.append(answer)
@@ -105,9 +105,9 @@ class Window:
         self.first = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
         if last and field.references.size and field.targets.size:
-            true = without_offsets(self.past, field.regions, settings)
+            true = remove_offsets(self.past, field.regions, settings)
             beds = field.references, field.targets, field.reference_normals
-            moved = moved_temperatures(true.temperature_k, field.regions, settings)
+            moved = shifted_temperatures(true.temperature_k, field.regions, settings)
             self.rows = rows(true, self.first, *beds, settings, moved)
 
     def estimate(self, index: int) -> SlopeEstimate:
@@ -194,7 +194,7 @@ class Window:
         for what, values in (
             ("no pictures of this region", window.temperature_k[:, column]),
             ("no pictures of the reference", window.temperature_k[:, self.field.references]),
-            ("no irradiance", window.direct_w_m2),
+            ("no irradiance", window.dni_w_m2),
         ):
             if not np.isfinite(values).any():
                 return SlopeState.NO_DATA, f"{what} in the window"
@@ -244,7 +244,7 @@ def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int, know
     tilt, azimuth = _angles(answer.best, known)
     seen = np.flatnonzero(np.isfinite(rows.per_kelvin[:, index]))  # the last minute may have no picture
     last = seen[-1] if seen.size else -1
-    lamp, per_kelvin = rows.lamps[last], float(rows.per_kelvin[last, index])
+    lamp, per_kelvin = rows.design[last], float(rows.per_kelvin[last, index])
     if answer.second is not None:
         second_tilt, second_azimuth = _angles(answer.second, known)
         filled = replace(filled, second_tilt_deg=second_tilt, second_azimuth_deg=second_azimuth)
@@ -286,7 +286,7 @@ def drifts_k(
     lately = age < RECENT_MINUTES
     before = ~lately & (age < LOOK_BACK_MINUTES)
     recent = np.where(lately[:, np.newaxis], weights, 0.0).T
-    past = Misfit.of_rows(rows.lamps, rows.y.T, np.where(before[:, np.newaxis], weights, 0.0).T)
+    past = Misfit.of_rows(rows.design, rows.y.T, np.where(before[:, np.newaxis], weights, 0.0).T)
     told = (past.count >= LEAST_BEFORE) & (np.count_nonzero(recent, axis=1) >= LEAST_RECENT)
     off, sd = np.full((2, told.size), np.nan)
     if told.any():
@@ -304,7 +304,7 @@ def _left(
     """Mean of what a target measured more than a normal explains, and its standard deviation, kelvin."""
     counted = weights > 0.0
     share = weights[counted] / weights[counted].sum()
-    lamp, y = share @ rows.lamps[counted], share @ rows.y[counted, target]
+    lamp, y = share @ rows.design[counted], share @ rows.y[counted, target]
     per_kelvin = share @ rows.per_kelvin[counted, target]
     H = information if information.ndim == 2 else information[target]
     towards = np.stack(tangents(normal)) @ lamp
@@ -318,7 +318,7 @@ def _median(values: FloatArray) -> float:
 
 
 def _drifting(answer: SlopeEstimate, kelvin: float) -> SlopeEstimate:
-    if not kelvin or answer.state not in (*WORKED_OUT, SlopeState.NO_INTERSECTION):
+    if not kelvin or answer.state not in (*SOLVED, SlopeState.NO_INTERSECTION):
         return answer
     reason = f"this region alone left its own prediction by {kelvin:+.1f} K in {RECENT_MINUTES} min: a drift"
     return replace(answer, state=SlopeState.NO_INTERSECTION, reason=reason)

@@ -37,9 +37,9 @@ class SlopeState(NumberedEnum):
 
 CERTAIN = (SlopeState.OK, SlopeState.FLAT)
 """States of a slope that may be relied on as it stands."""
-WORKED_OUT = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
+SOLVED = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
 """States whose slope was worked out at that very minute; only these count in mean errors."""
-ANSWERED = (*WORKED_OUT, SlopeState.HELD_CLOUD)
+WITH_SLOPE = (*SOLVED, SlopeState.HELD_CLOUD)
 """States that say a slope: a held one is an earlier answer."""
 CERTAIN_WITHIN_DEG = 3.0
 """Widest 90 % region of a flat or gentle slope that may be relied on: as far as a tenth of a kelvin
@@ -101,20 +101,22 @@ def is_certain(estimate: SlopeEstimate) -> bool:
     return says_one and not is_too_wide(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
-def answer_of(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:
+def final_estimate(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:
     """The last estimate of one region, in order of time, that says a slope; else the last one."""
     answer: SlopeEstimate | None = None
     for estimate in estimates:
-        if answer is None or estimate.state in ANSWERED or answer.state not in ANSWERED:
+        if answer is None or estimate.state in WITH_SLOPE or answer.state not in WITH_SLOPE:
             answer = estimate
     return answer
 
 
-def answers_of(estimates: Iterable[SlopeEstimate], regions: Sequence[Region]) -> dict[str, SlopeEstimate]:
+def final_estimates(
+    estimates: Iterable[SlopeEstimate], regions: Sequence[Region]
+) -> dict[str, SlopeEstimate]:
     """The answer of each target that was estimated, in the order of the regions."""
     targets = [region.name for region in regions if region.kind is RegionKind.TARGET]
     told: dict[str, list[SlopeEstimate]] = {name: [] for name in targets}
     for estimate in estimates:
         told.setdefault(estimate.region, []).append(estimate)
-    answers = {name: answer_of(told[name]) for name in targets}
+    answers = {name: final_estimate(told[name]) for name in targets}
     return {name: answer for name, answer in answers.items() if answer is not None}

@@ -45,7 +45,7 @@ def isotropic_diffuse(diffuse_w_m2: ArrayLike, cos_tilt: ArrayLike) -> FloatArra
 
 def hay_davies_diffuse(
     diffuse_w_m2: ArrayLike,
-    direct_w_m2: ArrayLike,
+    dni_w_m2: ArrayLike,
     extraterrestrial_w_m2: ArrayLike,
     cos_incidence: ArrayLike,
     cos_zenith: ArrayLike,
@@ -54,10 +54,10 @@ def hay_davies_diffuse(
     """Diffuse light on a facet when a share of it comes from around the sun, W/m2.
 
     The share is the beam's transmission; the rest is isotropic. `diffuse_w_m2` is on the
-    horizontal, `direct_w_m2` normal to the beam. J. E. Hay and J. A. Davies, "Calculation
+    horizontal, `dni_w_m2` normal to the beam. J. E. Hay and J. A. Davies, "Calculation
     of the solar radiation incident on an inclined surface", 1980.
     """
-    circumsolar = np.clip(np.divide(direct_w_m2, extraterrestrial_w_m2), 0.0, 1.0)
+    circumsolar = np.clip(np.divide(dni_w_m2, extraterrestrial_w_m2), 0.0, 1.0)
     beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_COS_ZENITH)
     seen = circumsolar * beam_ratio + (1.0 - circumsolar) * sky_view(cos_tilt)
     return np.asarray(np.multiply(diffuse_w_m2, seen))

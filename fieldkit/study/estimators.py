@@ -43,7 +43,7 @@ class Conditions:
     """Sun (n, 3) and weather (n,) of the study's minutes: direct normal, long wave [W/m2], air [K]."""
 
     sun: FloatArray
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     longwave_w_m2: FloatArray
     air_k: FloatArray
 
@@ -111,8 +111,8 @@ def simulated_temperatures(
 ) -> tuple[FloatArray, FloatArray]:
     """Measured temperatures of targets and of their flat reference, kelvin, (m, n) each."""
     weather = (conditions.longwave_w_m2, conditions.air_k, settings.surface)
-    on_slopes = direct_irradiance(conditions.direct_w_m2, cos_incidence(slopes, conditions.sun))
-    on_flat = direct_irradiance(conditions.direct_w_m2, conditions.sun[:, 2])
+    on_slopes = direct_irradiance(conditions.dni_w_m2, cos_incidence(slopes, conditions.sun))
+    on_flat = direct_irradiance(conditions.dni_w_m2, conditions.sun[:, 2])
     target = surface_temperature(on_slopes, *weather)
     reference = np.broadcast_to(surface_temperature(on_flat, *weather), target.shape)
     if settings.noise_k > 0.0:
@@ -137,8 +137,8 @@ def estimated_normals(
         return _by_contours(difference, conditions, settings)
     # the noise of the reference stands for all slopes, so that they share one matrix
     noise_k = max(settings.noise_k, settings.quantum_k / np.sqrt(12.0), 1e-3)
-    sigma = cosine_noise(conditions.direct_w_m2, reference_k.mean(axis=0), noise_k, settings.surface)
-    y = difference / conditions.direct_w_m2 + conditions.sun[:, 2]
+    sigma = cosine_noise(conditions.dni_w_m2, reference_k.mean(axis=0), noise_k, settings.surface)
+    y = difference / conditions.dni_w_m2 + conditions.sun[:, 2]
     estimate = _by_unit_norm(y, sigma, conditions.sun, settings.tilt_limit_deg)
     if settings.method == "posterior":
         estimate = _by_posterior(y, sigma, estimate, conditions.sun, settings.tilt_limit_deg)
@@ -146,8 +146,8 @@ def estimated_normals(
 
 
 def _by_contours(difference: FloatArray, conditions: Conditions, settings: StudySettings) -> FloatArray:
-    lamps = conditions.sun * conditions.direct_w_m2[:, np.newaxis]
-    table = RadiationTable(slope_grid(GRID_LIMIT_DEG), lamps, VERTICAL)
+    design = conditions.sun * conditions.dni_w_m2[:, np.newaxis]
+    table = RadiationTable(slope_grid(GRID_LIMIT_DEG), design, VERTICAL)
     # the paper takes the cell of highest score; with noise it may stand on few contours
     return table.vote(difference, settings.tolerance_w_m2, threshold=0.0).normals
 

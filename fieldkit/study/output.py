@@ -126,7 +126,7 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
         noon = _at_noon(options)
     except NoAnswerError:  # polar winter, or weather without a noon
         return {}
-    tables = {name: _table(sky.sun[0], sky.direct_w_m2[0], tilts, azimuths) for name, sky in noon.items()}
+    tables = {name: _table(sky.sun[0], sky.dni_w_m2[0], tilts, azimuths) for name, sky in noon.items()}
     first = next(iter(tables.values()))
     row, column = int(EXAMPLE[0] / 0.5), int(EXAMPLE[1])
     measured = [float(table[row, column]) for table in tables.values()]
@@ -152,8 +152,8 @@ def _at_noon(options: StudyOptions) -> dict[str, Conditions]:
     return {f"{start:%H:%M}": conditions(noon, start) for start in starts}
 
 
-def _table(sun: FloatArray, direct_w_m2: float, tilts: FloatArray, azimuths: FloatArray) -> FloatArray:
-    return np.asarray(direct_w_m2 * (normal(tilts[:, np.newaxis], azimuths) @ sun - sun[2]))
+def _table(sun: FloatArray, dni_w_m2: float, tilts: FloatArray, azimuths: FloatArray) -> FloatArray:
+    return np.asarray(dni_w_m2 * (normal(tilts[:, np.newaxis], azimuths) @ sun - sun[2]))
 
 
 def _of_the_field(days: Sequence[FieldDay]) -> dict[str, str]:

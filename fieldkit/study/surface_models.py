@@ -40,7 +40,7 @@ class Station:
 
     time_s: FloatArray
     cos_zenith: FloatArray
-    direct_w_m2: FloatArray
+    dni_w_m2: FloatArray
     diffuse_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
     longwave_up_w_m2: FloatArray
@@ -51,7 +51,7 @@ class Station:
     @property
     def beam_w_m2(self) -> FloatArray:
         """Direct light on the flat ground."""
-        return self.direct_w_m2 * np.maximum(self.cos_zenith, 0.0)
+        return self.dni_w_m2 * np.maximum(self.cos_zenith, 0.0)
 
     @property
     def global_w_m2(self) -> FloatArray:

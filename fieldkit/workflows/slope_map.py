@@ -18,7 +18,7 @@ import numpy as np
 
 import fieldkit
 from fieldkit.config import Config
-from fieldkit.estimation.bins import MINUTE_NS, Bin, Field
+from fieldkit.estimation.bins import MINUTE_NS, Field, MinuteBin
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
@@ -27,7 +27,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import ANSWERED, CERTAIN, SlopeState, answers_of
+from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
@@ -79,8 +79,8 @@ def map_of(
     if camera is None or not field.references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    answers = answers_of(estimates_of(minutes_of(session, estimator)), estimator.regions)
-    weather_ns = max((one.window_start_ns for one in answers.values() if one.state in ANSWERED), default=0)
+    answers = final_estimates(estimates_of(minutes_of(session, estimator)), estimator.regions)
+    weather_ns = max((one.window_start_ns for one in answers.values() if one.state in WITH_SLOPE), default=0)
     chosen = chosen_minutes(estimator.bins, field, window_s, weather_ns)
     if len(chosen) < LEAST_MINUTES:
         raise NoAnswerError(
@@ -105,7 +105,9 @@ def map_of(
     )
 
 
-def chosen_minutes(bins: Sequence[Bin], field: Field, window_s: float | None, weather_ns: int) -> list[Bin]:
+def chosen_minutes(
+    bins: Sequence[MinuteBin], field: Field, window_s: float | None, weather_ns: int
+) -> list[MinuteBin]:
     """The minutes of a window that say something: it ends with the last of them.
 
     It begins `window_s` before, or with the minute `weather_ns` lies in where that is None.
@@ -117,12 +119,12 @@ def chosen_minutes(bins: Sequence[Bin], field: Field, window_s: float | None, we
     return [one for one in useful if one.minute >= first]
 
 
-def _is_useful(one: Bin, field: Field) -> bool:
-    known = np.isfinite(one.direct_w_m2) and np.isfinite(one.temperature_k[field.references]).any()
+def _is_useful(one: MinuteBin, field: Field) -> bool:
+    known = np.isfinite(one.dni_w_m2) and np.isfinite(one.temperature_k[field.references]).any()
     return bool(known and not one.flags & LEFT_OUT)
 
 
-def _flags(bins: Sequence[Bin]) -> Quality:
+def _flags(bins: Sequence[MinuteBin]) -> Quality:
     flags = Quality.GOOD
     for one in bins:
         flags |= one.flags
@@ -130,7 +132,7 @@ def _flags(bins: Sequence[Bin]) -> Quality:
 
 
 def _solved(
-    session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[Bin]
+    session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[MinuteBin]
 ) -> tuple[SlopeMap, PixelBounds]:
     settings, field = estimator.settings, Field(estimator.regions)
     shape = (camera.shape[0], camera.shape[1])
@@ -148,7 +150,7 @@ def _solved(
             kelvin = surface_temperature_k(
                 brightness - offset_k, emissivity, settings.reflected_temperature_k
             )
-            light = one.direct_w_m2 * settings.scale
+            light = one.dni_w_m2 * settings.scale
             sums.add(kelvin, reference_k, one.sun, light, reference_normal)
     slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
     return _within_regions(slopes, estimator.regions), bounds

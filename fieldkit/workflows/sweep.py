@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import WORKED_OUT, SlopeState
+from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.workflows.batch import Outcome, Run, run_of
 from fieldkit.workflows.sources import Source
 
@@ -339,7 +339,7 @@ class Summary:
 
 
 def _bed(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
-    answered = rows[np.isin(rows["state"], [int(state) for state in WORKED_OUT])]
+    answered = rows[np.isin(rows["state"], [int(state) for state in SOLVED])]
     tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
     known = error.size > 0 and np.isfinite(region.tilt_deg)
     return {

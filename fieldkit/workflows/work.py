@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.estimation.binner import Binner
-from fieldkit.estimation.bins import Bin, History
+from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, Site
@@ -31,7 +31,7 @@ def read_minutes(
     with reading(path) as session:
         streams = tuple(session.streams.values())
         binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
-        closed: list[list[Bin]] = [[] for _ in binners]
+        closed: list[list[MinuteBin]] = [[] for _ in binners]
         for sample in session.samples():
             for binner, bins in zip(binners, closed, strict=True):
                 bins.extend(entry for entry, _ in binner.add(sample))
@@ -49,5 +49,5 @@ def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorS
         for row, minute in enumerate(minutes)
         for one in minute
     ]
-    light_w_m2 = np.repeat(history.direct_w_m2, [len(minute) for minute in minutes])
+    light_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
     return Estimates.of([one for minute in minutes for one in minute], temperature_k, light_w_m2, regions)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fieldkit.drivers import registry
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal, thermal_master, y16
 from fieldkit.drivers.cameras.boson import pack, unpack
-from fieldkit.drivers.cameras.camera import Picture
+from fieldkit.drivers.cameras.camera import DecodedFrame
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters import center, lutron, text
 from fieldkit.drivers.meters.modbus import packaged
@@ -108,18 +108,18 @@ def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
     layout = layout_of(name)
     whole, pieces = Framer(1), Framer(1)
     expected, found = [], []
-    taken = whole.feed(layout, stream, 0)
-    while taken:
-        expected.append(taken.raw)
-        taken = whole.take(layout)
+    parsed = whole.feed(layout, stream, 0)
+    while parsed:
+        expected.append(parsed.raw)
+        parsed = whole.next_record(layout)
     position = 0
     while position < len(stream):
         size = chunks[len(found) % len(chunks)]
-        taken = pieces.feed(layout, stream[position : position + size], 0)
+        parsed = pieces.feed(layout, stream[position : position + size], 0)
         position += size
-        while taken:
-            found.append(taken.raw)
-            taken = pieces.take(layout)
+        while parsed:
+            found.append(parsed.raw)
+            parsed = pieces.next_record(layout)
     assert found == expected
 
 
@@ -131,7 +131,7 @@ def test_records_do_not_depend_on_how_the_bytes_arrive(name, chunks, data):
 )
 def test_lutron_values_survive_their_record(value, decimals, display, unit):
     record = f"\x024{display}{unit}{int(value < 0)}{decimals}{abs(value):08d}\r".encode()
-    (found,) = lutron.take(record).values
+    (found,) = lutron.parse(record).values
     assert found.value == value / 10**decimals
     assert (found.channel, found.unit) == (display, lutron.UNITS[unit])
 
@@ -149,8 +149,8 @@ def test_any_picture_is_decoded_or_rejected(name, seed, head):
     length = lengths[seed % len(lengths)]
     data = head + random.Random(seed).randbytes(length)[len(head) :]
     found = decode(data)
-    assert isinstance(found, Picture | Rejected)
-    if isinstance(found, Picture):
+    assert isinstance(found, DecodedFrame | Rejected)
+    if isinstance(found, DecodedFrame):
         assert found.counts.size + found.metadata_rows.size <= length // 2
         assert registry.get(name).decode(data, {}).values
     assert isinstance(decode(data[:-1]), Rejected)
@@ -199,6 +199,6 @@ def test_ten_million_bytes_through_every_picture(name):
             data = bytearray(length)
         for _ in range(20):
             data[dice.randrange(length)] = dice.randrange(256)
-        assert isinstance(decode(bytes(data)), Picture | Rejected)
+        assert isinstance(decode(bytes(data)), DecodedFrame | Rejected)
         assert registry.get(name).decode(bytes(data), {})
         done += length

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import ANSWERED, WORKED_OUT, SlopeEstimate, SlopeState, answer_of
+from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimate
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.surface import (
     SurfaceParameters,
@@ -59,8 +59,8 @@ class Bed:
     @property
     def last_answer(self) -> SlopeEstimate | None:
         """The slope that stands for the session, or None where none was found."""
-        answer = answer_of(estimate for estimate in self.estimates if estimate is not None)
-        return answer if answer is not None and answer.state in ANSWERED else None
+        answer = final_estimate(estimate for estimate in self.estimates if estimate is not None)
+        return answer if answer is not None and answer.state in WITH_SLOPE else None
 
     @property
     def last(self) -> SlopeEstimate | None:
@@ -166,7 +166,7 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
         azimuth_low_deg=column("azimuth_low_deg"),
         azimuth_high_deg=column("azimuth_high_deg"),
         kelvin_per_degree=column("kelvin_per_degree"),
-        is_answer=np.array([e is not None and e.state in WORKED_OUT for e in found], np.bool_),
+        is_answer=np.array([e is not None and e.state in SOLVED for e in found], np.bool_),
     )
 
 

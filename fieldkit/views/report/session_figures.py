@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.model.site import RegionKind, Site
-from fieldkit.model.slope import WORKED_OUT
+from fieldkit.model.slope import SOLVED
 from fieldkit.views import formatting, plotting
 from fieldkit.views.report.series import Bed, FloatArray, Series
 
@@ -113,7 +113,7 @@ def _band(
 
 def _doubts(axes: Axes, columns: Series, bed: Bed, values: FloatArray) -> None:
     """Mark minutes that are no answer: crosses where there is a value, ticks at the foot where none is."""
-    doubtful = np.array([e is not None and e.state not in WORKED_OUT for e in bed.estimates], np.bool_)
+    doubtful = np.array([e is not None and e.state not in SOLVED for e in bed.estimates], np.bool_)
     days, known = plotting.days(columns.time_ns), np.isfinite(values)
     crosses, ticks = days[doubtful & known], days[doubtful & ~known]
     axes.plot(crosses, values[doubtful & known], linestyle="none", marker="x", markersize=5, color="black")

@@ -10,7 +10,7 @@ LINE = Line(9600)
 RECORD = re.compile(rb"LUX (\d{1,6})\r?")
 
 
-def take(buffer):
+def parse(buffer):
     """The line at the start of `buffer`."""
     end = buffer.find(b"\n")
     if end < 0:
@@ -21,7 +21,7 @@ def take(buffer):
     return Record.of(end + 1, (Value(float(found[1]), "lx", "lux"),))
 
 
-LAYOUT = Layout(take, longest=12)
+LAYOUT = Layout(parse, longest=12)
 
 
 class SampleLux:

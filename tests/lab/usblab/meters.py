@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.drivers.simulated.meters import center_309_record, lutron_record, spoilt
+from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
 from usblab.field import Field
 
 
@@ -120,4 +120,4 @@ class SerialPort:
     def _say(self, record: bytes) -> None:
         if record and not self.mute:
             self.records += 1
-            self._socket.sendall(spoilt(record, self._random) if self.garbled else record)
+            self._socket.sendall(garbled(record, self._random) if self.garbled else record)

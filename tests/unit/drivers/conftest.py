@@ -71,8 +71,8 @@ class Wire:
         heard = b""
         try:
             while heard := heard + os.read(self.far, 256):
-                for question, reply in replies.items():
-                    if heard.endswith(question):
+                for request, reply in replies.items():
+                    if heard.endswith(request):
                         heard = b""
                         os.write(self.far, reply)
                         break

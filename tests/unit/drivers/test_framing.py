@@ -26,7 +26,7 @@ def stamps(chunks, layout=LAYOUT, byte_ns=BYTE_NS):
         one = framer.feed(layout, chunk, round(read_ms * MS))
         while one is not None:
             found.append((one.mono_ns / MS, one.bunched))
-            one = framer.take(layout)
+            one = framer.next_record(layout)
     return found
 
 
@@ -82,5 +82,5 @@ def test_whatever_the_chunks_stamps_never_decrease_and_never_lie_in_the_future(w
         while one is not None:
             assert one.mono_ns <= now
             found.append(one.mono_ns)
-            one = framer.take(LAYOUT)
+            one = framer.next_record(LAYOUT)
     assert all(later >= earlier for earlier, later in pairwise(found))

@@ -40,13 +40,13 @@ class Yard:
         StreamInfo("lux", "illuminance", "lx", (1,)),
         StreamInfo("contact", "temperature", "degC", (2,), channels=("sand", "air")),
     )
-    direct_w_m2: float = 800.0
+    dni_w_m2: float = 800.0
     noise_k: float = 0.0
     shade: dict[str, range] = field(default_factory=dict)
     clouds: range = range(0)
 
     def light(self, minute: int) -> float:
-        return self.direct_w_m2 * (0.4 if minute in self.clouds else 1.0)
+        return self.dni_w_m2 * (0.4 if minute in self.clouds else 1.0)
 
     def picture(self, time_ns: int, minute: int, random: np.random.Generator) -> np.ndarray:
         sun = sun_vectors(time_ns, self.site)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import MINUTE_NS, Camera, OpenMinute
+from fieldkit.estimation.bins import MINUTE_NS, Camera, OpenBin
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, RegionKind
@@ -24,8 +24,8 @@ def frame(counts: np.ndarray, second: float, quality: Quality = Quality.GOOD) ->
     return Frame("ir", time_ns, time_ns, counts.astype(np.uint16), rows, quality)
 
 
-def minute_of(camera: Camera, *frames: Frame) -> OpenMinute:
-    minute = OpenMinute(7, 2)
+def minute_of(camera: Camera, *frames: Frame) -> OpenBin:
+    minute = OpenBin(7, 2)
     for one in frames:
         minute.add_frame(one, camera)
     return minute

@@ -11,8 +11,8 @@ SITE = Site(35.558675, 139.395232, 9.0)
 
 def noon_table(cells=None) -> tuple[RadiationTable, np.ndarray]:
     start = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
-    lamps = 800.0 * sun_vectors(start + np.arange(21) * 60_000_000_000, SITE)
-    return RadiationTable(slope_grid() if cells is None else cells, lamps, VERTICAL), lamps
+    design = 800.0 * sun_vectors(start + np.arange(21) * 60_000_000_000, SITE)
+    return RadiationTable(slope_grid() if cells is None else cells, design, VERTICAL), design
 
 
 def test_grid_is_the_papers_without_the_doubled_column():
@@ -24,10 +24,10 @@ def test_grid_is_the_papers_without_the_doubled_column():
 
 @pytest.mark.parametrize(("noise", "tolerance"), [(0.0, 0.5), (2.0, 1.0), (4.0, 8.0)])
 def test_pruned_voting_equals_scoring_every_cell(noise, tolerance):
-    table, lamps = noon_table(slope_grid(30.0)[::7])
+    table, design = noon_table(slope_grid(30.0)[::7])
     random = np.random.default_rng(4)
     truths = normal(random.uniform(0, 30, 40), random.uniform(0, 360, 40))
-    differences = (truths - VERTICAL) @ lamps.T + noise * random.standard_normal((40, 21))
+    differences = (truths - VERTICAL) @ design.T + noise * random.standard_normal((40, 21))
     differences[3, :5] = np.nan
     votes = table.vote(differences, tolerance, threshold=0.0)
     for row in range(40):
@@ -45,9 +45,9 @@ def test_pruned_voting_equals_scoring_every_cell(noise, tolerance):
 
 
 def test_ties_across_north_are_averaged_as_directions():
-    table, lamps = noon_table()
+    table, design = noon_table()
     truth = normal(14.2, 0.3)
-    found = table.winner((truth - VERTICAL) @ lamps.T, 1.0).normals[0]
+    found = table.winner((truth - VERTICAL) @ design.T, 1.0).normals[0]
     # averaged as numbers, azimuths of 359 and 1 would point south
     assert angle_between_deg(found, truth) < 2.0
 
@@ -55,13 +55,13 @@ def test_ties_across_north_are_averaged_as_directions():
 def test_tolerance_half_a_watt_gives_the_published_size_of_error():
     # independent reproduction of the paper's Fig. 9 with this reading: p90 of tilt 0.25 degrees at noon;
     # slopes between the cells fare worse, which the paper, testing on its own grid, did not see
-    table, lamps = noon_table()
+    table, design = noon_table()
     random = np.random.default_rng(9)
     on_grid = table.cells[random.choice(len(table.cells), 1500, replace=False)]
     between = normal(random.uniform(0, 30, 1500), random.uniform(0, 360, 1500))
     p90 = []
     for truths in (on_grid, between):
-        found = table.vote((truths - VERTICAL) @ lamps.T, 0.5, threshold=0.0).normals
+        found = table.vote((truths - VERTICAL) @ design.T, 0.5, threshold=0.0).normals
         p90.append(np.percentile(np.abs(tilt_azimuth(found)[0] - tilt_azimuth(truths)[0]), 90))
     assert p90[0] == pytest.approx(0.25, abs=0.06)
     assert 1.5 * p90[0] < p90[1] < 1.5

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from fieldkit.estimation.disturbances import Cusum, LightWatch, ShadeWatch
+from fieldkit.estimation.disturbances import CloudMonitor, Cusum, ShadeMonitor
 
 SECOND_NS = 10**9
 
 
 def changes(levels, every_s=5):
-    watch = LightWatch()
+    watch = CloudMonitor()
     found = (watch.add(7 + i, i * every_s * SECOND_NS, level) for i, level in enumerate(levels))
     return [change for change in found if change is not None], watch
 
@@ -64,7 +64,7 @@ def test_cusum_stays_quiet_through_clear_hours_and_sees_a_loss_at_once():
 
 
 def test_shade_ends_when_half_of_the_fall_is_made_good():
-    watch = ShadeWatch()
+    watch = ShadeMonitor()
     values = [3.0] * 30 + [1.0] * 5 + [2.6] * 20
     shaded = [watch.add(minute, value) for minute, value in enumerate(values)]
     assert shaded == [False] * 30 + [True] * 5 + [False] * 20

@@ -198,7 +198,7 @@ def test_overrange_light_is_no_light(yard):
 
 
 def test_night_is_low_sun_not_an_error(yard):
-    night = replace(yard, start_ns=yard.start_ns + 11 * 3600 * 10**9, direct_w_m2=0.0)
+    night = replace(yard, start_ns=yard.start_ns + 11 * 3600 * 10**9, dni_w_m2=0.0)
     minute = run(night, night.samples(10))[-1]
     assert minute.estimates[0].state == SlopeState.LOW_SUN
     assert np.isnan(minute.estimates[0].tilt_deg)

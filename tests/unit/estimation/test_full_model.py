@@ -114,5 +114,5 @@ def test_rows_of_both_models_are_the_cosines_of_incidence(clear_day):
             VERTICAL[np.newaxis],
             EstimatorSettings(model=model, slab=SLAB),
         )
-        truth = made.lamps @ normal(*np.array(BEDS).T).T
+        truth = made.design @ normal(*np.array(BEDS).T).T
         assert np.abs(made.y - truth).max() < limit

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.binner import Binner
-from fieldkit.estimation.bins import OpenMinute
+from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
@@ -60,7 +60,7 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
 @pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
 def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
-    minute = OpenMinute(0, 0)
+    minute = OpenBin(0, 0)
     for second, value in enumerate([25.0, 9000.0, 27.0]):
         quality = doubt if value > 100.0 else Quality.GOOD
         minute.add_reading(Reading("probe", second, second * 10**9, (value, 20.0), quality=quality))
@@ -69,7 +69,7 @@ def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
 
 def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
-    minute = OpenMinute(0, 0)
+    minute = OpenBin(0, 0)
     minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
     assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
 
@@ -97,10 +97,10 @@ def chosen(*streams: StreamInfo, **settings: object) -> str:
 def beam(readings: dict[str, float], *streams: StreamInfo, settings: EstimatorSettings = DEFAULTS) -> float:
     """Direct normal irradiance of a minute with one reading of each stream at 22 degrees of sun."""
     instruments = Instruments(streams, settings)
-    minute = OpenMinute(AT_22_DEGREES // 60_000_000_000, 0)
+    minute = OpenBin(AT_22_DEGREES // 60_000_000_000, 0)
     for name, value in readings.items():
         minute.add_reading(Reading(name, AT_22_DEGREES, AT_22_DEGREES, (value,)))
-    (found,) = instruments.light(minute, SITE, settings).direct_w_m2
+    (found,) = instruments.light(minute, SITE, settings).dni_w_m2
     return float(found)
 
 
@@ -133,7 +133,7 @@ def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
         closed += binner.add(Reading("slv-global", at, at, (whole,)))
     bins = [entry for entry, _ in closed + binner.finish()]
     high = np.array([entry.sun[2] > 0.35 for entry in bins])
-    ratio = np.array([entry.direct_w_m2 for entry in bins])[high] / day.dni[high]
+    ratio = np.array([entry.dni_w_m2 for entry in bins])[high] / day.dni[high]
     assert high.sum() > 200
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
     assert np.array([entry.diffuse_w_m2 for entry in bins])[high] == pytest.approx(day.dhi[high])

@@ -5,11 +5,11 @@ from scipy.stats import chi2
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     NINETY_PERCENT_ONE,
-    DoubtfulMisfit,
+    ProfileMisfit,
     patch,
     region,
     region_known_azimuth,
-    with_doubts,
+    with_systematics,
 )
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
 from fieldkit.model.site import Site
@@ -71,7 +71,7 @@ def test_additive_doubt_equals_fitting_it_with_its_price():
     random = np.random.default_rng(2)
     doubt, weights = random.uniform(0.5, 1.5, 40), np.full(40, 4e4)
     y = sun @ truth + 0.02 * doubt
-    free = with_doubts(sun, y, weights, doubt[np.newaxis] * 0.01)
+    free = with_systematics(sun, y, weights, doubt[np.newaxis] * 0.01)
     for candidate in (truth, normal(20.0, 100.0)):
         amounts = np.linspace(-10, 10, 200_001)
         left = y - sun @ candidate
@@ -88,7 +88,7 @@ def test_doubtful_scale_equals_the_best_scale_at_its_price():
     sun, truth = window("2017-08-30T00:00", 60), normal(15.0, 200.0)
     y = 1.1 * (sun @ (truth - VERTICAL)) + sun[:, 2]
     misfit = Misfit.of_rows(sun, y, 4e4)
-    doubtful = DoubtfulMisfit(misfit, VERTICAL, 0.1)
+    doubtful = ProfileMisfit(misfit, VERTICAL, 0.1)
     # a scale of 1.1 explains everything at the price of one standard deviation; a little less is cheaper
     scales = np.linspace(1.0, 1.2, 20_001)
     strength = 4e4 * np.sum((sun @ (truth - VERTICAL)) ** 2)
@@ -96,7 +96,7 @@ def test_doubtful_scale_equals_the_best_scale_at_its_price():
     assert float(doubtful(truth)) == pytest.approx(by_hand, rel=1e-4)
     assert float(doubtful(truth)) < 1.0
     assert float(misfit(truth)) > 5.0
-    assert float(DoubtfulMisfit(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
+    assert float(ProfileMisfit(misfit, VERTICAL, 0.0)(truth)) == pytest.approx(float(misfit(truth)))
     information = doubtful.linearised(truth)
     assert np.linalg.eigvalsh(misfit.H - information)[0] > -1e-6
 
@@ -161,7 +161,7 @@ def test_a_doubtful_scale_is_a_gaussian_of_its_standard_deviation():
     for tilt, azimuth in ((15.0, 100.0), (20.0, 90.0), (8.0, 130.0)):
         bed = normal(tilt, azimuth)
         tried = misfit(VERTICAL + kappas[:, np.newaxis] * (bed - VERTICAL)) + ((kappas - 1.0) / 0.08) ** 2
-        found = DoubtfulMisfit(misfit, VERTICAL, 0.08)(bed[np.newaxis])
+        found = ProfileMisfit(misfit, VERTICAL, 0.08)(bed[np.newaxis])
         assert float(found[0]) == pytest.approx(float(tried.min()), rel=1e-6)
 
 
@@ -169,5 +169,5 @@ def test_a_doubt_of_one_standard_deviation_costs_one():
     """Rows that are off by just one standard deviation of a known effect: its square is what is left."""
     sun, truth = window("2017-08-30T03:00", 60), normal(12.0, 200.0)
     effect = 0.02 * np.sin(np.linspace(0.0, 25.0, 60))
-    summed = with_doubts(sun, sun @ truth + effect, np.full(60, 1e12), effect[np.newaxis])
+    summed = with_systematics(sun, sun @ truth + effect, np.full(60, 1e12), effect[np.newaxis])
     assert float(summed(truth)) == pytest.approx(1.0, rel=1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.region_temperatures import without_offsets
+from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import brightness_temperature_k, surface_temperature_k
@@ -30,5 +30,5 @@ def test_an_offset_of_brightness_leaves_nothing(own, used):
     )
     columns = {name: np.zeros(2) for name in History.__slots__}
     history = replace(History(**columns), temperature_k=seen)
-    assert without_offsets(history, regions, settings).temperature_k == pytest.approx(true, abs=1e-6)
+    assert remove_offsets(history, regions, settings).temperature_k == pytest.approx(true, abs=1e-6)
     assert np.array_equal(history.temperature_k, seen)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.estimation.region_temperatures import difference_k, moved_temperatures
+from fieldkit.estimation.region_temperatures import difference_k, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.radiance import (
@@ -30,7 +30,7 @@ def test_the_published_sensitivity():
 def test_regions_of_one_emissivity_move_together_and_one_of_its_own_alone():
     settings = EstimatorSettings(emissivity_sd=0.01, own_emissivity_sd={"tape": 0.02})
     kelvin = np.array([[295.0, 305.0, 305.0]])
-    common, own = moved_temperatures(kelvin, (FLAT, BED, TAPE), settings)
+    common, own = shifted_temperatures(kelvin, (FLAT, BED, TAPE), settings)
     seen = brightness_temperature_k(kelvin, 0.90, settings.reflected_temperature_k)
     again = surface_temperature_k(seen, 0.91, settings.reflected_temperature_k)
     assert common[0, :2] == pytest.approx(again[0, :2], abs=0.02)
@@ -40,7 +40,7 @@ def test_regions_of_one_emissivity_move_together_and_one_of_its_own_alone():
 
 
 def test_nothing_moves_where_no_uncertainty_is_stated():
-    assert list(moved_temperatures(np.full((3, 2), 300.0), (FLAT, BED), EstimatorSettings())) == []
+    assert list(shifted_temperatures(np.full((3, 2), 300.0), (FLAT, BED), EstimatorSettings())) == []
 
 
 def slopes(yard, **more):

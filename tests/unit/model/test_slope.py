@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.slope import SlopeEstimate, SlopeState, answer_of, answers_of, is_certain, is_too_wide
+from fieldkit.model.slope import (
+    SlopeEstimate,
+    SlopeState,
+    final_estimate,
+    final_estimates,
+    is_certain,
+    is_too_wide,
+)
 
 BED = Region("b", RegionKind.TARGET, ())
 OTHER = Region("c", RegionKind.TARGET, ())
@@ -17,14 +24,14 @@ def said(*states: SlopeState) -> list[SlopeEstimate]:
 
 def test_the_last_slope_that_was_said_stands_for_the_session():
     few, ok, low = SlopeState.TOO_FEW, SlopeState.OK, SlopeState.LOW_SUN
-    assert answer_of(said(few, ok, ok, low)).time_ns == 2
-    assert answer_of(said(ok, SlopeState.HELD_CLOUD)).state == SlopeState.HELD_CLOUD
-    assert answer_of(said(ok, SlopeState.NO_INTERSECTION)).time_ns == 0
+    assert final_estimate(said(few, ok, ok, low)).time_ns == 2
+    assert final_estimate(said(ok, SlopeState.HELD_CLOUD)).state == SlopeState.HELD_CLOUD
+    assert final_estimate(said(ok, SlopeState.NO_INTERSECTION)).time_ns == 0
 
 
 def test_without_any_slope_the_last_reason_stands():
-    assert answer_of(said(SlopeState.TOO_FEW, SlopeState.NO_DATA)).state == SlopeState.NO_DATA
-    assert answer_of([]) is None
+    assert final_estimate(said(SlopeState.TOO_FEW, SlopeState.NO_DATA)).state == SlopeState.NO_DATA
+    assert final_estimate([]) is None
 
 
 @pytest.mark.parametrize(
@@ -54,5 +61,5 @@ def test_a_slope_held_over_a_cloud_is_as_certain_as_it_was():
 
 def test_answers_come_in_the_order_of_the_regions_and_only_for_targets():
     estimates = [*(replace(one, region="c") for one in said(SlopeState.OK)), *said(SlopeState.FLAT)]
-    assert list(answers_of(estimates, (FLAT, BED, OTHER))) == ["b", "c"]
-    assert answers_of([], (FLAT, BED)) == {}
+    assert list(final_estimates(estimates, (FLAT, BED, OTHER))) == ["b", "c"]
+    assert final_estimates([], (FLAT, BED)) == {}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import boson
-from fieldkit.drivers.cameras.boson import Boson, BosonSerial, decode, pack, take, unpack
+from fieldkit.drivers.cameras.boson import Boson, BosonSerial, decode, pack, parse, unpack
 from fieldkit.drivers.decoding import Rejected
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
@@ -36,7 +36,7 @@ def test_question_is_laid_out_as_published():
 def test_damaged_frame_is_rejected():
     frame = bytearray(pack(1, 0x00050007))
     frame[5] ^= 1
-    assert take(bytes(frame)) == Rejected(len(frame), "the CRC does not fit")
+    assert parse(bytes(frame)) == Rejected(len(frame), "the CRC does not fit")
 
 
 def answering(function, payload, sequence=1, status=0):
@@ -44,9 +44,9 @@ def answering(function, payload, sequence=1, status=0):
 
 
 def test_answer_belongs_to_its_question(wire):
-    question = pack(1, 0x00050030)
+    request = pack(1, 0x00050030)
     late = answering(0x00050030, (999).to_bytes(2, "big"), sequence=77)
-    wire.answer({question: late + answering(0x00050030, (251).to_bytes(2, "big"))})
+    wire.answer({request: late + answering(0x00050030, (251).to_bytes(2, "big"))})
     serial = BosonSerial(wire.path, HostClock())
     assert serial.fpa_temperature_k() == pytest.approx(298.25)
     serial.close()

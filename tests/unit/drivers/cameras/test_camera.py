@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import purethermal, y16
-from fieldkit.drivers.cameras.camera import Picture, kelvin
+from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.model.samples import Quality
 
 COUNTS = np.random.default_rng(5).integers(20_000, 40_000, (48, 64)).astype("<u2")
 
 
-def picture(counts: np.ndarray, scale: float, offset: float = 0.0) -> Picture:
+def picture(counts: np.ndarray, scale: float, offset: float = 0.0) -> DecodedFrame:
     found = y16.decode(counts.tobytes(), counts.shape[1], counts.shape[0], scale, offset)
-    assert isinstance(found, Picture)
+    assert isinstance(found, DecodedFrame)
     return found
 
 
@@ -39,8 +39,8 @@ def test_a_picture_with_telemetry_has_every_field() -> None:
     rows = np.zeros(320, "<u2")
     rows[[0, 24, 26, 208, 209]] = 14, 30_015, 29_815, 1, 1
     told = purethermal.decode((COUNTS[0, 0] + np.zeros((120, 160), "<u2")).tobytes() + rows.tobytes())
-    assert isinstance(told, Picture)
-    assert Picture(*told) == told
+    assert isinstance(told, DecodedFrame)
+    assert DecodedFrame(*told) == told
 
 
 @pytest.mark.parametrize(("count", "flagged"), [(0, True), (1, False), (0xFFFE, False), (0xFFFF, True)])

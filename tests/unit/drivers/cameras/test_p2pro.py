@@ -148,7 +148,9 @@ USB = UsbIdentity(0x0BDA, 0x5830, "", "1-2")
 
 def connected(far, monkeypatch, **options):
     monkeypatch.setattr(p2pro, "usb_instruments", lambda kinds: [(far, USB)])
-    return p2pro.connect(USB, HostClock(), p2pro.wishes(DeviceSettings("ir", "p2pro", options=options)))
+    return p2pro.connect(
+        USB, HostClock(), p2pro.requested_settings(DeviceSettings("ir", "p2pro", options=options))
+    )
 
 
 def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):

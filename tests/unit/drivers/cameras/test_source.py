@@ -1,13 +1,13 @@
 import pytest
 
 from fieldkit.drivers.cameras import source
-from fieldkit.drivers.cameras.source import Wanted, cameras, find_cameras, open_source
+from fieldkit.drivers.cameras.source import CameraFormat, cameras, find_cameras, open_source
 from fieldkit.drivers.identity import UsbIdentity
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
 
-WANTED = Wanted(((0x1E4E, 0x0100),), "Y16 ", ((160, 122),))
+WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122),))
 
 
 def plug(sysfs, number, socket, vendor, product, serial="", index=0):

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.center import Center303, take_two
+from fieldkit.drivers.meters.center import Center303, parse_two_probes
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError
@@ -21,28 +21,28 @@ def settings(wire):
     [(0x00, ("T1-T2", "T1")), (0x40, ("T1-T2", "T2")), (0x80, ("T1", "T2")), (0xC0, ("T2", "T1"))],
 )
 def test_windows_say_which_value_is_which(windows, channels):
-    record = take_two(bytes([2, 0x80, windows]) + RECORD[3:])
+    record = parse_two_probes(bytes([2, 0x80, windows]) + RECORD[3:])
     assert tuple(value.channel for value in record.values) == channels
 
 
 def test_signs_decimals_and_overloads_belong_to_their_value():
-    main, sub = take_two(bytes([2, 0x80, 0x80 | 0b100_010]) + RECORD[3:]).values
+    main, sub = parse_two_probes(bytes([2, 0x80, 0x80 | 0b100_010]) + RECORD[3:]).values
     assert (main.value, sub.value) == (-23.5, 198.0)
-    main, sub = take_two(bytes([2, 0x80, 0x80 | 0b001_001]) + RECORD[3:]).values
+    main, sub = parse_two_probes(bytes([2, 0x80, 0x80 | 0b001_001]) + RECORD[3:]).values
     assert math.isnan(main.value)
     assert math.isnan(sub.value)
 
 
 def test_digits_that_are_not_decimal_are_rejected():
-    assert isinstance(take_two(RECORD[:4] + b"\x3a" + RECORD[5:]), Rejected)
+    assert isinstance(parse_two_probes(RECORD[:4] + b"\x3a" + RECORD[5:]), Rejected)
 
 
 def test_leading_digits_may_be_blank():
     # B as ehennes775/ginstlog found it on a B&K 710
-    record = take_two(bytes.fromhex("02 80 80 B2 35 BB B8 03"))
+    record = parse_two_probes(bytes.fromhex("02 80 80 B2 35 BB B8 03"))
     assert [value.value for value in record.values] == [23.5, 0.8]
-    assert isinstance(take_two(bytes.fromhex("02 80 80 2B 35 01 98 03")), Rejected)
-    assert isinstance(take_two(bytes.fromhex("02 80 80 BB BB 01 98 03")), Rejected)
+    assert isinstance(parse_two_probes(bytes.fromhex("02 80 80 2B 35 01 98 03")), Rejected)
+    assert isinstance(parse_two_probes(bytes.fromhex("02 80 80 BB BB 01 98 03")), Rejected)
 
 
 @pytest.mark.parametrize("model", ["300", "302"])

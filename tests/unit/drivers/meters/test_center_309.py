@@ -3,7 +3,7 @@ import math
 import pytest
 
 from fieldkit.drivers.decoding import Record, Rejected
-from fieldkit.drivers.meters.center import Center309, take
+from fieldkit.drivers.meters.center import Center309, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError
@@ -33,7 +33,7 @@ def test_model_and_channels_are_declared(device):
 
 
 def test_a_record_has_every_field():
-    record = take(RECORD)
+    record = parse(RECORD)
     assert Record(*record) == record
 
 
@@ -88,7 +88,7 @@ def test_open_probe_leaves_the_others_good(wire):
 
 def test_lowest_number_is_no_temperature():
     # 8000 is -OL on an HH309A, by ehennes775/ginstlog
-    values = take(RECORD[:9] + b"\x80\x00" + RECORD[11:]).values
+    values = parse(RECORD[:9] + b"\x80\x00" + RECORD[11:]).values
     assert [value.value for value in values[::2]] == [25.3, 100.5]
     assert math.isnan(values[1].value)
 
@@ -120,7 +120,7 @@ def test_sibling_of_another_record_is_named(wire):
 
 
 def test_silent_thermometer_says_what_to_do(wire, monkeypatch):
-    monkeypatch.setattr("fieldkit.drivers.meters.meter.ANSWER_S", 0.05)
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
     with pytest.raises(DeviceTimeoutError, match="nothing heard"):
         Center309().open(settings(wire), HostClock())
 
@@ -129,4 +129,4 @@ def test_silent_thermometer_says_what_to_do(wire, monkeypatch):
 def test_record_that_no_thermocouple_can_give_is_rejected(offset, value):
     broken = bytearray(RECORD)
     broken[offset] = value
-    assert isinstance(take(bytes(broken)), Rejected)
+    assert isinstance(parse(bytes(broken)), Rejected)

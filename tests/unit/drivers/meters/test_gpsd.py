@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, take
+from fieldkit.drivers.meters.gpsd import WATCH, Gpsd, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError, DeviceNotFoundError
@@ -65,13 +65,13 @@ def test_no_gpsd_says_how_to_start_it():
 
 
 def test_position_without_a_fix_is_no_value():
-    record = take(line(**{"class": "TPV", "mode": 1, "lat": 1.0}))
+    record = parse(line(**{"class": "TPV", "mode": 1, "lat": 1.0}))
     assert {value.quality for value in record.values} == {Quality.NO_VALUE}
 
 
 @pytest.mark.parametrize("time", ["2016-12-31T23:59:60.000Z", 1479695730.0, None])
 def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
-    record = take(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
+    record = parse(line(**{"class": "TPV", "mode": 2, "time": time, "lat": 46.5, "lon": 7.5}))
     assert (record.values[0].value, record.device_time) == (46.5, NO_COUNTER)
 
 
@@ -87,6 +87,6 @@ def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
     ],
 )
 def test_what_is_no_report_is_rejected(text, reason):
-    rejected = take(text)
+    rejected = parse(text)
     assert isinstance(rejected, Rejected)
     assert reason in rejected.reason

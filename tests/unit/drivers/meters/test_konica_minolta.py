@@ -1,7 +1,7 @@
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, request, take
+from fieldkit.drivers.meters.konica_minolta import KonicaMinolta, check, pack_request, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
@@ -30,20 +30,20 @@ def settings(wire, **options):
 
 
 @pytest.mark.parametrize(
-    ("question", "sent"),
+    ("packed", "sent"),
     [
-        (request(0, "54", "1"), "02 30 30 35 34 31 20 20 20 03 31 33 0D 0A"),
-        (request(0, "10", "0200"), "02 30 30 31 30 30 32 30 30 03 30 30 0D 0A"),
-        (request(99, "55", "1  0"), "02 39 39 35 35 31 20 20 30 03 30 32 0D 0A"),
-        (request(99, "40", "21"), "02 39 39 34 30 32 31 20 20 03 30 34 0D 0A"),
+        (pack_request(0, "54", "1"), "02 30 30 35 34 31 20 20 20 03 31 33 0D 0A"),
+        (pack_request(0, "10", "0200"), "02 30 30 31 30 30 32 30 30 03 30 30 0D 0A"),
+        (pack_request(99, "55", "1  0"), "02 39 39 35 35 31 20 20 30 03 30 32 0D 0A"),
+        (pack_request(99, "40", "21"), "02 39 39 34 30 32 31 20 20 03 30 34 0D 0A"),
     ],
 )
-def test_questions_are_those_of_the_manual(question, sent):
-    assert question == bytes.fromhex(sent)
+def test_requests_are_those_of_the_manual(packed, sent):
+    assert packed == bytes.fromhex(sent)
 
 
 def test_t10_is_put_into_pc_mode_and_polled(wire):
-    wire.answer({request(0, "54", "1"): PC_MODE, request(0, "10", "0200"): LUX})
+    wire.answer({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "10", "0200"): LUX})
     device = KonicaMinolta().open(settings(wire), HurriedClock())
     assert (device.info.unit, device.info.latency_s, device.info.settings["line"]) == ("lx", 0.25, "9600 7E1")
     reading = device.read(1.0)
@@ -54,7 +54,11 @@ def test_t10_is_put_into_pc_mode_and_polled(wire):
 def test_cl200_is_triggered_before_it_is_asked(wire):
     colour = signed(b"00020 50+98765+03124+03294\x03")
     wire.answer(
-        {request(0, "54", "1"): PC_MODE, request(0, "40", "10"): PC_MODE, request(0, "02", "1200"): colour}
+        {
+            pack_request(0, "54", "1"): PC_MODE,
+            pack_request(0, "40", "10"): PC_MODE,
+            pack_request(0, "02", "1200"): colour,
+        }
     )
     device = KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
     assert device.read(1.0).values == (98760.0,)
@@ -66,7 +70,7 @@ def test_cl200_is_triggered_before_it_is_asked(wire):
 )
 def test_cl200_that_refuses_the_trigger_says_why(wire, refusal, words):
     answer = signed(b"00401" + refusal + b"  \x03")
-    wire.answer({request(0, "54", "1"): PC_MODE, request(0, "40", "10"): answer})
+    wire.answer({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "40", "10"): answer})
     with pytest.raises(DeviceError, match=words):
         KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
 
@@ -81,28 +85,28 @@ def test_cl200_that_refuses_the_trigger_says_why(wire, refusal, words):
     ],
 )
 def test_hold_and_range_mean_what_the_command_makes_of_them(body, lux, flags):
-    value = take(signed(body)).values[0]
+    value = parse(signed(body)).values[0]
     assert value.flags == flags
     assert lux is None or value.value == lux
 
 
 def test_unknown_status_is_named():
-    assert "no status of a meter: '0850'" in take(signed(b"00100850+98765            \x03")).reason
+    assert "no status of a meter: '0850'" in parse(signed(b"00100850+98765            \x03")).reason
 
 
 def test_silent_meter_says_what_to_do(wire, monkeypatch):
-    monkeypatch.setattr("fieldkit.drivers.meters.meter.ANSWER_S", 0.05)
+    monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
     with pytest.raises(DeviceTimeoutError, match="no answer to the PC mode command"):
         KonicaMinolta().open(settings(wire), HurriedClock())
 
 
 def test_bytes_of_a_port_opened_without_parity_say_so():
     with_parity = bytes(byte | (byte.bit_count() & 1) << 7 for byte in LUX)
-    assert "open this port 7E1" in take(with_parity).reason
+    assert "open this port 7E1" in parse(with_parity).reason
 
 
 def test_lower_case_check_is_accepted_and_a_wrong_one_is_not():
     record = signed(b"0054    \x03")
-    assert not isinstance(take(record.lower()), Rejected)
-    wrong = take(LUX[:-3] + b"8\r\n")
+    assert not isinstance(parse(record.lower()), Rejected)
+    wrong = parse(LUX[:-3] + b"8\r\n")
     assert wrong.reason == "check is 08, should be 09"

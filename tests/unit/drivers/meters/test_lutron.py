@@ -5,7 +5,7 @@ import pytest
 from fieldkit.drivers import registry
 from fieldkit.drivers.decoding import Record, Rejected
 from fieldkit.drivers.meters import meter
-from fieldkit.drivers.meters.lutron import Lutron, take
+from fieldkit.drivers.meters.lutron import Lutron, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, DeviceSettings
 from fieldkit.model.errors import ConfigError, DecodeError, DeviceTimeoutError
@@ -45,7 +45,7 @@ def test_light_meter_declares_lux_before_its_first_reading(opened):
 
 
 def test_a_record_and_its_reading_have_every_field(opened):
-    record, reading = take(LUX), opened(LUX).read(1.0)
+    record, reading = parse(LUX), opened(LUX).read(1.0)
     assert Record(*record) == record
     assert Reading(*reading) == reading
     assert (reading.device_time, reading.device_seq, reading.seq) == (NO_COUNTER, NO_COUNTER, -1)
@@ -111,4 +111,4 @@ def test_unknown_option_is_refused_with_the_near_one(wire):
 def test_no_byte_of_a_record_may_be_another(offset):
     broken = bytearray(LUX)
     broken[offset] ^= 0x40
-    assert isinstance(take(bytes(broken)), Rejected)
+    assert isinstance(parse(bytes(broken)), Rejected)

@@ -9,9 +9,9 @@ from fieldkit.drivers.meters.modbus import (
     RegisterMap,
     crc16,
     load_map,
+    pack_request,
     packaged,
-    request,
-    take,
+    parse,
 )
 from fieldkit.drivers.ports import Line
 from fieldkit.model.clock import HostClock
@@ -30,25 +30,25 @@ def settings(wire, **options):
 
 
 def test_requests_are_those_of_the_manuals():
-    assert request(1, 4, 2, 8) == bytes.fromhex("01 04 00 02 00 08 50 0C")
-    assert request(1, 3, 0, 1) == bytes.fromhex("01 03 00 00 00 01 84 0A")
+    assert pack_request(1, 4, 2, 8) == bytes.fromhex("01 04 00 02 00 08 50 0C")
+    assert pack_request(1, 3, 0, 1) == bytes.fromhex("01 03 00 00 00 01 84 0A")
 
 
 def test_printed_reply_with_a_wrong_crc_is_rejected():
     # 01 03 02 00 FA B8 44 stands in a module's paper; B8 44 belongs to the value 0.
-    assert isinstance(take(bytes.fromhex("01 03 02 00 FA B8 44") + bytes(8)), Rejected)
-    assert not isinstance(take(bytes.fromhex("01 03 02 00 FA 38 07")), Rejected)
+    assert isinstance(parse(bytes.fromhex("01 03 02 00 FA B8 44") + bytes(8)), Rejected)
+    assert not isinstance(parse(bytes.fromhex("01 03 02 00 FA 38 07")), Rejected)
     assert crc16(bytes.fromhex("01 03 02 00 00")) == 0x44B8
 
 
 def test_refusal_of_the_instrument_is_said_in_words():
     body = bytes.fromhex("01 84 02")
-    refused = take(body + crc16(body).to_bytes(2, "little"))
+    refused = parse(body + crc16(body).to_bytes(2, "little"))
     assert refused.reason == "the instrument refuses: illegal address"
 
 
 def test_pyranometer_is_polled_by_its_map(wire):
-    wire.answer({request(1, 4, 2, 8): SMP})
+    wire.answer({pack_request(1, 4, 2, 8): SMP})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert (device.info.quantity, device.info.unit) == ("irradiance", "W m-2")
     assert device.info.settings["line"] == "19200 8E1"
@@ -60,19 +60,19 @@ def test_pyranometer_is_polled_by_its_map(wire):
 @pytest.mark.parametrize(
     ("type_number", "component"), [(601, "ghi"), (604, "ghi"), (613, "dni"), (614, "dni"), (999, "")]
 )
-@pytest.mark.parametrize("echo", [b"", request(1, 4, 0, 1)])
+@pytest.mark.parametrize("echo", [b"", pack_request(1, 4, 0, 1)])
 def test_type_register_tells_a_pyrheliometer_from_a_pyranometer(wire, type_number, component, echo):
     """Types by the manuals of the SMP and the SHP1; what no manual names is not guessed."""
     body = bytes.fromhex("01 04 02") + type_number.to_bytes(2, "big")
     typed = echo + body + crc16(body).to_bytes(2, "little")
-    wire.answer({request(1, 4, 2, 8): SMP, request(1, 4, 0, 1): typed})
+    wire.answer({pack_request(1, 4, 2, 8): SMP, pack_request(1, 4, 0, 1): typed})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert device.info.measures == ((component, component) if component else ())
     device.close()
 
 
 def test_instrument_that_does_not_answer_for_its_type_is_not_guessed(wire):
-    wire.answer({request(1, 4, 2, 8): SMP})
+    wire.answer({pack_request(1, 4, 2, 8): SMP})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert device.info.measures == ()
     assert device.read(1.0).values == (997.0, 997.0)
@@ -102,7 +102,7 @@ def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, said, complai
 
 
 def test_void_data_are_stale(wire):
-    wire.answer({request(1, 4, 2, 8): VOID})
+    wire.answer({pack_request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     reading = device.read(1.0)
     assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
@@ -110,8 +110,8 @@ def test_void_data_are_stale(wire):
 
 
 def test_adapter_that_echoes_the_question_is_understood(wire):
-    question = request(1, 3, 0, 8)
-    wire.answer({question: question + RTD})
+    request = pack_request(1, 3, 0, 8)
+    wire.answer({request: request + RTD})
     device = Modbus().open(settings(wire, map="rtd-8"), HostClock())
     reading = device.read(1.0)
     assert reading.values[:4] == pytest.approx((298.15, 298.45, 267.95, 373.65))
@@ -191,7 +191,7 @@ def test_a_unit_that_no_instrument_can_have_is_refused_in_words(wire, unit):
 
 def test_bytes_from_a_unit_that_cannot_be_are_no_answer():
     body = bytes.fromhex("F8 03 02 00 FA")
-    refused = take(body + crc16(body).to_bytes(2, "little"))
+    refused = parse(body + crc16(body).to_bytes(2, "little"))
     assert isinstance(refused, Rejected)
     assert refused.length == 1
 

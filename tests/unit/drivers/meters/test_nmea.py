@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.nmea import Nmea, take
+from fieldkit.drivers.meters.nmea import Nmea, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import NO_COUNTER, Quality
@@ -36,9 +36,9 @@ def test_position_and_time_are_recorded(wire):
 
 
 def test_receiver_without_a_fix_gives_no_value():
-    record = take(signed(b"GPRMC,021530.00,V,,,,,,,211126,,,N"))
+    record = parse(signed(b"GPRMC,021530.00,V,,,,,,,211126,,,N"))
     assert all(value.quality == Quality.NO_VALUE for value in record.values)
-    record = take(signed(b"GPGGA,021530.00,,,,,0,00,99.99,,,,,,"))
+    record = parse(signed(b"GPGGA,021530.00,,,,,0,00,99.99,,,,,,"))
     assert math.isnan(record.values[0].value)
 
 
@@ -47,7 +47,7 @@ def test_receiver_without_a_fix_gives_no_value():
     [b"$GPRMC,,V,,,,,,,,,,N*53\r\n", b"$GPRMC,,V,,,,,,,260810,1.0,E,N*34\r\n", b"$GPZDA,,,,,00,00*48\r\n"],
 )
 def test_receiver_that_has_no_time_yet_is_not_garbled(cold):
-    record = take(cold)
+    record = parse(cold)
     assert record.note.endswith("without a time")
     assert record.device_time == NO_COUNTER
     assert all(value.quality == Quality.NO_VALUE for value in record.values)
@@ -58,18 +58,18 @@ def test_receiver_that_has_no_time_yet_is_not_garbled(cold):
     [b"$PMTK010,001*2E\r\n", b"$PGRMC,A,218.8,100,6378137.000,298.257223563,0.0,0.0,0.0,A,3,1,1,4,30*72\r\n"],
 )
 def test_sentences_of_makers_are_let_by(own):
-    record = take(own)
+    record = parse(own)
     assert (record.values, record.note) == ((), own[1 : own.index(b",")].decode() + ": not read")
 
 
 @pytest.mark.parametrize("broken", [GGA.replace(b"3541", b"3542"), GGA[:-5] + b"\r\n", b"$GPGGA,0215" + GGA])
 def test_damaged_or_cut_sentences_are_rejected(broken):
-    assert isinstance(take(broken), Rejected)
+    assert isinstance(parse(broken), Rejected)
 
 
 def test_a_fix_without_height_has_no_height():
     sentence = b"GPGGA,021530.00,3541.36682,N,13945.30120,E,1,08,0.9,,M,,M,,"
-    heights = [one for one in take(signed(sentence)).values if one.channel == "altitude"]
+    heights = [one for one in parse(signed(sentence)).values if one.channel == "altitude"]
     assert [one.quality for one in heights] == [Quality.NO_VALUE]
 
 
@@ -80,7 +80,7 @@ def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
 
 
 def test_other_sentences_are_let_by():
-    assert take(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
+    assert parse(signed(b"GPGSV,1,1,01,02,03,04,05")).values == ()
 
 
 def test_without_the_extra_the_fix_says_what_to_install():
@@ -99,7 +99,7 @@ def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value
     """NMEA 0183: quality 0 in GGA and status V in RMC say that the position is not valid."""
     lost = b"GPGGA,021530.00,3541.3668,N,13945.3012,E,0,00,99.99,38.4,M,39.5,M,,"
     places = [
-        one for one in take(signed(lost)).values if one.channel in ("latitude", "longitude", "altitude")
+        one for one in parse(signed(lost)).values if one.channel in ("latitude", "longitude", "altitude")
     ]
     assert len(places) == 3
     assert all(math.isnan(one.value) and one.quality == Quality.NO_VALUE for one in places)

@@ -3,7 +3,7 @@ import math
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, take
+from fieldkit.drivers.meters.pce_174 import ASK_LIVE, Pce174, parse
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.samples import Quality
@@ -31,13 +31,13 @@ def changed(**offsets):
     ],
 )
 def test_unit_and_range_scale_the_value(state, unit, value):
-    (found,) = take(changed(_14=state)).values
+    (found,) = parse(changed(_14=state)).values
     assert (found.unit, found.value) == (unit, pytest.approx(value))
 
 
 def test_relative_mode_has_no_value():
     """The program of philpagel/PCE174-communication takes bytes 10-11, its protocol.md bytes 12-13."""
-    (found,) = take(changed(_10=0, _11=5, _14=6 << 3)).values
+    (found,) = parse(changed(_10=0, _11=5, _14=6 << 3)).values
     assert math.isnan(found.value)
     assert found.flags == ["no_value", "relative"]
 
@@ -57,23 +57,23 @@ def test_relative_mode_has_no_value():
     ],
 )
 def test_modes_are_told_and_extremes_are_not_the_light_of_now(state, flags):
-    (found,) = take(changed(_14=state)).values
+    (found,) = parse(changed(_14=state)).values
     assert found.flags == flags
 
 
 def test_minus_and_low_battery_are_read():
-    (found,) = take(changed(_15=0x30)).values
+    (found,) = parse(changed(_15=0x30)).values
     assert (found.value, found.flags) == (-98700, ["low_battery"])
 
 
 def test_end_of_range_is_flagged():
-    (found,) = take(changed(_10=39, _11=99)).values
+    (found,) = parse(changed(_10=39, _11=99)).values
     assert found.quality == Quality.OVERRANGE
 
 
 @pytest.mark.parametrize("wrong", [{"_2": 1}, {"_3": 0x2A}, {"_10": 100}, {"_13": 200}])
 def test_what_the_layout_forbids_is_rejected(wrong):
-    assert isinstance(take(changed(**wrong)), Rejected)
+    assert isinstance(parse(changed(**wrong)), Rejected)
 
 
 def test_meter_is_polled(wire):

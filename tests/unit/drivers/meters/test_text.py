@@ -39,7 +39,7 @@ def test_columns_may_be_given():
 
 
 def test_sentinels_blanks_and_nan_are_no_value():
-    record = Grammar(("a", "b", "c"), "°C", (-127.0,)).take(b"-127.00,,nan\n")
+    record = Grammar(("a", "b", "c"), "°C", (-127.0,)).parse(b"-127.00,,nan\n")
     assert [value.quality for value in record.values] == [Quality.NO_VALUE] * 3
     assert all(math.isnan(value.value) for value in record.values)
 
@@ -48,13 +48,13 @@ def test_sentinels_blanks_and_nan_are_no_value():
     "line", [b"hello world=\xff\n", b"T1=abc C\n", b"21.5,x1y\n", b"1,2,3\n", b"=5\n", b"1" * 600]
 )
 def test_what_is_no_line_of_ours_is_rejected(line):
-    assert isinstance(Grammar(("a", "b")).take(line[:512]), Rejected)
+    assert isinstance(Grammar(("a", "b")).parse(line[:512]), Rejected)
 
 
 def test_a_clock_that_64_bits_do_not_hold_is_rejected():
     grammar = Grammar(("ms", "T1_c"))
-    assert grammar.take(b"999999999999999999,21.5\n").device_time == 10**18 - 1
-    assert isinstance(grammar.take(b"9999999999999999999,21.5\n"), Rejected)
+    assert grammar.parse(b"999999999999999999,21.5\n").device_time == 10**18 - 1
+    assert isinstance(grammar.parse(b"9999999999999999999,21.5\n"), Rejected)
 
 
 def test_board_with_header_and_clock_is_recorded(wire):
@@ -119,13 +119,13 @@ def test_bytes_are_read_with_the_drivers_options():
 
 
 def test_decimal_commas_do_not_become_separators():
-    rejected = Grammar().take(b"21,5;98760\n")
+    rejected = Grammar().parse(b"21,5;98760\n")
     assert isinstance(rejected, Rejected)
     assert "point" in rejected.reason
 
 
 def test_units_are_known_as_people_type_them():
-    record = Grammar().take("a=70 degF, b=294 °K, c=21 ºC, d=800 W/m^2\n".encode())
+    record = Grammar().parse("a=70 degF, b=294 °K, c=21 ºC, d=800 W/m^2\n".encode())
     assert [value.unit for value in record.values] == ["°F", "K", "°C", "W/m²"]
 
 

@@ -1,7 +1,7 @@
 import pytest
 
 from fieldkit.drivers.decoding import Rejected
-from fieldkit.drivers.meters.ut325 import characters, take
+from fieldkit.drivers.meters.ut325 import characters, parse
 
 RECORD = bytes.fromhex("30 3A 32 35 33 31 30 30 30 30 30 30 30 30 30 30 31 0D 0A")
 
@@ -16,7 +16,7 @@ RECORD = bytes.fromhex("30 3A 32 35 33 31 30 30 30 30 30 30 30 30 30 30 31 0D 0A
     ],
 )
 def test_digits_blanks_and_minus(digits, unit, value, name):
-    found = take(RECORD[:1] + digits + unit + RECORD[6:])
+    found = parse(RECORD[:1] + digits + unit + RECORD[6:])
     if value is None:
         assert isinstance(found, Rejected)
     else:
@@ -24,7 +24,7 @@ def test_digits_blanks_and_minus(digits, unit, value, name):
 
 
 def test_kelvin_and_difference():
-    (value,) = take(RECORD[:5] + b"3" + RECORD[6:13] + b"2" + RECORD[14:]).values
+    (value,) = parse(RECORD[:5] + b"3" + RECORD[6:13] + b"2" + RECORD[14:]).values
     assert (value.unit, value.channel) == ("K", "T1-T2")
 
 
@@ -32,7 +32,7 @@ def test_kelvin_and_difference():
 def test_fixed_characters_must_be_there(offset):
     broken = bytearray(RECORD)
     broken[offset] = 0x39
-    assert isinstance(take(bytes(broken)), Rejected)
+    assert isinstance(parse(bytes(broken)), Rejected)
 
 
 def test_reports_of_the_bridge_say_how_much_they_carry():
@@ -43,6 +43,6 @@ def test_reports_of_the_bridge_say_how_much_they_carry():
 
 
 def test_nothing_before_the_line_end_is_kept_of_a_record_that_is_none():
-    assert take(RECORD[:5] + b"4" + RECORD[6:]).length == 19
-    assert take(RECORD[15:] + RECORD[:15]).length == 4
-    assert take(RECORD[:17] + b"??").length == 1
+    assert parse(RECORD[:5] + b"4" + RECORD[6:]).length == 19
+    assert parse(RECORD[15:] + RECORD[:15]).length == 4
+    assert parse(RECORD[:17] + b"??").length == 1

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
-from fieldkit.drivers.simulated.meters import center_309_record, lutron_record, spoilt
+from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
 from fieldkit.simulation import Fault, FaultKind, sand_slopes
@@ -82,7 +82,7 @@ def test_driver_reads_back_what_the_thermometer_says(celsius):
 @given(st.integers(0, 2**32), st.floats(0.0, 2e5))
 def test_spoilt_records_are_shorter_or_whole(seed, value):
     record = lutron_record(value, "15")
-    rest = spoilt(record, np.random.default_rng(seed))
+    rest = garbled(record, np.random.default_rng(seed))
     assert rest == record or len(rest) < len(record)
 
 
