@@ -12,7 +12,7 @@ import click
 from fieldkit.calibration.reflector import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import meant
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import DURATION, RECORD_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,7 +116,9 @@ METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact ther
     help="With instruments: stop after so many steady temperatures, 5 K apart, and with --reflected free "
     "not before they span 15 K.",
 )
-@click.option("--for", "lasting", metavar="TIME", help="With instruments: stop after this time: 3h, 90m.")
+@click.option(
+    "--for", "lasting", type=DURATION, metavar="TIME", help="With instruments: stop after this time: 3h, 90m."
+)
 @common.set_option
 @click.pass_context
 def command(

@@ -20,14 +20,12 @@ from fieldkit.calibration.steady import STEADY_K_MIN, drift_k_min, steady_stretc
 from fieldkit.cli import common
 from fieldkit.cli.calibrate_gather import Gathering, Setup
 from fieldkit.cli.calibrate_setup import setup_of
-from fieldkit.cli.preflight import preflight
-from fieldkit.cli.record import parse_duration
-from fieldkit.cli.recording import instruments, record_session, session_path
-from fieldkit.cli.running import only_recorder
+from fieldkit.cli.record import run_until_stopped
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.recorder.recorder import Shown
+from fieldkit.workflows.record import prepare
 
 BURSTS = (
     "record.sampling=bursts",
@@ -45,19 +43,17 @@ def record_emissivity(
 ) -> Path:
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
     config = common.campaign(ctx, (*BURSTS, *settings))
-    duration_s = None if given["lasting"] is None else parse_duration(given["lasting"])
-    with only_recorder(config.recordings), instruments(config, duration_s=duration_s) as tools:
-        setup = setup_of(tools.streams, config.regions, given, config.path)
-        preflight(config, tools, duration_s)
+    with prepare(config, name=sample, duration_s=given["lasting"], notify=common.say_warning) as prepared:
+        setup = setup_of(prepared.instruments.streams, config.regions, given, config.path)
         _introduce(setup)
-        path = session_path(config, sample, tools.clock.to_utc_ns(tools.clock.mono_ns()))
+        prepared = prepared.starting_now()
         span_k = MIN_SPAN_K if given["reflected"] == "free" else 0.0
         watch = SteadyView(Gathering(setup), given["temperatures"], span_k)
-        summary = record_session(config, tools, path, title=sample, duration_s=duration_s, views=[watch])
+        summary = run_until_stopped(prepared, [watch]).summary
     if summary.failure is not None:
         raise summary.failure
-    common.say(f"recorded {path}")
-    return path
+    common.say(f"recorded {prepared.path}")
+    return prepared.path
 
 
 def _introduce(setup: Setup) -> None:

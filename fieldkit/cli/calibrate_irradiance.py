@@ -96,8 +96,8 @@ def _reference(
 ) -> tuple[FloatArray, str, float]:  # fmt: skip
     """Irradiance on the meter's plane at the minutes, the method, the doubt about the sky's share."""
     from fieldkit.calibration.irradiance import on_plane
-    from fieldkit.cli.simulation import measured_weather
     from fieldkit.physics.sun import sun_vectors
+    from fieldkit.workflows.simulate import measured_weather
 
     model = config.irradiance_model()
     sun = sun_vectors(minute_ns, config.site, refraction=True)

@@ -12,10 +12,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.init import make_campaign
-from fieldkit.cli.preflight import preflight
-from fieldkit.cli.record import live_views
-from fieldkit.cli.recording import instruments, record_session, session_path
-from fieldkit.cli.running import only_recorder
+from fieldkit.cli.record import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.config import FILE_NAME, Config, load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
@@ -27,6 +24,7 @@ from fieldkit.views import formatting
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import series
 from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.record import prepare
 from fieldkit.workflows.report import report as write_report
 
 if TYPE_CHECKING:
@@ -55,11 +53,8 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     began = time.monotonic()
     config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
     _introduce(config, fault)
-    with only_recorder(config.recordings), instruments(config, duration_s=SCENE_S) as tools:
-        path = session_path(config, "demo", tools.clock.to_utc_ns(tools.clock.mono_ns()))
-        preflight(config, tools, SCENE_S)
-        views = live_views(config, tools, path.stem, SCENE_S, "dark")
-        record_session(config, tools, path, title="demo", duration_s=SCENE_S, views=views)
+    with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
+        path = run_until_stopped(prepared, live_views(prepared)).path
     with open_session(path) as session:
         estimator = estimator_for(session, config)
         minutes = list(minutes_of(session, estimator))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo
 
 import click
 
+from fieldkit.model.durations import parse_offset
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -125,10 +125,10 @@ _KINDS = (
 
 def offset_ns(text: str) -> int:
     """``+12s``, ``-0.5s`` or ``+2m`` in nanoseconds."""
-    found = re.fullmatch(r"([+-]?\d+(?:\.\d+)?)([smh]?)", text)
-    if found is None:
-        raise click.BadParameter(f"{text!r} is no offset; write +12s or -2m, or auto", param_hint="--offset")
-    return round(float(found[1]) * {"": 1, "s": 1, "m": 60, "h": 3600}[found[2]] * 1e9)
+    try:
+        return round(parse_offset(text) * 1e9)
+    except ConfigError as error:
+        raise click.BadParameter(f"{error.message}, or auto", param_hint="--offset") from None
 
 
 def _zone(given: dict[str, Any]) -> ZoneInfo | None:

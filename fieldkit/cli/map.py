@@ -155,12 +155,12 @@ def remarks(found: MappedSession) -> list[str]:
 
 
 def _window_s(window: str | None, config: Config) -> float | None:
-    from fieldkit.cli.record import parse_duration
+    from fieldkit.cli.types import DURATION
 
     if window is None:
         return config.estimator_settings().window_s
     words: dict[str, float | None] = {"all": math.inf, "weather": None}
-    return words[window] if window in words else parse_duration(window)
+    return words[window] if window in words else DURATION.convert(window, None, None)
 
 
 def base_of(out: Path | None, session: Path) -> Path:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from datetime import datetime, time, timedelta, tzinfo
 
 import click
 
 from fieldkit.cli.common import Verb, campaign, options, print_json, say
-from fieldkit.cli.running import session_in_progress, silence
 from fieldkit.cli.types import WORDS
+from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.views import formatting
+from fieldkit.workflows.running import session_in_progress, silence
 
-SECONDS = {"s": 1, "m": 60, "h": 3600}
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time this little ahead is now by somebody's watch; one further ahead was yesterday."""
 YEAR_S = 365.25 * 86_400.0
@@ -75,10 +74,9 @@ def parse_when(text: str, zone: tzinfo, now: datetime) -> When:
 
     ``12:31`` is the last time that clocks showed it. Raises `click.UsageError` for anything else.
     """
-    ago = re.fullmatch(r"-(\d+(?:\.\d+)?)([smh])", text)
-    if ago:
-        return -float(ago[1]) * SECONDS[ago[2]]
     try:
+        if text.startswith("-"):
+            return -parse_duration(text[1:])
         if ":" in text[:3]:
             return _last(time.fromisoformat(text), zone, now).isoformat()
         moment = datetime.fromisoformat(text)

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-import re
 import shlex
-from datetime import timedelta
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import offer_recovery, sessions_in
-from fieldkit.views import formatting
+from fieldkit.cli.types import DURATION, TIME_OF_DAY
 
 if TYPE_CHECKING:
+    from datetime import time
     from pathlib import Path
 
-    from fieldkit.cli.recording import Instruments
     from fieldkit.config import Config
-    from fieldkit.model.clock import Clock
-    from fieldkit.model.site import Site
     from fieldkit.recorder import Summary, View
-
-SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
-BELOW = {"": "s", "m": "s", "h": "m"}
-"""The unit of a bare number, by the unit in front of it."""
+    from fieldkit.workflows.record import Instruments, PreparedRecording, RecordedSession
 
 
 @click.command(cls=common.Verb)
 @click.option("--name", default="", metavar="NAME", help="Goes into the file's name.")
-@click.option("--for", "lasting", metavar="TIME", help="How long: 3h, 90m, 45s.")
-@click.option("--until", metavar="HH:MM", help="When to stop, in the site's time zone.")
+@click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="How long: 3h, 90m, 45s.")
+@click.option("--until", type=TIME_OF_DAY, metavar="HH:MM", help="When to stop, in the site's time zone.")
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
     "--theme", type=click.Choice(["dark", "paper"]), default="dark", help="paper: readable in the sun."
@@ -40,40 +38,78 @@ BELOW = {"": "s", "m": "s", "h": "m"}
 def command(
     ctx: click.Context,
     name: str,
-    lasting: str | None,
-    until: str | None,
+    duration_s: float | None,
+    until: time | None,
     allow_missing: bool,
     theme: Literal["dark", "paper"],
     settings: tuple[str, ...],
 ) -> None:
     """Record a session of this campaign; Ctrl-C stops and seals it, a second one stops at once."""
-    from fieldkit.cli.preflight import preflight
-    from fieldkit.cli.recording import instruments, record_session, session_path
-    from fieldkit.cli.running import only_recorder
+    from fieldkit.workflows.record import prepare
 
-    if lasting and until:
+    if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")
     config = common.campaign(ctx, settings)
-    duration_s = None if lasting is None else parse_duration(lasting)
-    with (
-        only_recorder(config.recordings),
-        instruments(config, duration_s=duration_s, allow_missing=allow_missing) as tools,
-    ):
-        offer_recovery(sessions_in(config.recordings))
-        if until is not None:
-            duration_s = seconds_until(until, config.site, tools.clock)
-        preflight(config, tools, duration_s)
-        path = session_path(config, name, tools.clock.to_utc_ns(tools.clock.mono_ns()))
-        views = live_views(config, tools, path.stem, duration_s, theme)
-        common.say(f"recording {path.stem}     Ctrl-C stops and seals")
-        summary = record_session(config, tools, path, title=name, duration_s=duration_s, views=views)
-    tell(path, summary)
+    offer_recovery(sessions_in(config.recordings))
+    with prepare(
+        config,
+        name=name,
+        duration_s=duration_s,
+        until=until,
+        allow_missing=allow_missing,
+        notify=common.say_warning,
+    ) as prepared:
+        common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
+        summary = run_until_stopped(prepared, live_views(prepared, theme)).summary
+    print_summary(prepared.path, summary)
     if summary.failure is not None:
         raise summary.failure
 
 
-def live_views(
-    config: Config, tools: Instruments, title: str, duration_s: float | None, theme: Literal["dark", "paper"]
+def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
+    """Record until the planned end or a signal, which seals the session; a second Ctrl-C stops at once."""
+    with stop_on_signals() as stopping:  # from before there is anything that must be sealed
+        try:
+            return prepared.run(
+                views, stopping=stopping, command_line=shlex.join(["fieldkit", *sys.argv[1:]])
+            )
+        except KeyboardInterrupt:
+            common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {prepared.path}")
+            raise
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[threading.Event]:
+    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C raises `KeyboardInterrupt`."""
+    stopping = threading.Event()
+
+    def stop(number: int, frame: object) -> None:
+        if number == signal.SIGINT:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        stopping.set()
+
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, stop) for number in signals}
+    try:
+        yield stopping
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def live_views(prepared: PreparedRecording, theme: Literal["dark", "paper"] = "dark") -> list[View]:
+    """The live view of a recording on stderr; none with ``--quiet`` or ``--json``."""
+    return terminal_views(
+        prepared.config, prepared.instruments, prepared.path.stem, prepared.duration_s, theme
+    )
+
+
+def terminal_views(
+    config: Config,
+    instruments: Instruments,
+    title: str,
+    duration_s: float | None,
+    theme: Literal["dark", "paper"],
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.views.terminal_view import terminal_view
@@ -81,14 +117,14 @@ def live_views(
     given = common.options()
     if given.quiet or given.json:
         return []
-    now_ns = tools.clock.to_utc_ns(tools.clock.mono_ns())
+    now_ns = instruments.utc_ns()
     end_ns = None if duration_s is None else now_ns + round(duration_s * 1e9)
     console = common.console(err=True)
     return [
         terminal_view(
             config.site,
             config.regions,
-            tools.streams,
+            instruments.streams,
             title=title,
             planned_end_ns=end_ns,
             console=console,
@@ -97,8 +133,8 @@ def live_views(
     ]
 
 
-def tell(path: Path, summary: Summary) -> None:
-    """What was recorded, and what to do next."""
+def print_summary(path: Path, summary: Summary) -> None:
+    """Print what was recorded, and what to do next."""
     estimates = summary.last_minute.estimates if summary.last_minute else ()
     if common.options().json:
         common.print_json(
@@ -122,27 +158,3 @@ def tell(path: Path, summary: Summary) -> None:
     )
     named = shlex.quote(str(path))
     common.say(f"next: fieldkit check {named}  |  fieldkit report {named}")
-
-
-def parse_duration(text: str) -> float:
-    """Seconds of ``3h``, ``90m``, ``45s``, ``2h30m`` or ``2h30``; raises `click.UsageError`."""
-    if not text or not re.fullmatch(r"(\d+(\.\d+)?[hms])+((?<!s)\d+(\.\d+)?)?", text):
-        raise click.UsageError(f"{text!r} is not a valid duration; give it with its unit: 3h, 90m or 45s")
-    total, above = 0.0, ""
-    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
-        total += float(number) * SECONDS[unit or BELOW[above]]
-        above = unit
-    return total
-
-
-def seconds_until(text: str, site: Site, clock: Clock) -> float:
-    """Seconds from now to the next time the site's clocks show ``HH:MM``; raises `click.UsageError`."""
-    now = formatting.local_time(clock.to_utc_ns(clock.mono_ns()), site)
-    try:
-        hour, minute = (int(part) for part in text.split(":"))
-        end = now.replace(hour=hour, minute=minute, second=0, microsecond=0)
-    except ValueError as error:
-        raise click.UsageError(f"{text!r} is no time of day; write one like 15:05") from error
-    if end <= now:
-        end += timedelta(days=1)
-    return end.timestamp() - now.timestamp()  # what clocks show differs by an hour when they are changed

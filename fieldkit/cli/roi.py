@@ -13,9 +13,9 @@ from fieldkit.cli.types import OR_RECORD, RECT, XY
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.cli.region_check import Look, Picture
     from fieldkit.config import Config, Mistake
     from fieldkit.model.site import Region
+    from fieldkit.workflows.regions import Look, Picture
 
 Point = tuple[float, float]
 
@@ -170,7 +170,7 @@ def check(ctx: click.Context, session: Path | None) -> None:
 
     Exit code 3 if a region cannot be used.
     """
-    from fieldkit.cli.region_check import mean_picture
+    from fieldkit.workflows.regions import mean_picture
 
     config, mistakes = _read(ctx)
     looks = _looks(config, mean_picture(meant(ctx, session)) if session else None)
@@ -203,7 +203,7 @@ def _read(ctx: click.Context) -> tuple[Config, list[tuple[str, Mistake]]]:
 
 def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
     """What is found about each region, in the picture or one of the size the campaign states."""
-    from fieldkit.cli.region_check import check_regions
+    from fieldkit.workflows.regions import check_regions
 
     camera = config.tables.camera
     stated = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
@@ -246,7 +246,7 @@ def _short(value: float) -> int | float:
 
 
 def _row(region: Region) -> tuple[str, ...]:
-    from fieldkit.cli.region_check import slope_text
+    from fieldkit.workflows.regions import slope_text
 
     corners = " ".join(f"{x:g},{y:g}" for x, y in region.vertices)
     return region.name, region.kind.name.lower(), slope_text(region), corners

@@ -11,10 +11,10 @@ import click
 import numpy as np
 
 from fieldkit.cli import common
-from fieldkit.cli.running import Silence, session_in_progress, silence
 from fieldkit.model.errors import RefusedError
 from fieldkit.views import formatting
 from fieldkit.workflows.estimate import as_document, config_for, estimator_for
+from fieldkit.workflows.running import Silence, session_in_progress, silence
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.running import Silence, session_in_progress, silence
 from fieldkit.cli.session_paths import is_interrupted
 from fieldkit.model.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked, owner
+from fieldkit.workflows.running import Silence, session_in_progress, silence
 
 if TYPE_CHECKING:
     from pathlib import Path

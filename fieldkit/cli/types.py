@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fieldkit.model.durations import parse_duration, parse_time_of_day
+from fieldkit.model.errors import FieldkitError
 from fieldkit.model.site import Site, known_zone
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
             return value
         try:
             return self._parse(value)
+        except FieldkitError as error:
+            self.fail(error.message, param, ctx)
         except ValueError as error:
             self.fail(f"{value!r}: {error}", param, ctx)
 
@@ -150,6 +154,8 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
 
 WORDS = _Typed("TEXT", parse_words)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
+TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
+DURATION = _Typed("TIME", parse_duration)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)
 DAY = _Typed("YYYY-MM-DD", parse_day)

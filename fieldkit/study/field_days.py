@@ -177,7 +177,7 @@ def _errors(columns: Series, label: str, site: Site) -> dict[str, list[ErrorSpan
     """Errors of each bed of known slope, by nanoseconds since local midnight."""
     return {
         _bed_name(label, bed.region): errors_over_time(
-            columns.of_day_ns(site), bed.answered_tilt_deg, bed.region.tilt_deg
+            columns.of_day_ns(site), bed.estimated_tilt_deg, bed.region.tilt_deg
         )
         for bed in columns.beds
         if np.isfinite(bed.region.tilt_deg)

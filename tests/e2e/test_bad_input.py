@@ -143,7 +143,7 @@ def test_a_region_that_leaves_the_cameras_picture_is_refused_when_the_camera_is_
     folder.mkdir()
     code, message = record(folder, text.replace("[64, 74]", "[640, 74]"))
     assert code == 3
-    assert "'flat' reaches outside the picture of 160 x 120 pixels" in message
+    assert "'flat' reaches outside the frame of 160 x 120 pixels" in message
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from fieldkit.cli.init import make_campaign
-from fieldkit.cli.running import session_in_progress
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.running import session_in_progress
 
 PROJECT = Path(__file__).parents[2]
 RECORD = ("record", "--quiet", "--name", "day", "--set", "simulation.speed=max", "--for")

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.cli.recording import instruments, record_session
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
 from fieldkit.estimation.estimator import Estimator
@@ -22,6 +21,7 @@ from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.record import PreparedRecording, open_instruments
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
 
@@ -173,9 +173,9 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
             raise ZeroDivisionError("a mistake in the estimator")
         return original(self, sample)  # type: ignore[arg-type]
 
-    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=600.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
         patch.setattr(Estimator, "add", fails_later)
-        summary = record_session(config, tools, path, duration_s=600.0)
+        summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
     with open_session(path) as session:
         kinds = [event.kind for event in session.events()]
         assert session.count("lux") == summary.counts["lux"]
@@ -202,8 +202,8 @@ def test_views_that_raise_do_not_end_the_recording(campaign: Path) -> None:
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "views.h5"
     views = [Falling(at=20), Falling()]
-    with instruments(config, duration_s=59.0) as tools:
-        summary = record_session(config, tools, path, duration_s=59.0, views=views)
+    with open_instruments(config, duration_s=59.0) as tools:
+        summary = PreparedRecording(config, tools, path, duration_s=59.0).run(views).summary
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == pytest.approx(59, abs=3)
@@ -226,9 +226,9 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
             raise StorageError("no room for a moment")
         original(self, sample)
 
-    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=30.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
         patch.setattr(SessionWriter, "append", fails_once)
-        record_session(config, tools, path, duration_s=30.0)
+        PreparedRecording(config, tools, path, duration_s=30.0).run()
     with open_session(path) as session:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
         pictures = session.count("camera")
@@ -257,10 +257,10 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
             raise StorageError("database or disk is full")
         event(self, happened)
 
-    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=600.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
         patch.setattr(SessionWriter, "append", takes_no_sample)
         patch.setattr(SessionWriter, "event", takes_no_event)
-        summary = record_session(config, tools, path, duration_s=600.0)
+        summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
     assert summary.failure is not None
     with open_session(path) as session:
         assert session.state == "sealed"
@@ -282,10 +282,10 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> N
             raise StorageError("database or disk is full")
         event(self, happened)
 
-    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=20.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=20.0) as tools:
         patch.setattr(SessionWriter, "event", takes_no_mark)
         with pytest.raises(StorageError, match="last marks could not be stored") as failed:
-            record_session(config, tools, path, duration_s=20.0, views=[Noting(path)])
+            PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
     assert "fieldkit recover" in (failed.value.fix or "")
     fieldkit("recover", path)
     with open_session(path) as session:
@@ -296,8 +296,8 @@ def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Pa
     settings = ["simulation.speed=max", 'simulation.faults=["garbled"]']
     config = load_config(campaign / "fieldkit.toml", settings=settings)
     path = campaign / "recordings" / "garbled.h5"
-    with instruments(config, duration_s=120.0) as tools:
-        record_session(config, tools, path, duration_s=120.0)
+    with open_instruments(config, duration_s=120.0) as tools:
+        PreparedRecording(config, tools, path, duration_s=120.0).run()
     with open_session(path) as session:
         told: Counter[str] = Counter()
         for event in session.events():
@@ -331,9 +331,9 @@ def test_samples_that_are_not_as_declared_cost_only_themselves(
                 return reading._replace(**change)
         return reading
 
-    with pytest.MonkeyPatch.context() as patch, instruments(config, duration_s=30.0) as tools:
+    with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=30.0) as tools:
         patch.setattr(Meter, "read", read)
-        summary = record_session(config, tools, path, duration_s=30.0)
+        summary = PreparedRecording(config, tools, path, duration_s=30.0).run().summary
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == len(calls) - 2
@@ -360,8 +360,8 @@ class Noting:
 def test_marks_are_kept_and_nothing_of_the_journal_stays(campaign: Path) -> None:
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "marked.h5"
-    with instruments(config, duration_s=59.0) as tools:
-        record_session(config, tools, path, duration_s=59.0, views=[Noting(path)])
+    with open_instruments(config, duration_s=59.0) as tools:
+        PreparedRecording(config, tools, path, duration_s=59.0).run([Noting(path)])
     with open_session(path) as session:
         marks = [event.text for event in session.events() if event.kind is EventKind.MARK]
     assert marks == ["first"]

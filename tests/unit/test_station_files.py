@@ -141,10 +141,10 @@ def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
 
 def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
     pytest.importorskip("pvlib")
-    from fieldkit.cli.simulation import measured_weather
     from fieldkit.config import load_config
     from fieldkit.config.template import SIMULATED, campaign_toml
     from fieldkit.simulation import MeasuredSky
+    from fieldkit.workflows.simulate import measured_weather
 
     (tmp_path / "fieldkit.toml").write_text(campaign_toml(SIMULATED))
     config = load_config(tmp_path / "fieldkit.toml")

@@ -41,7 +41,7 @@ def verdict(columns: Series, events: Sequence[Event], state: str) -> Verdict:
 
 def bed_error(bed: Bed) -> float:
     """Mean absolute tilt error of a bed over its answers, degrees; NaN where the tilt was not given."""
-    return mean_absolute_error(bed.answered_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
+    return mean_absolute_error(bed.estimated_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
 
 
 def mean_error(columns: Series) -> float:
@@ -51,8 +51,8 @@ def mean_error(columns: Series) -> float:
 
 
 def _headline(columns: Series) -> str:
-    answered = [bed for bed in columns.beds if bed.last_answer is not None]
-    certain = [bed for bed in answered if bed.last_answer and is_certain(bed.last_answer)]
+    answered = [bed for bed in columns.beds if bed.final_estimate is not None]
+    certain = [bed for bed in answered if bed.final_estimate and is_certain(bed.final_estimate)]
     if not columns.beds:
         return "No target regions are drawn: nothing was estimated."
     if not answered:
@@ -75,7 +75,7 @@ def _found(certain: int, total: int) -> str:
 
 
 def _doubtful(bed: Bed) -> str:
-    answer = bed.last_answer
+    answer = bed.final_estimate
     assert answer is not None
     second = formatting.second_branch(answer)
     return f"{bed.region.name} {formatting.tilt(answer)}°" + (f" or {second}" if second else "")

@@ -67,7 +67,7 @@ def write_campaign_report(
 
 def _verdict(parts: Sequence[Part]) -> str:
     beds = [bed for part in parts for bed in part.columns.beds]
-    estimated = np.concatenate([np.empty(0), *(bed.answered_tilt_deg for bed in beds)])
+    estimated = np.concatenate([np.empty(0), *(bed.estimated_tilt_deg for bed in beds)])
     truth = np.concatenate([np.empty(0), *(_truth(bed) for bed in beds)])
     mean = mean_absolute_error(estimated, truth)
     if not np.isfinite(mean):
@@ -93,8 +93,8 @@ def _beds(parts: Sequence[Part], sd: SdKind) -> Html:
 
 
 def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
-    mae = mean_absolute_error(bed.answered_tilt_deg, _truth(bed))
-    scatter = sd_of_absolute_error(bed.answered_tilt_deg, _truth(bed), sd)
+    mae = mean_absolute_error(bed.estimated_tilt_deg, _truth(bed))
+    scatter = sd_of_absolute_error(bed.estimated_tilt_deg, _truth(bed), sd)
     modelled = modelled_temperature(part.columns, bed, part.settings.surface)
     rmse = root_mean_square_error(part.columns.temperature_k[bed.region.name], modelled)
     return [
@@ -103,7 +103,7 @@ def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
         element("strong", bed.region.name),
         formatting.given_slope(bed.region),
         f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
-        int(np.isfinite(bed.answered_tilt_deg).sum()),
+        int(np.isfinite(bed.estimated_tilt_deg).sum()),
         bed.uncertain,
         formatting.number(rmse, 2),
         int(part.columns.cloudy.sum()),
@@ -147,7 +147,7 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
         for bed in part.columns.beds:
             if np.isfinite(bed.region.tilt_deg):
                 times.setdefault(bed.region.tilt_deg, []).append(part.columns.of_day_ns(part.site))
-                wrong.setdefault(bed.region.tilt_deg, []).append(bed.answered_tilt_deg - bed.region.tilt_deg)
+                wrong.setdefault(bed.region.tilt_deg, []).append(bed.estimated_tilt_deg - bed.region.tilt_deg)
     return {
         f"{tilt:g}°": errors_over_time(
             np.concatenate(times[tilt]), np.concatenate(wrong[tilt]), 0.0, span_s=SPAN_S, kind=sd

@@ -223,7 +223,7 @@ def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
 
 def _slope(bed: Bed) -> tuple[float, float]:
     given = (bed.region.tilt_deg, bed.region.azimuth_deg)
-    estimated = (_median(bed.answered_tilt_deg), _median(bed.azimuth_deg))
+    estimated = (_median(bed.estimated_tilt_deg), _median(bed.azimuth_deg))
     return given if np.isfinite(given).all() else estimated
 
 

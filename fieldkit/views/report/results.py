@@ -84,13 +84,13 @@ def sd_words(sd: SdKind) -> str:
 
 
 def _bed_row(bed: Bed, material: Material) -> list[object]:
-    answer, last = bed.last_answer, bed.last
+    answer, last = bed.final_estimate, bed.last
     truth = np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
-    mae = mean_absolute_error(bed.answered_tilt_deg, truth)
-    sd = sd_of_absolute_error(bed.answered_tilt_deg, truth, material.sd)
+    mae = mean_absolute_error(bed.estimated_tilt_deg, truth)
+    sd = sd_of_absolute_error(bed.estimated_tilt_deg, truth, material.sd)
     found = _found(answer) if answer else [formatting.UNKNOWN] * 5
     error = answer.tilt_deg - bed.region.tilt_deg if answer else float("nan")
-    counted = int(np.isfinite(bed.answered_tilt_deg).sum())
+    counted = int(np.isfinite(bed.estimated_tilt_deg).sum())
     return [
         element("strong", bed.region.name),
         formatting.given_slope(bed.region),
@@ -159,7 +159,7 @@ def _time_figures(material: Material) -> Iterator[Html]:
 
 
 def _last_words(columns: Series) -> str:
-    ends = [(bed.region.name, bed.last_answer) for bed in columns.beds]
+    ends = [(bed.region.name, bed.final_estimate) for bed in columns.beds]
     return " ".join(f"{name} ends at {formatting.tilt(answer)}°." for name, answer in ends if answer)
 
 
@@ -203,7 +203,7 @@ def _paper_figures(material: Material, modelled: dict[str, FloatArray], rmse: fl
     errors = {
         bed.region.name: errors_over_time(
             columns.of_day_ns(material.site),
-            bed.answered_tilt_deg,
+            bed.estimated_tilt_deg,
             bed.region.tilt_deg,
             span_s=SPAN_S,
             kind=material.sd,

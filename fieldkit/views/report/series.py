@@ -47,7 +47,7 @@ class Bed:
     is_answer: BoolArray
 
     @property
-    def answered_tilt_deg(self) -> FloatArray:
+    def estimated_tilt_deg(self) -> FloatArray:
         """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
         return np.where(self.is_answer, self.tilt_deg, np.nan)
 
@@ -57,7 +57,7 @@ class Bed:
         return sum(one is not None and one.state is SlopeState.UNCERTAIN for one in self.estimates)
 
     @property
-    def last_answer(self) -> SlopeEstimate | None:
+    def final_estimate(self) -> SlopeEstimate | None:
         """The slope that stands for the session, or None where none was found."""
         answer = final_estimate(estimate for estimate in self.estimates if estimate is not None)
         return answer if answer is not None and answer.state in WITH_SLOPE else None

@@ -6,12 +6,12 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from fieldkit.cli.recording import Instruments, open_all, record_session
 from fieldkit.config import load_config
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import PORT, SimulatedField
 from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.workflows.record import Instruments, PreparedRecording, open_all
 from usblab.campaign import toml
 
 
@@ -27,7 +27,8 @@ def tilts_deg(scene: Scene, start_ns: int, duration_s: float, folder: Path) -> d
             lambda name: registry.open_device(plugged[name], clock),
             lambda: 10**12,
         )
-        summary = record_session(config, tools, folder / "reference.h5", duration_s=duration_s)
+        prepared = PreparedRecording(config, tools, folder / "reference.h5", duration_s=duration_s)
+        summary = prepared.run().summary
         for device in tools.devices:
             device.close()
     assert summary.last_minute is not None

@@ -16,12 +16,12 @@ from fieldkit.calibration.emissivity import (
     tape_temperature_k,
 )
 from fieldkit.calibration.reflector import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD, mirrored_temperature_k
-from fieldkit.cli.simulation import FOIL_ALBEDO
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
 from fieldkit.simulation import Facet, MeasuredSky, Scene
 from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
+from fieldkit.workflows.simulate import FOIL_ALBEDO
 from tests.harness.emissivity_days import MINUTE_NS, OUTLINE, days, free_days, make_day
 
 ZERO_C = 273.15

@@ -12,13 +12,13 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.cli.mark import FAR_IN_SIMULATION_S, parse_when, refuse_impossible
-from fieldkit.cli.running import session_in_progress
 from fieldkit.model.samples import Event
 from fieldkit.recorder.marks import Mark, MarkInbox
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.workflows.running import session_in_progress
 from tests.harness.recording import CountedClock, header
 
 TOKYO = ZoneInfo("Asia/Tokyo")

@@ -8,9 +8,9 @@ from click.testing import CliRunner
 
 from fieldkit.calibration.record import CalibrationRecord, save
 from fieldkit.cli import main
-from fieldkit.cli.region_check import check_regions
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.workflows.regions import check_regions
 
 
 @pytest.fixture

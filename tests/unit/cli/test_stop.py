@@ -14,9 +14,9 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.cli.running import silence
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import owner
+from fieldkit.workflows.running import silence
 
 RECORDING = """
 import os, signal, sys, time

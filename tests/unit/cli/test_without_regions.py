@@ -10,9 +10,9 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.cli.simulation import scene_of
 from fieldkit.config import load_config
 from fieldkit.simulation.sand_slopes import BEDS
+from fieldkit.workflows.simulate import scene_of
 
 
 def fieldkit(*arguments):

@@ -98,7 +98,7 @@ def test_report_tells_what_where_when_and_how_good(written):
 def test_results_in_the_papers_world_are_right(written, minutes, regions, settings):
     columns = series(minutes, regions)
     for bed in columns.beds:
-        assert bed.last_answer.tilt_deg == pytest.approx(bed.region.tilt_deg, abs=0.15)  # counts of 0.01 K
+        assert bed.final_estimate.tilt_deg == pytest.approx(bed.region.tilt_deg, abs=0.15)  # counts of 0.01 K
     modelled = {bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.beds}
     assert rmse_of(columns, modelled) < 0.02
     assert "RMSE 0.0" in Page(written()).text

@@ -76,8 +76,8 @@ def test_held_slopes_are_shown_but_count_for_no_error(make_minute, regions):
     columns = series(minutes, regions)
     bed = columns.beds[0]
     assert bed.tilt_deg == pytest.approx([15.5, 15.5])
-    assert np.isnan(bed.answered_tilt_deg).tolist() == [False, True]
-    assert bed.last_answer.state is SlopeState.HELD_CLOUD
+    assert np.isnan(bed.estimated_tilt_deg).tolist() == [False, True]
+    assert bed.final_estimate.state is SlopeState.HELD_CLOUD
     assert columns.cloudy.tolist() == [False, True]
 
 

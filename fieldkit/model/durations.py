@@ -1,0 +1,54 @@
+"""Durations and times of day as people write them: ``3h``, ``90m``, ``45s``, ``2h30``; ``15:05``."""
+
+from __future__ import annotations
+
+import re
+from datetime import time
+
+from fieldkit.model.errors import ConfigError
+
+UNIT_S = {"s": 1.0, "m": 60.0, "h": 3600.0}
+_UNIT_AFTER = {"m": "s", "h": "m"}
+"""The unit of a bare number, by the unit in front of it: ``2h30`` is two hours and thirty minutes."""
+
+
+def parse_duration(text: str) -> float:
+    """A duration in seconds, such as ``3h``, ``90m``, ``45s``, ``2h30m`` or ``2h30``.
+
+    Raises `ConfigError` for anything else, also for a number without any unit.
+    """
+    if not re.fullmatch(r"(\d+(\.\d+)?[hms])+((?<!s)\d+(\.\d+)?)?", text):
+        raise ConfigError(f"{text!r} is not a valid duration; use 3h, 90m or 45s")
+    total, last_unit = 0.0, ""
+    for number, unit in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", text):
+        total += float(number) * UNIT_S[unit or _UNIT_AFTER[last_unit]]
+        last_unit = unit
+    return total
+
+
+def parse_offset(text: str) -> float:
+    """A signed difference of time in seconds, such as ``+12s``, ``-0.5s`` or ``2m``; seconds without a unit.
+
+    Raises `ConfigError`.
+    """
+    sign, size = (text[0], text[1:]) if text[:1] in ("+", "-") else ("+", text)
+    if re.fullmatch(r"\d+(\.\d+)?", size):
+        size += "s"
+    try:
+        return float(f"{sign}1") * parse_duration(size)
+    except ConfigError:
+        raise ConfigError(f"{text!r} is not a valid offset; use +12s or -2m") from None
+
+
+def as_seconds(duration: str | float) -> float:
+    """Seconds of a duration that may be given as text or as a number of seconds; raises `ConfigError`."""
+    return parse_duration(duration) if isinstance(duration, str) else float(duration)
+
+
+def parse_time_of_day(text: str) -> time:
+    """A time of day ``HH:MM``; raises `ConfigError`."""
+    try:
+        hour, minute = (int(part) for part in text.split(":"))
+        return time(hour, minute)
+    except ValueError:
+        raise ConfigError(f"{text!r} is not a valid time of day; use 15:05") from None
