@@ -20,10 +20,10 @@ from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference, surface_temperature
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import band_radiance
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_difference, surface_temperature
 from tests.harness.emissivity_days import Day, FreeCase, days, free_days, make_day
 
 DAYS = 1000

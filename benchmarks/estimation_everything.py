@@ -19,16 +19,17 @@ from numpy.typing import NDArray
 from benchmarks.estimation_outdoors import noisy, regions
 from benchmarks.result import Result
 from fieldkit.estimation.balance import rows
-from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import ClearSky, Exchange, Facet
-from fieldkit.simulation.curves import World
+from fieldkit.simulation.scene_series import World
 from fieldkit.simulation.sky import Above
 
 SITE = Site(35.558675, 139.395232, 9.0)

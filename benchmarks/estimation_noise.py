@@ -19,15 +19,15 @@ from fieldkit.estimation.disturbances import Cusum
 from fieldkit.estimation.likelihood import NINETY_PERCENT, posterior
 from fieldkit.estimation.normal import Choice, Misfit, choose, cramer_rao, solve
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
-from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
-from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import (
+from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     irradiance_difference,
     irradiance_per_kelvin,
     surface_temperature,
 )
+from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
+from fieldkit.physics.sun import sun_vectors
 
 SITE = Site(35.558675, 139.395232, 9.0)
 STARTS = {"9 h": "2017-08-30T00:00", "12 h": "2017-08-30T03:00", "15 h": "2017-08-30T06:00"}

@@ -16,16 +16,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.result import Result
-from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
-from fieldkit.simulation.curves import World
+from fieldkit.simulation.scene_series import World
 from fieldkit.weather import Weather, packaged, read_surfrad
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"

@@ -11,16 +11,17 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from benchmarks.result import Result
-from fieldkit.estimation.bins import MINUTE_NS, Outline, RegionSums
+from fieldkit.estimation.bins import Outline, RegionSums
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 
 SITE = Site(35.558675, 139.395232, 9.0)
 START_NS = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))

@@ -19,8 +19,7 @@ from contextlib import contextmanager
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError
-
-SECOND_NS = 1_000_000_000
+from fieldkit.model.units import SECOND_NS
 
 
 class PreparedCamera:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from benchmarks.result import Result
 from fieldkit.estimation.contours import ContourWinners, RadiationTable, slope_grid
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference
 from fieldkit.physics.facet import VERTICAL, FloatArray
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
 from fieldkit.study.estimators import (
     Conditions,
     Outcome,

@@ -5,6 +5,10 @@ many pairs ``M(T_app) - M(T_refl) = e (M(T) - M(T_refl))`` with M the band signa
 origin whose slope is the emissivity. Errors that all pairs share do not average out and are added
 afterwards (GUM, type B). What the data do not determine is refused, with what would determine it.
 
+Crumpled foil in the surface's plane shows what the surface mirrors. Foil is not a perfect mirror: the few
+hundredths that it emits itself make a cold sky some kelvins too warm; and under a cold sky it may be colder
+than the camera can measure, which gives a bound instead of a measurement.
+
 Sources: ASTM E1933 (contact thermometer and reference emissivity methods), ISO 18434-1 annex A
 (reflector method), JCGM 100. Kelvin throughout; arrays of n pairs.
 """
@@ -16,14 +20,46 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from fieldkit.calibration.band import FLAT, Band
-from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined, effective_freedom, largest
-from fieldkit.calibration.emissivity_refusals import agree, refuse_after, refuse_before
 from fieldkit.calibration.line import Line, Points, fit_line
+from fieldkit.calibration.uncertainty import (
+    COVERAGE_FACTOR,
+    Contribution,
+    combined,
+    effective_freedom,
+    largest,
+)
+from fieldkit.model.errors import CalibrationError
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
 
 Reflected = Literal["fixed", "free"]
+
+MIN_PAIRS = 3
+MIN_CONTRAST_K = 10.0
+"""Between surface and reflected temperature, ASTM E1933's usual rule."""
+GOOD_CONTRAST_K = 25.0
+MIN_SPAN_K = 15.0
+"""Of surface temperatures, to find the reflected temperature as well."""
+LARGEST_UNCERTAINTY = 0.05
+"""Standard uncertainty beyond which an emissivity says nothing about soils, 0.85 to 0.98."""
+UNLIKELY = 1e-3
+LEAST_SOIL, MOST_SOIL = 0.6, 1.02
+DARK = 0.985
+WARM_SKY_K = 253.15
+"""Stands for the sky where it is to be found: -20 °C, that of humid clear air in the window band."""
+LEAST_MIRRORED = 0.02
+"""Least reflectance to reckon with where it is found together with the sky."""
+
+FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD = 0.04, 0.02
+"""Aluminium foil at 10 micrometres and 27 °C in the emissivity tables of thermal camera manuals; dust and
+folds add, and its own temperature is only known as the surface's it lies on."""
+
+SATURATED_SHARE = 0.25
+"""Of a foil's pixels at one lowest count; noise alone leaves a few of a hundred there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +117,6 @@ class Shared:
 
 
 DEFAULT_SHARED = Shared()
-WARM_SKY_K = 253.15
-"""Stands for the sky where it is to be found: -20 °C, that of humid clear air in the window band."""
-LEAST_MIRRORED = 0.02
-"""Least reflectance to reckon with where it is found together with the sky."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,23 +247,9 @@ def _line(pairs: Pairs, reflected: Reflected, band: Band) -> Line:
     return fit_line(points, origin=reflected == "fixed")
 
 
-def _disagreement(fit: Line, pairs: Pairs, shared: Shared, reflected: Reflected, band: Band) -> float:
-    """Chi-square of what the line leaves, allowing for shared errors, which also bend it.
-
-    How far the probe is from the skin changes with the heat that flows past it: it counts as an error of
-    each pair by itself.
-    """
-    per_k, mirror_per_k = _steepness(pairs.contact_k, band), _steepness(pairs.reflected_k, band)
-    own = np.hypot(_steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
-                   fit.slope * per_k * np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k))  # fmt: skip
-    together = [
-        _steepness(pairs.apparent_k, band) * shared.camera_k,
-        fit.slope * per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
-    ]
-    if reflected == "fixed":
-        together.append((1.0 - fit.slope) * mirror_per_k * shared.reflected_k)
-    covariance = np.diag(own**2) + sum(np.outer(effect, effect) for effect in together)
-    return float(fit.residuals @ np.linalg.solve(covariance, fit.residuals))
+def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
+    """dM/dT of the band signal per kelvin."""
+    return np.asarray(band.signal(temperature_k + 0.5) - band.signal(temperature_k - 0.5))
 
 
 def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> float:
@@ -239,11 +257,6 @@ def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> floa
     if reflected == "fixed":
         return float(np.mean(pairs.reflected_k))
     return float(band.temperature(fit.intercept / (1.0 - fit.slope))) if fit.slope < 1.0 else float("nan")
-
-
-def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
-    """dM/dT of the band signal per kelvin."""
-    return np.asarray(band.signal(temperature_k + 0.5) - band.signal(temperature_k - 0.5))
 
 
 def _shared_effects(
@@ -311,12 +324,126 @@ def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contrib
     return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
 
 
+def _disagreement(fit: Line, pairs: Pairs, shared: Shared, reflected: Reflected, band: Band) -> float:
+    """Chi-square of what the line leaves, allowing for shared errors, which also bend it.
+
+    How far the probe is from the skin changes with the heat that flows past it: it counts as an error of
+    each pair by itself.
+    """
+    per_k, mirror_per_k = _steepness(pairs.contact_k, band), _steepness(pairs.reflected_k, band)
+    own = np.hypot(_steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
+                   fit.slope * per_k * np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k))  # fmt: skip
+    together = [
+        _steepness(pairs.apparent_k, band) * shared.camera_k,
+        fit.slope * per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
+    ]
+    if reflected == "fixed":
+        together.append((1.0 - fit.slope) * mirror_per_k * shared.reflected_k)
+    covariance = np.diag(own**2) + sum(np.outer(effect, effect) for effect in together)
+    return float(fit.residuals @ np.linalg.solve(covariance, fit.residuals))
+
+
+def agree(chi_square: float, freedom: int) -> bool:
+    """Whether pairs scatter about their line as their uncertainties say."""
+    return freedom <= 0 or float(stats.chi2.sf(chi_square, freedom)) >= UNLIKELY
+
+
 def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:
     """The emissivity had the thermometer's numbers been °F and not °C; NaN where the pairs then disagree."""
-    contact = (pairs.contact_k - 273.15 - 32.0) / 1.8 + 273.15
+    contact = (pairs.contact_k - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K
     converted = replace(pairs, contact_k=contact)
     if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
         return float("nan")
     fit = _line(converted, "fixed", band)
     disagreement = _disagreement(fit, converted, shared, "fixed", band)
     return fit.slope if agree(disagreement, fit.freedom) else float("nan")
+
+
+def refuse_before(
+    pairs: int, contrast_k: float, reflected_sd_k: float, span_k: float, reflected_is_free: bool
+) -> None:
+    """Raise `CalibrationError` if what was measured cannot tell, whatever it says.
+
+    The surface must be clear of what it mirrors by 10 K, and by three uncertainties of that.
+    """
+    if pairs < MIN_PAIRS:
+        raise CalibrationError(
+            f"{pairs} steady pair{'s' * (pairs != 1)} cannot show whether they agree",
+            fix=f"measure at {MIN_PAIRS} temperatures or more, each steady for a minute",
+        )
+    least_k = max(MIN_CONTRAST_K, 3.0 * reflected_sd_k)
+    if contrast_k < least_k:
+        raise CalibrationError(
+            f"the surface is only {contrast_k:.0f} K from what it mirrors, not {least_k:.0f} K: "
+            "its emissivity hardly shows",
+            fix="heat the sample, or go outdoors under a clear sky; 25 K or more is good",
+        )
+    if reflected_is_free and span_k < MIN_SPAN_K:
+        raise CalibrationError(
+            f"the surface spans {span_k:.0f} K: emissivity and reflected temperature cannot be told apart",
+            fix=f"measure over {MIN_SPAN_K:.0f} K or more, or measure the reflected temperature with foil",
+        )
+
+
+def refuse_after(
+    value: float, standard: float, worst: Contribution, chi_square: float, freedom: int, in_fahrenheit: float
+) -> tuple[str, ...]:
+    """Raise `CalibrationError` if the fit contradicts the model or tells too little; else the doubts left.
+
+    `in_fahrenheit` is the emissivity that a thermometer showing °F would give, NaN where that fits no better.
+    """
+    is_impossible = value > 1.0 + COVERAGE_FACTOR * standard
+    disagrees = not agree(chi_square, freedom)
+    if (is_impossible or disagrees or value < LEAST_SOIL) and LEAST_SOIL <= in_fahrenheit <= MOST_SOIL:
+        raise CalibrationError(
+            f"the emissivity would be {value:.2f}; read as °F the thermometer gives {in_fahrenheit:.2f}",
+            fix="the thermometer shows °F, it seems: set it to °C, or give --unit F",
+        )
+    if is_impossible:
+        raise CalibrationError(
+            f"the emissivity would be {value:.2f}, which cannot be",
+            fix="does the camera apply an emissivity already (it must be 1)? is the probe in this region, "
+            "the camera's offset checked, the foil under the same sky?",
+        )
+    if disagrees:
+        raise CalibrationError(
+            "the pairs disagree by more than their uncertainties (chi-square "
+            f"{chi_square / freedom:.1f} per degree of freedom)",
+            fix="look for unsteady moments, a probe outside the region, clocks that differ between logs, "
+            "or a reflected temperature from another sky",
+        )
+    if standard > LARGEST_UNCERTAINTY:
+        raise CalibrationError(
+            f"the emissivity would be {value:.2f} ± {COVERAGE_FACTOR * standard:.2f} (k=2): not determined",
+            fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
+            "or make the surface warmer against what it mirrors",
+        )
+    if value > DARK:
+        return ("blacker than any dry soil: check that the camera applies no emissivity of its own",)
+    return ()
+
+
+def mirrored_temperature_k(
+    foil_k: FloatArray, surface_k: FloatArray, foil_emissivity: float, band: Band = FLAT
+) -> FloatArray:
+    """Band temperature of what a foil mirrors, its own emission taken out, kelvin, (n,).
+
+    `foil_k` is how the camera reads it at emissivity 1, `surface_k` its own temperature.
+    """
+    own = foil_emissivity * band.signal(surface_k)
+    return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))
+
+
+def is_saturated(counts: NDArray[np.uint16]) -> bool:
+    """Whether the foil's pixels (n,) of one picture stand at the end of the camera's range."""
+    return bool(np.mean(counts == counts.min()) >= SATURATED_SHARE)
+
+
+def refuse_saturated(pictures: int, saturated: int, lowest_k: float) -> None:
+    """Raise `CalibrationError` if the foil was at the end of the range in half of the pictures or more."""
+    if pictures and 2 * saturated >= pictures:
+        raise CalibrationError(
+            f"the foil reads the camera's lowest temperature, {lowest_k - CELSIUS_ZERO_K:.0f} °C: saturated",
+            fix="give the sky's temperature in the camera's band with --reflected, from another instrument, "
+            "or --reflected free with a surface that spans 15 K",
+        )

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fieldkit.calibration.budget import Contribution, combined
+from fieldkit.calibration.uncertainty import Contribution, combined
 from fieldkit.model.errors import CalibrationError
 
 LARGEST_OFFSET_K = 3.0

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from fieldkit.cli import main
-from fieldkit.cli.common import Options, VerbGroup
+from fieldkit.cli.common import CommandGroup, Options
 from fieldkit.config import toml_schema
 
 REFERENCE = Path(__file__).parent / "reference"
@@ -44,7 +44,7 @@ def command_line() -> str:
         for row in rows:
             command = main.get_command(context, row.name)
             assert command is not None
-            verbs = command.commands.items() if isinstance(command, VerbGroup) else [("", command)]
+            verbs = command.commands.items() if isinstance(command, CommandGroup) else [("", command)]
             parts.extend(_verb(f"{row.name} {name}".strip(), verb) for name, verb in verbs)
     return "\n\n".join(parts) + "\n"
 

@@ -38,6 +38,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
 from fieldkit.model.samples import new_tuple
+from fieldkit.model.units import SECOND_NS
 
 # --- records out of a stream of bytes
 
@@ -226,7 +227,7 @@ class Line:
     def byte_ns(self) -> int:
         """Wire time of one byte in nanoseconds."""
         length = 1 + self.bits + (self.parity != "N") + self.stop
-        return length * 1_000_000_000 // self.baud
+        return length * SECOND_NS // self.baud
 
     def __str__(self) -> str:
         return f"{self.baud} {self.bits}{self.parity}{self.stop}"

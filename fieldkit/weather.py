@@ -1,32 +1,44 @@
-"""One measured day of sun, sky and air, minute by minute.
+"""Measured weather of one station, minute by minute: the packaged day, and files of SURFRAD and BSRN.
 
-Here is the table that the package carries (NOAA SURFRAD, Alamosa, 2016-01-01), the reader
-of SURFRAD's own daily files, and the command that makes the table from such a file::
+The package carries one day (NOAA SURFRAD, Alamosa, 2016-01-01). `read_station_file` recognises a file by
+its content: SURFRAD's daily files, and BSRN's monthly station-to-archive files, which pvlib reads (``lab``).
+The packaged table is made from a SURFRAD file by::
 
     python -m fieldkit.weather slv16001.dat --station alamosa --out fieldkit/data/alamosa-20160101.csv
 
 Not here: what a sky does to a surface (`fieldkit.simulation`) and skies without a file.
 
-SURFRAD stamps the *end* of what is averaged, three minutes before 2009 and one since (SURFRAD
-README); `Weather.time_ns` is its *middle*, so that a straight line between two rows passes where
-the means belong. Missing minutes are missing rows in SURFRAD and stay so here.
+SURFRAD stamps the *end* of each averaged interval, three minutes before 2009 and one since (SURFRAD README);
+BSRN stamps the *start* (GCOS-174, "Update of the Technical Plan for BSRN Data Management", 2013).
+`Weather.time_ns` is the *middle*, so that linear interpolation passes through the means where they belong.
+Missing minutes are missing rows in SURFRAD and stay so here.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import gzip
 import io
+import re
+import warnings
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Site
+from fieldkit.model.site import Site, zone_by_longitude
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
 
 FloatArray = NDArray[np.float64]
 Rows = list[tuple[str, ...]]
@@ -60,8 +72,11 @@ _COLUMNS = {
     "ghi_w_m2": 0,
     "longwave_up_w_m2": 7,
 }
-_CELSIUS_0_K = 273.15
-_HALF_MINUTE_NS = 30_000_000_000
+
+_MOST_BYTES = 100_000_000  # a month of BSRN with every record is a tenth of it
+_SURFRAD_PLACE = re.compile(rb"[^\n]*\n\s*(-?[\d.]+)\s+(-?[\d.]+)\s+-?[\d.]+\s+m\s+version")
+_BSRN_START = re.compile(rb"\*[UC]0001")
+_NEAR_DEG = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +134,96 @@ def read_table(lines: Iterable[str]) -> Weather:
         raise ConfigError(
             f"the weather table lacks {missing}", fix="make it anew with: python -m fieldkit.weather"
         ) from None
-    return _weather(ends, values, site, about.get("source", ""))
+    return _table_weather(ends, values, site, about.get("source", ""))
+
+
+def _table_weather(
+    ends: NDArray[np.datetime64], values: dict[str, FloatArray], site: Site, source: str
+) -> Weather:
+    ends_ns = ends.astype(np.int64)
+    return Weather(
+        time_ns=ends_ns - half_step_ns(ends_ns),
+        dni=values["dni_w_m2"],
+        dhi=values["dhi_w_m2"],
+        longwave_down_w_m2=values["longwave_down_w_m2"],
+        air_temperature_k=values["air_temperature_c"] + CELSIUS_ZERO_K,
+        wind_m_s=values["wind_m_s"],
+        pressure_pa=values["pressure_hpa"] * 100.0,
+        ghi=values["ghi_w_m2"],
+        longwave_up_w_m2=values["longwave_up_w_m2"],
+        site=site,
+        source=source,
+    )
+
+
+def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
+    """Half of what each row is the mean of, by the median interval; half a minute where there is none."""
+    intervals = np.diff(np.unique(stamps_ns))
+    return int(np.median(intervals)) // 2 if intervals.size else MINUTE_NS // 2
+
+
+def is_station_file(path: Path) -> bool:
+    """Whether a file is one of SURFRAD's or BSRN's."""
+    try:
+        head = _content(path, 4096)
+    except (OSError, EOFError, zlib.error):
+        return False
+    return bool(_BSRN_START.match(head) or _SURFRAD_PLACE.match(head))
+
+
+def read_station_file(path: Path) -> Weather:
+    """Weather from a file of SURFRAD or BSRN, NaN where not measured or marked bad.
+
+    Raises `ConfigError` if the file is neither, is damaged, or pvlib is not installed.
+    """
+    try:
+        content = _content(path, _MOST_BYTES)
+        if len(content) == _MOST_BYTES:
+            raise ConfigError(
+                f"{path} has more than {_MOST_BYTES // 10**6} MB", fix="take one day, or one month"
+            )
+        if _BSRN_START.match(content):
+            return _bsrn(path, content.decode("ascii", errors="replace"))
+        station = _surfrad_station(path, content)
+        if not path.read_bytes().startswith(content[:2]):
+            raise ConfigError(f"{path} is packed", fix=f"unpack it first: gunzip {path}")
+        return read_surfrad(path, station)
+    except ConfigError:
+        raise
+    except (OSError, EOFError, zlib.error, ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise _damaged(path, error) from error
+
+
+def _content(path: Path, most: int) -> bytes:
+    """The first `most` bytes, uncompressed."""
+    with path.open("rb") as file:
+        if file.read(2) != b"\x1f\x8b":
+            file.seek(0)
+            return file.read(most)
+    with gzip.open(path) as packed:
+        return packed.read(most)
+
+
+def _damaged(path: Path, error: Exception) -> ConfigError:
+    return ConfigError(
+        f"{path} is damaged: {error}", fix="fetch it again from SURFRAD or BSRN, and do not edit it"
+    )
+
+
+def _surfrad_station(path: Path, content: bytes) -> str:
+    """Whose file it is, by the place in its second line; the sign of a longitude cannot be relied on."""
+    found = _SURFRAD_PLACE.match(content)
+    if found is None:
+        raise ConfigError(
+            f"{path} is not a SURFRAD daily file, nor one of BSRN",
+            fix="give a file as the network names it, like slv16001.dat or tat0624.dat.gz",
+        )
+    latitude, longitude = float(found[1]), float(found[2])
+    for name, site in STATIONS.items():
+        apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
+        if max(apart) <= _NEAR_DEG:
+            return name
+    raise ConfigError(f"{path} is of no SURFRAD station known here", fix=f"known: {', '.join(STATIONS)}")
 
 
 def read_surfrad(path: Path, station: str) -> Weather:
@@ -136,29 +240,6 @@ def write_table(surfrad: Path, station: str, out: Path) -> None:
     """Write the attributed table of a SURFRAD day, comma-separated, one row a minute."""
     _, site, rows = _surfrad_rows(surfrad, station)
     out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
-
-
-def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
-    """Half of what each row is the mean of, by the median interval; half a minute where there is none."""
-    intervals = np.diff(np.unique(stamps_ns))
-    return int(np.median(intervals)) // 2 if intervals.size else _HALF_MINUTE_NS
-
-
-def _weather(ends: NDArray[np.datetime64], values: dict[str, FloatArray], site: Site, source: str) -> Weather:
-    ends_ns = ends.astype(np.int64)
-    return Weather(
-        time_ns=ends_ns - half_step_ns(ends_ns),
-        dni=values["dni_w_m2"],
-        dhi=values["dhi_w_m2"],
-        longwave_down_w_m2=values["longwave_down_w_m2"],
-        air_temperature_k=values["air_temperature_c"] + _CELSIUS_0_K,
-        wind_m_s=values["wind_m_s"],
-        pressure_pa=values["pressure_hpa"] * 100.0,
-        ghi=values["ghi_w_m2"],
-        longwave_up_w_m2=values["longwave_up_w_m2"],
-        site=site,
-        source=source,
-    )
 
 
 def _surfrad_rows(path: Path, station: str) -> tuple[str, Site, Rows]:
@@ -209,6 +290,54 @@ def _table_lines(rows: Rows, site: Site, file_name: str) -> Iterable[str]:
     yield "# end_utc: end of the averaged minute; air temperature at 10 m\n"
     yield ",".join(("end_utc", *_COLUMNS)) + "\n"
     yield from (",".join(row) + "\n" for row in rows)
+
+
+def _bsrn(path: Path, text: str) -> Weather:
+    try:
+        from pvlib.iotools import read_bsrn
+    except ImportError as error:
+        raise ConfigError("files of BSRN need pvlib", fix="pip install 'fieldkit[lab]'") from error
+    records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
+            table, about = read_bsrn(io.StringIO(text), logical_records=records)
+    except Exception as error:  # pandas has exceptions of its own for whatever it stumbles over
+        raise _damaged(path, error) from error
+    if table.empty or not about:
+        raise ConfigError(
+            f"{path} has no basic radiation (logical record 0100)", fix="fetch the whole month from BSRN"
+        )
+    latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
+    site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))
+    return _bsrn_weather(table, site, f"BSRN, {path.name}")
+
+
+def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
+    import pandas as pd
+
+    # pvlib puts minutes that only a further record has behind all others
+    table = table[~table.index.duplicated()].sort_index()
+
+    def column(name: str) -> FloatArray:
+        known = table[name] if name in table else np.full(len(table), np.nan)
+        return np.asarray(known, np.float64)
+
+    labels = pd.DatetimeIndex(table.index).tz_localize(None).to_numpy().astype("datetime64[ns]")
+    starts_ns = labels.astype(np.int64)
+    return Weather(
+        time_ns=starts_ns + half_step_ns(starts_ns),
+        dni=column("dni"),
+        dhi=column("dhi"),
+        longwave_down_w_m2=column("lwd"),
+        air_temperature_k=column("temp_air") + CELSIUS_ZERO_K,
+        wind_m_s=np.full(len(table), np.nan),
+        pressure_pa=column("pressure") * 100.0,
+        ghi=column("ghi"),
+        longwave_up_w_m2=column("lwu"),
+        site=site,
+        source=source,
+    )
 
 
 def _main() -> None:

@@ -18,6 +18,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import IntegrityError, SessionError
 from fieldkit.model.samples import is_damaged, is_usable
 from fieldkit.model.site import Region
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
 from fieldkit.sessions.layout import brick_shape
 from fieldkit.sessions.stream_reader import Pictures, StreamReader
@@ -33,7 +34,6 @@ Calibration = Callable[[NDArray[np.uint16]], FloatArray]
 """Kelvin from counts of any shape."""
 
 _BLOCK_BYTES = 32_000_000
-_MINUTE_NS = 60_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,9 +160,9 @@ def minute_means(
     readings = session.readings(meter, recorded=recorded)
     values = readings.values[:, 0]
     good = is_usable(readings.flags) & np.isfinite(values)
-    minutes, place = np.unique(readings.time_ns[good] // _MINUTE_NS, return_inverse=True)
+    minutes, place = np.unique(readings.time_ns[good] // MINUTE_NS, return_inverse=True)
     means = np.bincount(place, values[good]) / np.bincount(place) if minutes.size else np.empty(0)
-    return minutes * _MINUTE_NS + _MINUTE_NS // 2, means
+    return minutes * MINUTE_NS + MINUTE_NS // 2, means
 
 
 def channel_names(info: StreamInfo) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import StorageError
+from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
@@ -24,7 +25,7 @@ from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.stored import columns_of
 from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
-STEP_NS = 1_000_000_000
+STEP_NS = SECOND_NS
 TOLERANCE_NS = 2_000_000_000
 _REASON = h5py.string_dtype("utf-8", 256)
 _TRUSTED = ("gps", "ptp", "ntp", "phone")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.findings import Finding
@@ -24,7 +25,6 @@ MIN_SPAN_S = 3600.0
 _LIT_LX = 500.0
 _BRIGHT_LX = 20_000.0
 _LOW = np.sin(np.radians(5.0))
-_MINUTE_NS = 60_000_000_000
 
 FloatArray = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> i
 
 def _misfit(time_ns: NDArray[np.int64], lux: FloatArray, site: Site, shift_min: int) -> float:
     """Mean absolute misfit of log illuminance to the model; infinite if bright light had no sun."""
-    height = sun_vectors(time_ns + shift_min * _MINUTE_NS, site)[:, 2]
+    height = sun_vectors(time_ns + shift_min * MINUTE_NS, site)[:, 2]
     if (height[lux > _BRIGHT_LX] < _LOW).any() or (height < -_LOW).any():
         return float("inf")
     up = height > _LOW

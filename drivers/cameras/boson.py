@@ -34,6 +34,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
+from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 
 # --- commands on the serial port
 
@@ -134,7 +135,7 @@ class BosonSerial:
 
     def fpa_temperature_k(self) -> float:
         """Temperature of the sensor."""
-        return int.from_bytes(self.ask(FPA_TEMPERATURE)[:2], "big", signed=True) / 10 + 273.15
+        return int.from_bytes(self.ask(FPA_TEMPERATURE)[:2], "big", signed=True) / 10 + CELSIUS_ZERO_K
 
     def is_shutter_running(self) -> bool:
         """Whether a correction runs now."""
@@ -165,7 +166,7 @@ WANTED = CameraFormat(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
 IMAGE_ROWS = {640: 512, 320: 256}
 SCALE = 0.01
-LOOK_NS = 1_000_000_000  # the serial side is asked once a second
+LOOK_NS = SECOND_NS  # the serial side is asked once a second
 
 
 def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:

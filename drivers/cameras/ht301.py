@@ -30,9 +30,9 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
 from fieldkit.model.samples import Quality
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import (
     HT301_COUNTS,
-    ZERO_C,
     ht301_area,
     ht301_curve,
     ht301_fpa_c,
@@ -75,7 +75,7 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
     quality = Quality.GOOD if known else Quality.NO_VALUE
     if coldest <= 0 or hottest >= HT301_COUNTS:
         quality |= Quality.SATURATED
-    fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + ZERO_C
+    fpa_k = ht301_fpa_c(parameters.width, parameters.fpa_raw) + CELSIUS_ZERO_K
     return DecodedFrame(counts, found, rows, law=law, quality=quality, fpa_temperature_k=fpa_k)
 
 

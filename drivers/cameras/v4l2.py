@@ -19,6 +19,7 @@ from fieldkit.drivers.identity import permission_fix
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.units import SECOND_NS
 
 # --- structures and request numbers of linux/videodev2.h and linux/uvcvideo.h
 # ctypes lays the structures out for the machine at hand, so that 32- and 64-bit systems both fit.
@@ -275,7 +276,7 @@ class V4l2Source:
         if taken is None:
             return None
         monotonic = taken.flags & STAMP_MASK == STAMP_MONOTONIC
-        stamp_ns = taken.seconds * 1_000_000_000 + taken.microseconds * 1000
+        stamp_ns = taken.seconds * SECOND_NS + taken.microseconds * 1000
         picture = Buffer(
             data=self._maps[taken.index][: taken.bytesused],
             mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),

@@ -19,6 +19,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 # --- units
 
@@ -28,7 +29,7 @@ STREAM_UNITS = {"°C": "K", "°F": "K", "fc": "lx", "W/m²": "W m-2"}
 """The unit a stream has for what a meter shows."""
 
 TO_SI = {
-    ("°C", "K"): (273.15, 1.0),
+    ("°C", "K"): (CELSIUS_ZERO_K, 1.0),
     ("°F", "K"): (459.67, 1.8),
     ("fc", "lx"): (0.0, FOOT2_M2),
     ("W/m²", "W m-2"): (0.0, 1.0),

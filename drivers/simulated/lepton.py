@@ -18,9 +18,10 @@ import numpy as np
 
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Correction, FaultKind, Scene
 from fieldkit.simulation.faults import SHUTTER_STEP_K
-from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 # --- the board: telemetry rows and extension-unit controls
 

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
 from fieldkit.simulation import FaultKind, Scene
-from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 _LINE = Line(9600)
 _SPOILT_SHARE = 0.7  # of the records during a garbled minute
@@ -113,7 +114,7 @@ class SimulatedCenter309(Meter):
                 free_ns = self._send_from(first_byte_ns, b"309\r")
             elif letter == ord("A"):
                 probes = self._scene.probe_readings(self._measured_ns(first_byte_ns))
-                free_ns = self._send_from(first_byte_ns, center_309_record(probes[:4] - 273.15))
+                free_ns = self._send_from(first_byte_ns, center_309_record(probes[:4] - CELSIUS_ZERO_K))
 
 
 def lutron_record(value: float, unit: str, display: str = "1") -> bytes:

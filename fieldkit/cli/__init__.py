@@ -74,7 +74,7 @@ COMMON = ("-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--n
 """Options that every verb takes (`fieldkit.cli.common`)."""
 
 
-class VerbTable(click.Group):
+class CommandTable(click.Group):
     """A click group whose commands come from a table and are imported when they run."""
 
     def __init__(self, table: dict[str, tuple[Row, ...]], **settings: Any) -> None:
@@ -150,7 +150,7 @@ def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None
 
 
 @click.group(
-    cls=VerbTable,
+    cls=CommandTable,
     table=VERBS,
     subcommand_metavar="VERB [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -9,10 +9,10 @@ from fieldkit.cli.calibrate_emissivity import command as emissivity
 from fieldkit.cli.calibrate_irradiance import command as irradiance
 from fieldkit.cli.calibrate_surface import command as surface
 from fieldkit.cli.calibrate_uniformity import command as uniformity
-from fieldkit.cli.common import VerbGroup
+from fieldkit.cli.common import CommandGroup
 
 
-@click.group(cls=VerbGroup)
+@click.group(cls=CommandGroup)
 def command() -> None:
     """Numbers one can trust, kept in calibration/ and named in fieldkit.toml as "@name"."""
 

@@ -19,7 +19,7 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.calibration.clock import ClockOffset
+    from fieldkit.calibration.clock_offset import ClockOffset
     from fieldkit.model.samples import Sample
     from fieldkit.sessions.reader import Session
 
@@ -32,7 +32,7 @@ OTHER_DAY_S = 14 * 3600.0
 """No two time zones differ by more from UTC; beyond it a date is wrong, here or there."""
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--told",
@@ -58,7 +58,7 @@ def command(
     fieldkit calibrate clock --told 2026-12-11T11:52:30+09:00
     fieldkit calibrate clock recordings/X.h5 --sun
     """
-    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.calibration.calibration_record import CalibrationRecord
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for
@@ -118,14 +118,14 @@ def _key_pressed_ns(shown: datetime) -> int:
 
 
 def _by_hand(own_ns: int, told: datetime) -> tuple[ClockOffset, str]:
-    from fieldkit.calibration.clock import offset_from_times
+    from fieldkit.calibration.clock_offset import offset_from_times
 
     own, true = np.array([own_ns], np.int64), np.array([utc_ns(told)], np.int64)
     return offset_from_times(own, true, BY_HAND_S, "other clock by hand"), "another clock, read by hand"
 
 
 def _by_gps(session: Session, stream: str) -> tuple[ClockOffset, str]:
-    from fieldkit.calibration.clock import offset_from_times
+    from fieldkit.calibration.clock_offset import offset_from_times
 
     reader = session.stream(stream)
     if reader.info.device_time_unit != "ns since 1970 UTC":
@@ -157,7 +157,7 @@ def _is_fix(sample: Sample) -> bool:
 
 
 def _by_sun(session: Session) -> tuple[ClockOffset, str]:
-    from fieldkit.calibration.clock import offset_from_sun
+    from fieldkit.calibration.clock_offset import offset_from_sun
     from fieldkit.cli.calibrate_irradiance import minute_means
     from fieldkit.cli.calibrating import one_stream
 

@@ -9,23 +9,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.calibration.reflector import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
+from fieldkit.calibration.emissivity import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import meant
 from fieldkit.cli.types import DURATION, RECORD_NAME
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fieldkit.calibration.calibration_record import Source
     from fieldkit.calibration.emissivity import Emissivity, Pairs, Shared
-    from fieldkit.calibration.record import Source
     from fieldkit.cli.calibrate_gather import Setup
 
-ZERO_C = 273.15
 METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact thermometer, ASTM E1933"}
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--sample", type=RECORD_NAME, required=True, metavar="NAME", help="What it is; names the record."
@@ -143,7 +143,7 @@ def command(
 
 def work_out(session: Path, sample: str, given: dict[str, Any], settings: Sequence[str] = ()) -> Path:
     """Find, save and tell the emissivity that a session holds; the record's path."""
-    from fieldkit.calibration.steady import (
+    from fieldkit.calibration.steady_pairs import (
         pairs_of,
         refuse_other_bed,
         refuse_shifted_clocks,
@@ -220,8 +220,7 @@ def record_of(
     source: Source,
 ) -> Any:
     """The record of an emissivity."""
-    from fieldkit.calibration.doubts import instrument_of
-    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
     from fieldkit.cli.calibrating import told_settings
 
     celsius = {
@@ -230,15 +229,15 @@ def record_of(
     how = {"foil": setup.foil is not None, "free": given["reflected"] == "free"}
     details = {
         "temperature_range_c": [
-            round(float(k) - ZERO_C, 3) for k in (pairs.contact_k.min(), pairs.contact_k.max())
+            round(float(k) - CELSIUS_ZERO_K, 3) for k in (pairs.contact_k.min(), pairs.contact_k.max())
         ],
-        "reflected_temperature_c": round(found.reflected_k - ZERO_C, 3),
+        "reflected_temperature_c": round(found.reflected_k - CELSIUS_ZERO_K, 3),
         "reflected_by": "foil, ISO 18434-1" if how["foil"] else "fitted" if how["free"] else "given",
         "pairs": len(pairs),
         "chi_square": found.chi_square,
         "residual_k": found.residual_k,
         "effective_degrees_of_freedom": found.effective_freedom,
-        **{key: [round(float(k) - ZERO_C, 3) for k in values] for key, values in celsius.items()},
+        **{key: [round(float(k) - CELSIUS_ZERO_K, 3) for k in values] for key, values in celsius.items()},
     }
     return CalibrationRecord(
         "emissivity", sample, date, found.value, found.standard_uncertainty, "1",
@@ -250,7 +249,7 @@ def record_of(
 
 
 def _span(pairs: Pairs) -> str:
-    low, high = pairs.contact_k.min() - ZERO_C, pairs.contact_k.max() - ZERO_C
+    low, high = pairs.contact_k.min() - CELSIUS_ZERO_K, pairs.contact_k.max() - CELSIUS_ZERO_K
     return f"{low:.1f}→{high:.1f} °C"
 
 

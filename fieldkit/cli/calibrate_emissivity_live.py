@@ -15,8 +15,8 @@ from typing import Any
 
 import click
 
-from fieldkit.calibration.emissivity_refusals import MIN_SPAN_K
-from fieldkit.calibration.steady import STEADY_K_MIN, drift_k_min, steady_stretches
+from fieldkit.calibration.emissivity import MIN_SPAN_K
+from fieldkit.calibration.steady_pairs import STEADY_K_MIN, drift_k_min, steady_stretches
 from fieldkit.cli import common
 from fieldkit.cli.calibrate_gather import Gathering, Setup
 from fieldkit.cli.calibrate_setup import setup_of
@@ -24,6 +24,7 @@ from fieldkit.cli.record import run_until_stopped
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Frame, Reading
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.recorder.recorder import Shown
 from fieldkit.workflows.record import prepare
 
@@ -35,7 +36,6 @@ BURSTS = (
 )
 APART_K = 5.0
 """Steady temperatures closer than this count as one."""
-ZERO_C = 273.15
 
 
 def record_emissivity(
@@ -102,7 +102,7 @@ class SteadyView:
         state = "steady" if abs(drift) < STEADY_K_MIN else "wait"
         span = max(steady, default=0.0) - min(steady, default=0.0)
         probe, apparent, mirrored = (
-            f"{float(values[-1]) - ZERO_C:5.1f} °C"
+            f"{float(values[-1]) - CELSIUS_ZERO_K:5.1f} °C"
             for values in (readings.contact_k, readings.apparent_k, readings.reflected_k)
         )
         common.say(

@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.band import Band, before_camera_settings, transmission, without_air
-from fieldkit.calibration.emissivity import tape_temperature_k
-from fieldkit.calibration.reflector import (
+from fieldkit.calibration.emissivity import (
     FOIL_EMISSIVITY,
     is_saturated,
     mirrored_temperature_k,
     refuse_saturated,
+    tape_temperature_k,
 )
-from fieldkit.calibration.steady import Readings
+from fieldkit.calibration.steady_pairs import Readings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k
 
 FloatArray = NDArray[np.float64]
@@ -135,9 +136,9 @@ class Gathering:
         """All probes, (m, channels), kelvin."""
         values = np.array([row for _, row in self._probes], np.float64)
         assert self.setup.thermometer is not None
-        zero = 0.0 if self.setup.thermometer.unit == "K" else 273.15
+        zero = 0.0 if self.setup.thermometer.unit == "K" else CELSIUS_ZERO_K
         kelvin = values + zero
-        return (kelvin - 273.15 - 32.0) / 1.8 + 273.15 if self.setup.fahrenheit else kelvin
+        return (kelvin - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K if self.setup.fahrenheit else kelvin
 
     def other_probes_k(self) -> dict[str, FloatArray]:
         """The probes that were not chosen, by name, without those that are open."""

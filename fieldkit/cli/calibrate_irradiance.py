@@ -26,7 +26,7 @@ DIFFUSE_SD = {"none": 0.03, "fraction": 0.05, "erbs": 0.04}
 """Relative uncertainty of the sky's share where it is not measured."""
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option("--name", type=RECORD_NAME, default="light", show_default=True, help="Names the record.")
 @click.option("--pyranometer", metavar="STREAM", help="A stream: global irradiance on the meter's plane.")
@@ -51,9 +51,8 @@ def command(
     fieldkit calibrate irradiance SESSION --pyranometer cmp11
     fieldkit calibrate irradiance SESSION --station slv16001.dat
     """
-    from fieldkit.calibration.doubts import instrument_of
-    from fieldkit.calibration.irradiance import light_factor
-    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
+    from fieldkit.calibration.light_meter import light_factor
     from fieldkit.cli.calibrating import finish, moment, one_stream, source_of
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for
@@ -95,7 +94,7 @@ def _reference(
     pyranometer: str | None, pyrheliometer: str | None, station: str | None,
 ) -> tuple[FloatArray, str, float]:  # fmt: skip
     """Irradiance on the meter's plane at the minutes, the method, the doubt about the sky's share."""
-    from fieldkit.calibration.irradiance import on_plane
+    from fieldkit.calibration.light_meter import on_plane
     from fieldkit.physics.sun import sun_vectors
     from fieldkit.workflows.simulate import measured_weather
 

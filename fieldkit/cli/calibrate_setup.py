@@ -14,8 +14,8 @@ from fieldkit.cli.calibrating import one_region
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.units import CELSIUS_ZERO_K
 
-ZERO_C = 273.15
 NOT_MEASURED_K = 150.0
 """Stands for the reflected temperature where the fit is to find it: colder than any sky."""
 
@@ -36,8 +36,8 @@ def setup_of(
         tape_emissivity=given["tape_emissivity"], foil_emissivity=given["foil_emissivity"],
         fahrenheit=given["unit"] == "F",
         camera_emissivity=_applied(camera, given["camera_emissivity"]),
-        camera_reflected_k=given["camera_reflected"] + ZERO_C,
-        distance_m=given["distance"], air_k=given["air"] + ZERO_C, humidity=given["humidity"] / 100.0,
+        camera_reflected_k=given["camera_reflected"] + CELSIUS_ZERO_K,
+        distance_m=given["distance"], air_k=given["air"] + CELSIUS_ZERO_K, humidity=given["humidity"] / 100.0,
     )  # fmt: skip
     if tape is not None:
         return setup
@@ -66,7 +66,7 @@ def _reflected(text: str, regions: Sequence[Region], where: Path) -> tuple[Regio
     if text == "free":
         return None, NOT_MEASURED_K
     try:
-        return None, float(text) + ZERO_C
+        return None, float(text) + CELSIUS_ZERO_K
     except ValueError:
         return one_region(regions, text, where), math.nan
 

@@ -16,7 +16,7 @@ from fieldkit.cli.types import RECORD_NAME
 from fieldkit.model.errors import CalibrationError, ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.calibration.surface import BedScale
+    from fieldkit.calibration.surface_scale import BedScale
     from fieldkit.estimation.balance import Rows
     from fieldkit.estimation.bins import History
     from fieldkit.estimation.estimator import Estimator
@@ -27,7 +27,7 @@ LEAST_TILT_DEG = 3.0
 CLOUDY = ("CLOUD", "LOW_SUN", "MOVED")
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option("--name", type=RECORD_NAME, default="beds", show_default=True, help="Names the record.")
 @click.option("--bed", "beds", multiple=True, metavar="REGION", help="Only this bed; may be repeated.")
@@ -57,8 +57,8 @@ def command(
     \b
     fieldkit calibrate surface recordings/X.h5 --bed b15
     """
-    from fieldkit.calibration.record import CalibrationRecord
-    from fieldkit.calibration.surface import pool
+    from fieldkit.calibration.calibration_record import CalibrationRecord
+    from fieldkit.calibration.surface_scale import pool
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
@@ -141,7 +141,7 @@ def known_beds(
 
 def scale_of(rows: Rows, index: int, slope: tuple[float, float], tilt_sd_deg: float) -> BedScale:
     """The scale of one bed."""
-    from fieldkit.calibration.surface import BedScale
+    from fieldkit.calibration.surface_scale import BedScale
     from fieldkit.estimation.scale import scale_from_known_bed
     from fieldkit.physics.facet import normal
 

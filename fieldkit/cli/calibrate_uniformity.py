@@ -13,17 +13,18 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import meant
 from fieldkit.cli.types import RECORD_NAME
 from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.units import SECOND_NS
 
 if TYPE_CHECKING:
     from fieldkit.calibration.uniformity import Look
     from fieldkit.sessions.reader import Session
 
-BLOCK_NS = 10_000_000_000
+BLOCK_NS = 10 * SECOND_NS
 """Pictures of ten seconds count as one: neighbours err alike."""
 LEAST_BLOCKS = 3
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("before", type=click.Path(path_type=Path))
 @click.argument("after", required=False, type=click.Path(path_type=Path))
 @click.option("--name", type=RECORD_NAME, default="uniformity", show_default=True, help="Names the record.")
@@ -44,8 +45,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     \b
     fieldkit record --for 2m --name board && fieldkit calibrate uniformity recordings/*board.h5
     """
-    from fieldkit.calibration.doubts import instrument_of
-    from fieldkit.calibration.record import CalibrationRecord
+    from fieldkit.calibration.calibration_record import CalibrationRecord, instrument_of
     from fieldkit.calibration.uniformity import uniformity
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session

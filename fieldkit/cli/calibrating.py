@@ -12,8 +12,8 @@ from typing import Any
 import click
 
 import fieldkit
-from fieldkit.calibration.budget import Contribution, combined, largest
-from fieldkit.calibration.record import CalibrationRecord, Source, as_document, expiry, save
+from fieldkit.calibration.calibration_record import CalibrationRecord, Source, as_document, expiry, save
+from fieldkit.calibration.uncertainty import Contribution, combined, largest
 from fieldkit.cli import common
 from fieldkit.config import Config
 from fieldkit.model.device import StreamInfo

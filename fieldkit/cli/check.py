@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import resolved
 from fieldkit.model.errors import FieldkitError, IntegrityError, RefusedError
 
@@ -19,7 +19,7 @@ _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "re
 _AGREE_DEG = 1e-9
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--strict", is_flag=True, help="Warnings count as failures: exit code 7.")
 @click.option(

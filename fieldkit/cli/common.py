@@ -53,7 +53,7 @@ def _common_options() -> list[click.Parameter]:
     ]
 
 
-class Verb(click.Command):
+class Command(click.Command):
     """A command that takes the common options and keeps them as `Options` in ``ctx.obj``."""
 
     def __init__(self, name: str | None = None, **settings: Any) -> None:
@@ -70,10 +70,10 @@ class Verb(click.Command):
         return super().invoke(ctx)
 
 
-class VerbGroup(click.Group):
+class CommandGroup(click.Group):
     """A verb with verbs of its own, such as ``roi add``; each of them takes the common options."""
 
-    command_class = Verb
+    command_class = Command
 
 
 set_option = click.option(

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, print_table
+from fieldkit.cli.common import Command, options, print_json, print_table
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
     from fieldkit.drivers.decoding import Decoded, Value
@@ -24,7 +25,7 @@ _SEPARATORS = re.compile(r"0x|[\s,:;-]", re.IGNORECASE)
 _MOST_ROWS = 200
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("driver")
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 @click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
@@ -128,5 +129,5 @@ def _print(decoded: Decoded) -> None:
 def _shown(value: Value) -> str:
     if value.value != value.value:
         return "no value"
-    celsius = f" ({value.value - 273.15:.2f} °C)" if value.unit == "K" else ""
+    celsius = f" ({value.value - CELSIUS_ZERO_K:.2f} °C)" if value.unit == "K" else ""
     return f"{value.value:.8g} {value.unit}{celsius}".strip()

@@ -39,7 +39,7 @@ PACE = 360
 """Scene seconds a real second, to watch; ``--fast`` goes as fast as it can."""
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.option("--fast", is_flag=True, help="As fast as it goes; the same numbers.")
 @click.option(
     "--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Show what trouble looks like."

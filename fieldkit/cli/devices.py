@@ -6,10 +6,10 @@ from dataclasses import asdict
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, print_table, say
+from fieldkit.cli.common import Command, options, print_json, print_table, say
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """What is plugged in, and the identity to write into fieldkit.toml.

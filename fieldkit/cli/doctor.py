@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import Verb, campaign, options, print_json
+from fieldkit.cli.common import Command, campaign, options, print_json
 from fieldkit.drivers.discovery import Fact, is_connected, look
 from fieldkit.model.errors import DeviceError, FieldkitError
 
@@ -33,7 +33,7 @@ FULL_SUN_LX = 130_000
 Check = Callable[[click.Context], Iterator[Fact]]
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.option(
     "--udev", is_flag=True, help="Print the udev rules, with names for this campaign's instruments."
 )
@@ -167,7 +167,7 @@ def _configuration(ctx: click.Context) -> Iterator[Fact]:
 
 def _calibrations(config: Config) -> Iterator[Fact]:
     """Which calibration records are in use, and whether they are too old; no instrument is opened here."""
-    from fieldkit.calibration.doubts import doubts_of_date
+    from fieldkit.calibration.calibration_record import doubts_of_date
 
     for key, record in config.calibrations().items():
         if said := doubts_of_date(record, datetime.now(UTC)):

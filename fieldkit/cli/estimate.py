@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fieldkit.workflows.estimates import Estimates
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "-o",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json
+from fieldkit.cli.common import Command, options, print_json
 from fieldkit.cli.session_paths import newest
 from fieldkit.model.errors import ConfigError, IncompleteError, IntegrityError, StorageError
 
@@ -20,7 +20,7 @@ PICTURE_KINDS = ("png", "mp4", "tiff")
 KINDS = (*WHOLE_KINDS, "mcap", *PICTURE_KINDS)
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option("--to", "kind", type=click.Choice(KINDS), required=True, help="What to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.types import SITE, ZONE
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.radiation import COMPONENTS
@@ -38,7 +38,7 @@ def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -
     return name
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="FILE.h5", help="[default: recordings/]"

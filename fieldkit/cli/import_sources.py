@@ -63,7 +63,7 @@ def _flir(source: Path, given: dict[str, Any]) -> Foreign:
 
 
 def _is_station(source: Path) -> bool:
-    from fieldkit.station_files import is_station_file
+    from fieldkit.weather import is_station_file
 
     return is_station_file(source)
 

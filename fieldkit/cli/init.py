@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.types import SITE
 from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.model.site import Site, with_zone, zone_by_longitude
@@ -20,7 +20,7 @@ GITIGNORE = (
 )
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("folder", type=click.Path(path_type=Path), default=".", metavar="[DIR]")
 @click.option("--site", type=SITE, help="Where the beds stand [default: the paper's site, to be changed].")
 @click.option("--timezone", metavar="NAME", help="Its time zone, such as Asia/Tokyo [default: by longitude].")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fieldkit.workflows.record import Instruments
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.option(
     "--png", type=click.Path(path_type=Path), metavar="FILE", help="Write one picture with regions and end."
 )

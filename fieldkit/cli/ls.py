@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, print_table, say
+from fieldkit.cli.common import Command, options, print_json, print_table, say
 from fieldkit.cli.session_paths import recordings_folder, sessions_in
 from fieldkit.model.errors import SessionError
 from fieldkit.views import formatting
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("folder", required=False, type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.pass_context
 def command(ctx: click.Context, folder: Path | None) -> None:

@@ -23,7 +23,7 @@ ENDINGS = (".png", ".nc")
 _POLL_S = 1.0
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "-o", "--out", type=click.Path(path_type=Path), metavar="NAME",
@@ -81,7 +81,7 @@ def command(
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
     """Map at each new minute of a recording until it ends; a minute that makes no map yet is said."""
-    from fieldkit.estimation.bins import MINUTE_NS
+    from fieldkit.model.units import MINUTE_NS
     from fieldkit.sessions.layout import journal_path
     from fieldkit.sessions.lock import is_locked
     from fieldkit.sessions.reader import open_session

@@ -6,7 +6,7 @@ from datetime import datetime, time, timedelta, tzinfo
 
 import click
 
-from fieldkit.cli.common import Verb, campaign, options, print_json, say
+from fieldkit.cli.common import Command, campaign, options, print_json, say
 from fieldkit.cli.types import WORDS
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import RefusedError, StorageError
@@ -21,7 +21,7 @@ FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
 """What lies further from now is a slip of the pen; a simulated day may be of another decade."""
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("text", type=WORDS)
 @click.option(
     "-k", "--kind", default="", type=WORDS, metavar="WORD", help="One word to sort by, such as cloud."

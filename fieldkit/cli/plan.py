@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, campaign, options, print_json, print_table, say
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say
 from fieldkit.cli.types import DAY, FACET, SITE, ZONE
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.site import RegionKind, Site, with_zone
+from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,10 +26,9 @@ if TYPE_CHECKING:
     from fieldkit.physics.facet import FloatArray
 
 Facet = tuple[float, float]
-ZERO_CELSIUS_K = 273.15
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.option("--site", type=SITE, help="Where [default: the campaign's site].")
 @click.option("--zone", type=ZONE, help="Time zone to show, like Asia/Tokyo [default: by longitude].")
 @click.option("--on", "day", type=DAY, required=True, help="Which day, in that zone.")
@@ -111,9 +111,9 @@ def make_plan(
     from fieldkit.estimation.day_plan import PlanSettings, plan_day
     from fieldkit.physics.sun import sun_vectors
 
-    time_ns = np.arange(*_ends_ns(site, day), 60_000_000_000, dtype=np.int64)
+    time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
     settings = PlanSettings(
-        noise_k=given["noise"], window_min=given["window"], air_k=given["air_c"] + ZERO_CELSIUS_K
+        noise_k=given["noise"], window_min=given["window"], air_k=given["air_c"] + CELSIUS_ZERO_K
     )
     if config:
         estimator = config.estimator_settings()
@@ -134,14 +134,14 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
 
     start = datetime(day.year, day.month, day.day, tzinfo=zone(site))
     ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
-    moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * 3_600_000_000_000
+    moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * HOUR_NS
     return utc_ns(start) + moved_ns, utc_ns(start + timedelta(days=1)) + moved_ns
 
 
 def _direct(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, given: dict[str, Any]) -> FloatArray:
     import numpy as np
 
-    from fieldkit.physics.clearsky import clear_sky
+    from fieldkit.physics.daylight import clear_sky
 
     if given["clear_sky"]:
         return clear_sky(sun[:, 2], time_ns, site.elevation_m, given["clear_sky"])[0]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import offer_recovery, sessions_in
+from fieldkit.cli.session_paths import report_interrupted, sessions_in
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from fieldkit.workflows.record import Instruments, PreparedRecording, RecordedSession
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.option("--name", default="", metavar="NAME", help="Goes into the file's name.")
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="How long: 3h, 90m, 45s.")
 @click.option("--until", type=TIME_OF_DAY, metavar="HH:MM", help="When to stop, in the site's time zone.")
@@ -50,7 +50,7 @@ def command(
     if duration_s is not None and until is not None:
         raise click.UsageError("give --for or --until, not both")
     config = common.campaign(ctx, settings)
-    offer_recovery(sessions_in(config.recordings))
+    report_interrupted(sessions_in(config.recordings))
     with prepare(
         config,
         name=name,

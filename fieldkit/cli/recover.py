@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import is_interrupted, meant, recordings_folder, sessions_in
 from fieldkit.model.errors import FieldkitError, IntegrityError
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fieldkit.sessions.tally import Lost
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--tidy", is_flag=True, help="Delete the files as crashes left them (NAME.h5.crashed).")
 @click.pass_context

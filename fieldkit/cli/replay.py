@@ -10,7 +10,7 @@ from typing import Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant, offer_recovery
+from fieldkit.cli.session_paths import meant, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
@@ -21,7 +21,7 @@ from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.estimate import as_document, config_for, estimates_of, estimator_for, minutes_of
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option(
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
@@ -37,7 +37,7 @@ def command(
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     factor = parse_speed(speed)
     session = meant(ctx, session)
-    offer_recovery([session])
+    report_interrupted([session])
     with open_session(session) as opened:
         config = config_for(opened, settings)
         estimator = estimator_for(opened, config)

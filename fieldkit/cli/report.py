@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fieldkit.workflows.report import Report
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, type=click.Path(path_type=Path))
 @click.option(
     "-o",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import VerbGroup, options, print_json, print_table, say
+from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
 from fieldkit.cli.session_paths import meant
 from fieldkit.cli.types import OR_RECORD, RECT, XY
 from fieldkit.model.errors import ConfigError
@@ -34,7 +34,7 @@ _OFFSET = click.option(
 )
 
 
-@click.group(cls=VerbGroup)
+@click.group(cls=CommandGroup)
 def command() -> None:
     """Regions of the picture: the beds, and the flat reference among them.
 

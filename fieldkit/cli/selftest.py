@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, say
+from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.decode import parse_option
 from fieldkit.model.errors import DeviceError
 
@@ -25,7 +25,7 @@ class Hands:
         say("put the cable back")
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("driver")
 @click.option("--port", default="", help="Port of the instrument to try.")
 @click.option(

@@ -50,7 +50,7 @@ def is_interrupted(path: Path) -> bool:
         return journal.exists()
 
 
-def offer_recovery(paths: Iterable[Path]) -> None:
+def report_interrupted(paths: Iterable[Path]) -> None:
     """Tell of interrupted sessions among these, and how to finish them."""
     for path in paths:
         if is_interrupted(path):
@@ -65,14 +65,14 @@ def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     session at all.
     """
     found = _resolved(ctx, paths)
-    offer_recovery(found)
+    report_interrupted(found)
     return found
 
 
 def newest(ctx: click.Context, path: Path | None) -> Path:
     """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
     found = max(_resolved(ctx, [path] if path else []), key=_age)
-    offer_recovery([found])
+    report_interrupted([found])
     return found
 
 

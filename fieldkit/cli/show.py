@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, print_json_line, say
+from fieldkit.cli.common import Command, options, print_json, print_json_line, say
 from fieldkit.cli.ls import duration, iso_time, local_time
 from fieldkit.cli.session_paths import newest
 from fieldkit.model.radiation import measured
@@ -25,7 +25,7 @@ _LAST_EVENTS = 12
 _POLL_S = 0.5
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
 @click.option("--follow", is_flag=True, help="Go on printing while the session is being recorded.")
 @click.pass_context

@@ -12,9 +12,10 @@ import numpy as np
 
 from fieldkit.cli import common
 from fieldkit.model.errors import RefusedError
+from fieldkit.model.units import SECOND_NS
 from fieldkit.views import formatting
 from fieldkit.workflows.estimate import as_document, config_for, estimator_for
-from fieldkit.workflows.running import Silence, session_in_progress, silence
+from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, silence
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -22,12 +23,12 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
     from fieldkit.views.latest import Latest
 
-LAST_MINUTES_NS = 150 * 1_000_000_000
+LAST_MINUTES_NS = 150 * SECOND_NS
 """Samples that hold a whole minute, closed by what came after it."""
 LAST_EVENTS = 5
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Show how the recording that runs is doing: slopes, temperatures, streams, disk, last events."""
@@ -81,7 +82,7 @@ def _last_samples(session: Session) -> Iterator[Sample]:
     return heapq.merge(*parts, key=lambda sample: sample.mono_ns)
 
 
-def _print(session: Session, latest: Latest, silent: Silence | None) -> None:
+def _print(session: Session, latest: Latest, silent: UnresponsiveRecorder | None) -> None:
     from fieldkit.views.screen import THEMES, snapshot
 
     start_ns, end_ns, site = session.start_ns, session.end_ns, session.site
@@ -95,7 +96,7 @@ def _print(session: Session, latest: Latest, silent: Silence | None) -> None:
         console.print(snapshot(latest, console.width))
 
 
-def _document(session: Session, latest: Latest, silent: Silence | None) -> dict[str, Any]:
+def _document(session: Session, latest: Latest, silent: UnresponsiveRecorder | None) -> dict[str, Any]:
     minute, regions = latest.minute, {region.name: region for region in session.regions}
     return {
         "session": str(session.path),

@@ -15,7 +15,7 @@ from fieldkit.cli.session_paths import is_interrupted
 from fieldkit.model.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked, owner
-from fieldkit.workflows.running import Silence, session_in_progress, silence
+from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, silence
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 60.0
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
     """Ask the recording that runs to stop and seal, and wait until it has."""
@@ -59,7 +59,7 @@ def _stopped(config: Config) -> Path:
     return path
 
 
-def _tell(silent: Silence, pid: int, config: Config) -> None:
+def _tell(silent: UnresponsiveRecorder, pid: int, config: Config) -> None:
     """Say since when the recorder does not respond; continue one that was stopped, so that it can seal."""
     common.say(f"warning: {silent.at(config.site)}")
     if silent.is_stopped:

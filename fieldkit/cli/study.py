@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Verb, options, print_json, print_table, progress, say
+from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
 from fieldkit.cli.types import DAY, HOUR, SITE, ZONE
 from fieldkit.model.site import Site, with_zone
 
@@ -32,7 +32,7 @@ SHOWN = {
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.option("--site", type=SITE, help="Site [default: the paper's].")
 @click.option("--zone", type=ZONE, help="Time zone of a --site [default: by longitude].")
 @click.option("--on", "day", type=DAY, help="Day [default: 2017-08-30, the paper's].")
@@ -137,8 +137,8 @@ def _study_options(
     **values: Any,
 ) -> StudyOptions:
     """The study asked for; what was not given is the paper's."""
-    from fieldkit.station_files import read_station_file
     from fieldkit.study.runs import PAPER_DAY, PAPER_SITE, PAPER_STARTS, PAPER_TURBIDITY, StudyOptions
+    from fieldkit.weather import read_station_file
 
     study = StudyOptions(
         site=with_zone(site, zone) if site else PAPER_SITE,

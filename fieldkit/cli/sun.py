@@ -7,14 +7,14 @@ from typing import Any
 
 import click
 
-from fieldkit.cli.common import Verb, campaign, options, print_json, print_table
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table
 from fieldkit.cli.types import FACET, MOMENT, SITE
 from fieldkit.model.site import Site
 
 Facet = tuple[float, float]
 
 
-@click.command(cls=Verb)
+@click.command(cls=Command)
 @click.option("--site", type=SITE, help="Where [default: the campaign's site].")
 @click.option("--at", "moments", type=MOMENT, multiple=True, required=True, help="When; may be repeated.")
 @click.option("--facet", "facets", type=FACET, multiple=True, help="Surface to aim at; may be repeated.")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fieldkit.workflows.sweep import Grid, Ranking
 
 
-@click.command(cls=common.Verb)
+@click.command(cls=common.Command)
 @click.argument("sessions", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--set", "settings", multiple=True, required=True, metavar="KEY=VALUES",

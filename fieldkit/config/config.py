@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import tomlkit
 
-from fieldkit.calibration.record import CalibrationRecord, from_document
+from fieldkit.calibration.calibration_record import CalibrationRecord, from_document
 from fieldkit.config.references import calibration_folder
 from fieldkit.config.toml_schema import (
     AlarmsTable,
@@ -24,13 +24,13 @@ from fieldkit.config.toml_schema import (
 )
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
     from fieldkit.estimation.settings import EstimatorSettings
+    from fieldkit.physics.energy_balance import SurfaceParameters
     from fieldkit.physics.irradiance import IrradianceModel
-    from fieldkit.physics.surface import SurfaceParameters
 
-CELSIUS_0_K = 273.15
 NAN = float("nan")
 KINDS = {"reference": RegionKind.REFERENCE, "target": RegionKind.TARGET}
 
@@ -115,7 +115,7 @@ class Config:
 
     def surface_parameters(self) -> SurfaceParameters:
         """The energy balance's parameters of the beds and the air over them."""
-        from fieldkit.physics.surface import SurfaceParameters
+        from fieldkit.physics.energy_balance import SurfaceParameters
 
         surface, air = self.tables.surface, self.tables.air
         return SurfaceParameters(
@@ -140,7 +140,7 @@ class Config:
             irradiance=self.irradiance_model(),
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
-            reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_0_K,
+            reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_ZERO_K,
             offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
             emissivity_sd=self.tables.surface.emissivity_sd,
             own_emissivity_sd={

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
-from fieldkit.calibration.record import FOLDER, CalibrationRecord, as_document, find
+from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
 from fieldkit.config.toml_lines import Path
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.daylight import extraterrestrial
+from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import VERTICAL, FloatArray
-from fieldkit.physics.sky import extraterrestrial
 from fieldkit.physics.slab import Slab, conducted_flux
-from fieldkit.physics.surface import STEFAN_BOLTZMANN
 
 MINUTE_S = 60.0
 SMOOTHED_MINUTES = 5

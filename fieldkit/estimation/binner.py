@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldkit.estimation.bins import MINUTE_NS, Camera, Field, MinuteBin, OpenBin
+from fieldkit.estimation.bins import Camera, Field, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import Watch, end_of
 from fieldkit.estimation.instruments import Instruments, Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
@@ -19,6 +19,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
 from fieldkit.model.site import Region, Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 
 GRACE_NS = 2_000_000_000

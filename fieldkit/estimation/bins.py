@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.radiance import surface_temperature_k
 
-MINUTE_NS = 60_000_000_000
 LAW_STEP_K = 0.01
 
 

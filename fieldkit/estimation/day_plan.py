@@ -17,14 +17,15 @@ from numpy.typing import ArrayLike, NDArray
 from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
 from fieldkit.estimation.normal import cramer_rao, mirror, tangents
 from fieldkit.model.slope import is_too_wide
-from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimuth
-from fieldkit.physics.surface import (
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.energy_balance import (
     STEFAN_BOLTZMANN,
     SurfaceParameters,
     direct_irradiance,
     irradiance_per_kelvin,
     surface_temperature,
 )
+from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimuth
 
 GRAZING = 0.03
 """Cosine of incidence below which a facet is taken as in its own shade."""
@@ -195,7 +196,7 @@ def plan_day(
     light = np.where(up, dni_w_m2, 0.0)
     warm = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
     sigma = cosine_noise(light, warm, settings.noise_k, settings.surface)
-    on_step = (time_ns - time_ns[0]) % (step_min * 60_000_000_000) == 0
+    on_step = (time_ns - time_ns[0]) % (step_min * MINUTE_NS) == 0
     rows = np.flatnonzero(up & on_step)
     usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
     return DayPlan(

@@ -15,6 +15,7 @@ from fieldkit.estimation.bins import Field, MinuteBin, OpenBin
 from fieldkit.estimation.instruments import Light, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
+from fieldkit.model.units import SECOND_NS
 
 SUDDEN_CHANGE = 0.15
 SUDDEN_S = 120.0
@@ -22,7 +23,7 @@ STEADY_CHANGE = 0.05
 STEADY_S = 60.0
 NEW_WEATHER_S = 1200.0
 MIN_VALUES = 10
-STRETCH_NS = 5 * 10**9
+STRETCH_NS = 5 * SECOND_NS
 GUST_SD_K = 0.2
 """What gusts do to a bed's temperature from minute to minute outdoors: smaller jumps are no weather."""
 MOVED_PX = 1.5

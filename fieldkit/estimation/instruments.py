@@ -15,6 +15,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
 from fieldkit.model.samples import Quality, Reading, is_usable
 from fieldkit.model.site import Site
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
@@ -150,7 +151,7 @@ class Instruments:
             table = np.full((0, info.shape[0]), np.nan)
             if rows := [r.values for r in _usable(minute, info)]:
                 table = np.array(rows, np.float64)
-            zero = 0.0 if info.unit == "K" else 273.15
+            zero = 0.0 if info.unit == "K" else CELSIUS_ZERO_K
             means.extend(mean_of(table[:, channel]) + zero for channel in range(table.shape[1]))
         return tuple(means)
 

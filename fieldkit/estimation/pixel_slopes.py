@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.slope import SlopeState, is_too_wide
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
-from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin
 
 LOWEST_COSINE = 0.03
 """Pixels darker than this in the mean are in their own shade."""

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
-from fieldkit.physics.surface import SurfaceParameters
 
 Method = Literal["unit-norm", "contours", "posterior"]
 Model = Literal["paper", "full"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
@@ -20,6 +20,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.sun import sun_vectors

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 Counts = NDArray[np.uint16]
 Kelvin = NDArray[np.float32]
 Law = Callable[[Counts, Counts, Mapping[str, Any]], Kelvin]
 
-ZERO_C = 273.15
 HT301_COUNTS = 0x3FFF
 """The highest count: fourteen of the sixteen bits."""
 
@@ -136,7 +136,7 @@ def ht301_parameters(metadata_rows: Counts) -> Ht301Parameters:
     words = np.ascontiguousarray(metadata_rows).ravel()
     area = ht301_area(width)
     coefficients = words[area + 3 : area + 13].view("<f4").tolist()
-    shutter_c = float(words[area + 1]) / 10 - ZERO_C
+    shutter_c = float(words[area + 1]) / 10 - CELSIUS_ZERO_K
     return Ht301Parameters(width, int(words[area]), int(words[1]), shutter_c, *coefficients)
 
 
@@ -163,7 +163,7 @@ def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
     p = parameters.c2 / (2 * parameters.c1)
     s = parameters.c1 * t_shutter**2 + parameters.c2 * t_shutter
     g = parameters.c3 * t_fpa**2 + parameters.c4 * t_fpa + parameters.c5
-    return g / parameters.c1, (s - offset * g) / parameters.c1 + p * p, ZERO_C - p
+    return g / parameters.c1, (s - offset * g) / parameters.c1 + p * p, CELSIUS_ZERO_K - p
 
 
 def ht301(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
@@ -215,7 +215,7 @@ def planck_counts(temperature_k: float, constants: Planck) -> float:
 
 def path_transmission(constants: Planck) -> float:
     """Transmission of one half of the path; the window, if any, stands in its middle."""
-    air_c = constants.air_k - ZERO_C
+    air_c = constants.air_k - CELSIUS_ZERO_K
     water = constants.humidity * math.exp(
         1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 6.8455e-7 * air_c**3
     )

@@ -16,9 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.physics.daylight import diffuse_fraction_erbs, extraterrestrial, perez_efficacy, sky_view
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
-from fieldkit.physics.illumination import diffuse_fraction_erbs, perez_efficacy
-from fieldkit.physics.sky import extraterrestrial, sky_view
 
 Kind = Literal["eq10", "efficacy", "perez", "calibrated", "pyranometer", "pyrheliometer", "file"]
 Mounting = Literal["horizontal", "sun-pointing", "in-plane"]

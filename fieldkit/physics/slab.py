@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import solve_banded
 
+from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.surface import balance_temperature
 
 _DEEP = 0.01
 """Fourier number below which the bottom does not answer: its echo is exp(-1 / 0.01) of the step."""

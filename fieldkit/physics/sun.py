@@ -1,8 +1,9 @@
 """Where the sun stands: unit vectors to it in east, north, up.
 
-The engine is astropy, which only this module and `earth_rotation` import: in the field
-there is no network, so its downloads of tables are switched off here. Where its own end UT1
-is guessed, which costs far below 0.01 degrees.
+The engine is astropy, which only this module imports: in the field there is no network, so its downloads
+are switched off. UT1 and polar motion come from the file that astropy brings along (IERS, finals2000A), read
+here in milliseconds; astropy's general reader takes longer than everything else a command does at its start.
+Beyond the end of that table UT1 is extrapolated, which costs far less than 0.01 degrees.
 
 Positions are computed on a 300 s grid and the *unit vector* is interpolated by a cubic
 spline (angles would wrap at north and break at the zenith). Geometric positions are the
@@ -14,11 +15,13 @@ from __future__ import annotations
 
 import warnings
 from functools import lru_cache
+from pathlib import Path
 
 import astropy.units as u
 import erfa  # type: ignore[import-untyped]
 import numpy as np
 from astropy.coordinates import AltAz, EarthLocation, get_sun
+from astropy.table import QTable
 from astropy.time import Time
 from astropy.utils import iers
 from astropy.utils.exceptions import AstropyWarning
@@ -26,8 +29,35 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from fieldkit.model.site import Site
-from fieldkit.physics.earth_rotation import earth_rotation
+from fieldkit.model.units import DAY_NS, DAY_S
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
+
+COLUMNS = {
+    "MJD": (7, 15, u.d),
+    "PM_x": (18, 27, u.arcsec),
+    "PM_y": (37, 46, u.arcsec),
+    "UT1_UTC": (58, 68, u.s),
+}
+"""First and last character of each column, and its unit, by the file's description (readme.finals2000A)."""
+
+
+class EarthRotation(iers.IERS):  # type: ignore[misc]
+    """UT1 - UTC and polar motion by day, measured and predicted; beyond its ends the last values hold."""
+
+    def _check_interpolate_indices(self, *_: object) -> None:
+        """A guess of UT1 beyond the table is good enough: below 0.005 degrees of sun."""
+
+
+@lru_cache(maxsize=1)
+def earth_rotation() -> EarthRotation:
+    """The table of the file that was installed with astropy."""
+    days = [line for line in Path(iers.IERS_A_FILE).read_text("ascii").splitlines() if line[58:68].strip()]
+    columns = {
+        name: np.array([line[begin:end] for line in days], np.float64) * unit
+        for name, (begin, end, unit) in COLUMNS.items()
+    }
+    return EarthRotation(QTable(columns))
+
 
 iers.conf.auto_download = False
 iers.conf.auto_max_age = None
@@ -35,8 +65,6 @@ iers.conf.iers_degraded_accuracy = "ignore"
 
 GRID_S = 300
 PADDING_NODES = 2
-DAY_S = 86_400
-_DAY_NS = DAY_S * 1_000_000_000
 
 
 def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> FloatArray:
@@ -47,11 +75,11 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
     """
     times = np.asarray(time_ns, dtype=np.int64)
     flat = times.reshape(-1)
-    days = flat // _DAY_NS
+    days = flat // DAY_NS
     vectors = np.empty((flat.size, 3))
     for day in np.unique(days):
         chosen = days == day
-        seconds = (flat[chosen] - day * _DAY_NS) * 1e-9
+        seconds = (flat[chosen] - day * DAY_NS) * 1e-9
         vectors[chosen] = _spline_of_day(int(day), site)(seconds)
     vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, np.newaxis]
     if refraction:

@@ -17,9 +17,9 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
+from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder.sample_queue import SampleQueue
 
-SECOND_NS = 1_000_000_000
 READ_TIMEOUT_S = 0.5
 LONGEST_BACK_OFF_S = 30.0
 WORDS_EVERY_NS = 60 * SECOND_NS

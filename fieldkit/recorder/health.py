@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
+from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.writer import SessionWriter
 
-SECOND_NS = 1_000_000_000
 PAUSE_NS = 10 * SECOND_NS
 WARN_S = 900
 CLOCK_STEP_NS = SECOND_NS // 2

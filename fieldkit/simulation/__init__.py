@@ -9,13 +9,11 @@ wind and stored heat count, and light meter and camera have errors of their own.
 and their bytes are not here (`fieldkit.drivers.simulated`).
 """
 
-from fieldkit.simulation.camera_picture import Correction
-from fieldkit.simulation.curves import Moment
+from fieldkit.simulation.camera_frame import Correction
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.faults import Fault, FaultKind, LightStep
-from fieldkit.simulation.heat import Exchange
-from fieldkit.simulation.sand_slopes import sand_slopes
-from fieldkit.simulation.scene import Scene
+from fieldkit.simulation.scene import Scene, sand_slopes
+from fieldkit.simulation.scene_series import Exchange, Moment
 from fieldkit.simulation.sky import ClearSky, MeasuredSky, Sky
 
 __all__ = [

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.facet import FloatArray
-
-SECOND_NS = 1_000_000_000
 
 
 class FaultKind(enum.StrEnum):

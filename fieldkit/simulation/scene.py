@@ -8,13 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from fieldkit.model.site import Region, Site
+from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.simulation.camera_picture import CameraPicture, Correction, Picture
-from fieldkit.simulation.curves import Curves, Moment, World
+from fieldkit.simulation.camera_frame import CameraPicture, Correction, Picture
 from fieldkit.simulation.facets import GROUND, Facet
-from fieldkit.simulation.faults import SECOND_NS, Fault, FaultKind, LightStep, Veil, cloud_veil, step_veil
-from fieldkit.simulation.heat import EXCHANGE, Exchange
-from fieldkit.simulation.sky import Sky
+from fieldkit.simulation.faults import Fault, FaultKind, LightStep, Veil, cloud_veil, step_veil
+from fieldkit.simulation.scene_series import EXCHANGE, Curves, Exchange, Moment, World
+from fieldkit.simulation.sky import MeasuredSky, Sky
+from fieldkit.weather import packaged
 
 LEAD_S = 3 * 3600.0
 """How long before the start the sand begins to store heat."""
@@ -24,6 +25,17 @@ AFTER_S = 1800.0
 _LUX_NOISE = 0.002
 _PROBE_NOISE_K = 0.03
 _DISK_BEFORE, _DISK_FLOOR = 2_000_000_000, 40_000_000  # below any recorder's reserve
+
+ALAMOSA_NOON_NS = 1_451_674_800_000_000_000
+"""2016-01-01 12:00 at UTC-7, when the session of the demo begins."""
+
+BEDS = (
+    Facet("flat", ((12, 74), (70, 70), (72, 104), (8, 110)), 0.0, 180.0, is_reference=True),
+    Facet("b05", ((86, 70), (146, 74), (152, 110), (88, 104)), 5.0, 180.0),
+    Facet("b15", ((24, 26), (72, 24), (72, 56), (18, 60)), 15.0, 180.0),
+    Facet("b25", ((86, 24), (134, 26), (142, 60), (86, 56)), 25.0, 180.0),
+)
+"""A flat bed for reference and three that face south, like the paper's of December 11."""
 
 
 @dataclass(frozen=True)
@@ -125,3 +137,17 @@ class Scene:
 
     def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
         return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))
+
+
+def sand_slopes(
+    *,
+    start_ns: int = ALAMOSA_NOON_NS,
+    duration_s: float = 3 * 3600.0,
+    seed: int = 1,
+    faults: tuple[Fault, ...] = (),
+    light_steps: tuple[LightStep, ...] = (),
+) -> Scene:
+    """Three hours of sand slopes from noon on, under the measured sky that comes with the package."""
+    weather = packaged()
+    sky = MeasuredSky(weather)
+    return Scene(weather.site, sky, BEDS, start_ns, duration_s, seed, faults, light_steps)

@@ -29,10 +29,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from fieldkit.model.clock import ClockCheck
+from fieldkit.model.units import SECOND_NS
 
 log = logging.getLogger(__name__)
 
-SECOND_NS = 1_000_000_000
 START_MONO_NS = 1000 * SECOND_NS
 _CHECK_ERROR_NS = 200
 _CLOSED_AGAIN_S = 0.1  # how often a held clock looks whether it was closed

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.surface import STEFAN_BOLTZMANN
 from fieldkit.weather import Weather
 
 _DAY_H = 24.0
@@ -89,7 +89,7 @@ class MeasuredSky:
 
 @dataclass(frozen=True, slots=True)
 class ClearSky:
-    """A cloudless sky by formula: `fieldkit.physics.clearsky` for light, Swinbank for long wave.
+    """A cloudless sky by formula: `fieldkit.physics.daylight` for light, Swinbank for long wave.
 
     Air temperature swings by `swing_k` either way around its mean, warmest at 15 h solar time.
     W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.

@@ -18,6 +18,12 @@ from fieldkit.estimation.day_plan import GRAZING, cosine_noise
 from fieldkit.estimation.likelihood import posterior
 from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
+from fieldkit.physics.energy_balance import (
+    SurfaceParameters,
+    direct_irradiance,
+    irradiance_difference,
+    surface_temperature,
+)
 from fieldkit.physics.facet import (
     VERTICAL,
     FloatArray,
@@ -25,12 +31,6 @@ from fieldkit.physics.facet import (
     cos_incidence,
     normal,
     tilt_azimuth,
-)
-from fieldkit.physics.surface import (
-    SurfaceParameters,
-    direct_irradiance,
-    irradiance_difference,
-    surface_temperature,
 )
 
 Method = Literal["contours", "unit-norm", "posterior"]

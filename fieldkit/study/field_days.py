@@ -22,18 +22,18 @@ from fieldkit.estimation.statistics import ErrorSpan, errors_over_time, root_mea
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.irradiance import direct_normal
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 from fieldkit.simulation import ClearSky, Facet, Scene
 from fieldkit.study.runs import PAPER_SITE
 from fieldkit.views.formatting import zone_name
 from fieldkit.views.report.series import Series, modelled_temperature, series
 from fieldkit.workflows.report import report_part
 
-MINUTE_NS = 60_000_000_000
 NOISE_K = 0.05
 SAND_DEPTH_M = 0.03
 _OUTLINE = ((20, 20), (60, 20), (60, 60), (20, 60))

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
+from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (
@@ -35,8 +36,6 @@ PAPER_TURBIDITY = 4.16
 """Linke turbidity of the site's late August in the climatology that pvlib carries."""
 
 POSTERIOR_SLOPES = 500  # one at a time, some milliseconds each
-MINUTE_NS = 60_000_000_000
-ZERO_CELSIUS_K = 273.15
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,7 @@ def _weather(
     light, _ = clear_sky(sun[:, 2], times, options.site.elevation_m, options.turbidity)
     if options.dni_w_m2:
         light = np.full(times.size, options.dni_w_m2)
-    air_k = options.air_c + ZERO_CELSIUS_K
+    air_k = options.air_c + CELSIUS_ZERO_K
     return light, np.full(times.size, options.longwave_w_m2), np.full(times.size, air_k)
 
 

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.slab import Slab, warm_slab
-from fieldkit.physics.surface import (
+from fieldkit.physics.energy_balance import (
     STEFAN_BOLTZMANN,
     SurfaceParameters,
     balance_temperature,
     surface_temperature,
 )
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.slab import Slab, warm_slab
 
 TABLE_1 = SurfaceParameters()
 MIDDAY_S = 3 * 3600.0

@@ -18,9 +18,8 @@ import numpy as np
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.station_files import read_station_file
 from fieldkit.study.surface_models import Score, Station, as_printed, families
-from fieldkit.weather import Weather
+from fieldkit.weather import Weather, read_station_file
 
 EMISSIVITIES = (0.90, 0.97)
 FITTED_EMISSIVITY = 0.97

@@ -8,6 +8,7 @@ import numpy as np
 
 from fieldkit.calibration.band import Band
 from fieldkit.calibration.emissivity import Emissivity, Pairs
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views.plotting import COLOURS, STYLE, WIDTH_IN, svg
 
 if TYPE_CHECKING:
@@ -37,9 +38,10 @@ def _draw_line(axes: Axes, found: Emissivity, pairs: Pairs, band: Band) -> None:
     contact = np.linspace(pairs.contact_k.min() - 2.0, pairs.contact_k.max() + 2.0, 60)
     mirror = float(band.signal(found.reflected_k)) if np.isfinite(found.reflected_k) else 0.0
     seen = band.temperature(found.value * (band.signal(contact) - mirror) + mirror)
-    axes.plot(contact - 273.15, seen - 273.15, color=COLOURS[0])
+    axes.plot(contact - CELSIUS_ZERO_K, seen - CELSIUS_ZERO_K, color=COLOURS[0])
     axes.errorbar(
-        pairs.contact_k - 273.15, pairs.apparent_k - 273.15, pairs.apparent_sd_k, pairs.contact_sd_k,
+        pairs.contact_k - CELSIUS_ZERO_K, pairs.apparent_k - CELSIUS_ZERO_K,
+        pairs.apparent_sd_k, pairs.contact_sd_k,
         "o", color=COLOURS[1], markersize=5,
     )  # fmt: skip
     axes.set_xlabel("surface [°C]")

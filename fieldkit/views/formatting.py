@@ -13,6 +13,7 @@ from datetime import UTC, datetime, tzinfo
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import Region, Site, known_zone
 from fieldkit.model.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimate, SlopeState
+from fieldkit.model.units import CELSIUS_ZERO_K
 
 UNKNOWN = "–"
 PAPER_LEAVES_OUT = (
@@ -23,7 +24,6 @@ PAPER_LEAVES_OUT = (
 UNCERTAIN_MEANS = (
     f"the 90 % region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
 )
-ZERO_CELSIUS_K = 273.15
 
 _LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
 _STATES = {
@@ -46,7 +46,7 @@ def number(value: float, digits: int = 0, *, separator: str = " ") -> str:
 
 def celsius(temperature_k: float, digits: int = 2) -> str:
     """A temperature in °C, without the unit."""
-    return number(temperature_k - ZERO_CELSIUS_K, digits)
+    return number(temperature_k - CELSIUS_ZERO_K, digits)
 
 
 def plus_minus(value: float, low: float, high: float, digits: int = 1) -> str:

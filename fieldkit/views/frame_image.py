@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Region
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
-from fieldkit.views import formatting
 
 FloatArray = NDArray[np.float64]
 Colours = NDArray[np.uint8]
@@ -52,7 +52,7 @@ def values(frame: Frame, info: StreamInfo) -> FloatArray:
     """Brightness temperature in °C, shape of the picture; its counts where no temperature is known."""
     if unit(info) == "counts":
         return frame.counts.astype(np.float64)
-    return frame_k(info, frame.counts, frame.metadata_rows) - formatting.ZERO_CELSIUS_K
+    return frame_k(info, frame.counts, frame.metadata_rows) - CELSIUS_ZERO_K
 
 
 def unit(info: StreamInfo) -> str:

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fieldkit.estimation.statistics import ErrorSpan
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
-from fieldkit.views import formatting, plotting
+from fieldkit.views import plotting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,7 +115,7 @@ def measured_against_modelled(
     figure, (axes,) = plotting.panels(1, 4.6)
     everything = []
     for index, (name, measured) in enumerate(measured_k.items()):
-        x, y = modelled_k[name] - formatting.ZERO_CELSIUS_K, measured - formatting.ZERO_CELSIUS_K
+        x, y = modelled_k[name] - CELSIUS_ZERO_K, measured - CELSIUS_ZERO_K
         both = np.isfinite(x) & np.isfinite(y)
         everything += [x[both], y[both]]
         axes.plot(

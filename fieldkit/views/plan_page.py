@@ -12,6 +12,7 @@ import numpy as np
 
 from fieldkit.estimation.day_plan import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
 from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.views import formatting, html, plotting
 
 FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
@@ -146,7 +147,7 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
         return []
     found, settings = plan.bounds[plan.best_row], plan.settings
     start = int(plan.time_ns[plan.rows[plan.best_row]])
-    window = (start, start + settings.window_min * 60_000_000_000)
+    window = (start, start + settings.window_min * MINUTE_NS)
     between = "–".join(formatting.clock_time(end, site) for end in window)
     budget = ", ".join(
         f"{formatting.number(float(kelvin), 2)} K at {label(facet)}"

@@ -16,7 +16,7 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import FieldkitError
 from fieldkit.model.site import Site
-from fieldkit.physics.surface import SurfaceParameters
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.workflows.cache import Cache, digest
 from fieldkit.workflows.estimates import Estimates
 from fieldkit.workflows.executors import Work

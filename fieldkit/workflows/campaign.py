@@ -58,7 +58,7 @@ class CampaignSession:
         (``albedo=0.25``), else in full (``{"estimator.diffuse_fraction": 0.2}``). What was
         estimated before comes from the cache. Raises `ConfigError`, `SessionError`.
         """
-        keys = {**(settings or {}), **{full_key(name): value for name, value in values.items()}}
+        keys = {**(settings or {}), **{qualified_key(name): value for name, value in values.items()}}
         run = run_of(self.source, [f"{key}={tomlkit.item(value).as_string()}" for key, value in keys.items()])
         with local(1) as executor:
             (outcome,) = carried_out([run], executor, self.cache)
@@ -133,7 +133,7 @@ def open_campaign(path: str | Path = ".") -> Campaign:
 
 def _parameter(name: str, values: Sequence[Any]) -> Parameter:
     """A key and its values as ``fieldkit.toml`` would have them."""
-    key = name if "." in name else full_key(name)
+    key = name if "." in name else qualified_key(name)
     if isinstance(values, str) or not len(values):
         raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
     plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
@@ -141,7 +141,7 @@ def _parameter(name: str, values: Sequence[Any]) -> Parameter:
     return Parameter(key, tuple(dict.fromkeys(written)))
 
 
-def full_key(name: str) -> str:
+def qualified_key(name: str) -> str:
     """``surface.albedo`` of ``albedo``; raises `ConfigError` where no table or more than one has it."""
     found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
     if len(found) == 1:

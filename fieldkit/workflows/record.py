@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fieldkit.calibration.doubts import doubts
+from fieldkit.calibration.calibration_record import doubts
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -29,6 +29,7 @@ from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import ConfigError, DeviceError, DeviceNotFoundError, RefusedError, StorageError
 from fieldkit.model.radiation import how_to_state, with_components
 from fieldkit.model.site import Site
+from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Recorder, Sampling, Summary, View
 from fieldkit.recorder.marks import MarkInbox, marks_folder
@@ -44,7 +45,6 @@ from fieldkit.workflows.running import session_in_progress
 if TYPE_CHECKING:
     from fieldkit.workflows.campaign import Campaign
 
-SECOND_NS = 1_000_000_000
 SIMULATED = "simulated"
 OPEN_END_S = 8 * 3600.0
 """Length of a simulated scene where no duration is given."""

@@ -26,7 +26,7 @@ SILENT_AFTER_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Silence:
+class UnresponsiveRecorder:
     """A recorder that holds its session and writes nothing: since when (UTC), and whether it was stopped."""
 
     pid: int | None
@@ -43,7 +43,7 @@ class Silence:
         return f"process {self.pid} has written nothing {since}: it is sealing, its disk is slow, or it hangs"
 
 
-def silence(session: Path) -> Silence | None:
+def silence(session: Path) -> UnresponsiveRecorder | None:
     """Whether the recorder of a session in progress does not respond; None where it does, or has ended."""
     pid = owner(journal_path(session))
     if pid is None:
@@ -51,7 +51,7 @@ def silence(session: Path) -> Silence | None:
     since_ns, is_stopped = _last_write_ns(session), _is_stopped(pid)
     if not is_stopped and time.time() - since_ns / 1e9 < SILENT_AFTER_S:
         return None
-    return Silence(pid, since_ns, is_stopped)
+    return UnresponsiveRecorder(pid, since_ns, is_stopped)
 
 
 def _last_write_ns(session: Path) -> int:

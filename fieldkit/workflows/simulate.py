@@ -16,14 +16,13 @@ from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
 from fieldkit.simulation.facets import PICTURE_SHAPE
-from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS, BEDS
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.station_files import read_station_file
-from fieldkit.weather import Weather, packaged
+from fieldkit.weather import Weather, packaged, read_station_file
 
-SECOND_NS = 1_000_000_000
 PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
 """Crumpled aluminium: it mirrors, and shows a camera the sky."""

@@ -18,7 +18,7 @@ import numpy as np
 
 import fieldkit
 from fieldkit.config import Config
-from fieldkit.estimation.bins import MINUTE_NS, Field, MinuteBin
+from fieldkit.estimation.bins import Field, MinuteBin
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
@@ -28,6 +28,7 @@ from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k

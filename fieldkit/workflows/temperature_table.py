@@ -20,9 +20,9 @@ from fieldkit.estimation.table import TemperatureTable, slopes_of_table
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
 
-ZERO_CELSIUS_K = 273.15
 Row = Mapping[str, str | None]
 LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
 OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2")
@@ -87,7 +87,7 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
 def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, float]]:
     """Column and what to add for kelvin, by the name of the region; everything missing is told at once."""
     found = {
-        name[:-2]: (name, 0.0 if name.endswith("_k") else ZERO_CELSIUS_K)
+        name[:-2]: (name, 0.0 if name.endswith("_k") else CELSIUS_ZERO_K)
         for name in names
         if name[-2:] in ("_k", "_c") and len(name) > 2
     }

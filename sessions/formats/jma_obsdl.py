@@ -18,6 +18,7 @@ from pathlib import Path
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.sessions.formats.imported import Foreign
 from fieldkit.sessions.formats.jma import JST, VENDOR, japanese_text, not_understood
 from fieldkit.sessions.formats.times import utc_ns
@@ -50,7 +51,7 @@ class _Kind:
 
 _KINDS = {
     ("日射量", "MJ/㎡"): _Kind("global", "irradiance", "W m-2", 1e6, is_sum=True, measures="ghi"),
-    ("気温", "℃"): _Kind("air", "air_temperature", "K", add=273.15),
+    ("気温", "℃"): _Kind("air", "air_temperature", "K", add=CELSIUS_ZERO_K),
     ("風速", "m/s"): _Kind("wind", "wind_speed", "m s-1"),
     # reduced to the sea: 現地気圧, at the station, is what weighs on the field
     ("海面気圧", "hPa"): _Kind("sea-level-pressure", "air_pressure_at_mean_sea_level", "Pa", 100.0),

@@ -20,13 +20,14 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, how_to_state, named
 from fieldkit.model.samples import Reading, Severity
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.sessions.formats.imported import Foreign, usual_rate_hz
 from fieldkit.sessions.formats.log_tables import read_table
 from fieldkit.sessions.formats.times import parse_times_ns, plausible_ns
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
 _UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
-    **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, 273.15, 1.0)),
+    **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, CELSIUS_ZERO_K, 1.0)),
     **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, 459.67, 1.8)),
     **dict.fromkeys(("k", "kelvin"), (*_TEMPERATURE, 0.0, 1.0)),
     **dict.fromkeys(("lx", "lux"), (*_LIGHT, 0.0, 1.0)),

@@ -14,6 +14,7 @@ import fieldkit
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Frame, is_damaged
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 from fieldkit.sessions.datasets import iso_utc
@@ -144,7 +145,7 @@ def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
     """What a picture shows, (rows, cols): °C, or counts where the camera's scale is not known."""
     if not has_temperatures(info):
         return frame.counts.astype(np.float32)
-    return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(273.15)
+    return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(CELSIUS_ZERO_K)
 
 
 def _range(session: Session, info: StreamInfo) -> tuple[float, float]:

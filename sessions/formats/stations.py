@@ -9,8 +9,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import Foreign, usual_rate_hz
-from fieldkit.station_files import read_station_file
-from fieldkit.weather import Weather, half_step_ns
+from fieldkit.weather import Weather, half_step_ns, read_station_file
 
 _COLUMNS = {
     # our column: what the stream is called after the station's name, its quantity, unit and component

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fieldkit.calibration.emissivity_refusals import MIN_PAIRS
+from fieldkit.calibration.emissivity import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Sample
 from fieldkit.sessions.formats.imported import Foreign, write_foreign

@@ -14,9 +14,10 @@ from scipy.optimize import least_squares
 from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.model.device import DeviceSettings
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Facet, LightStep, sand_slopes
-from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
-from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 FOIL = Facet(
     # blackened aluminium foil on foam answers light at once; sand would creep

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from fieldkit.calibration.emissivity import Pairs, Shared
 from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
 from fieldkit.physics.slab import conducted_flux
 from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Scene
-from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
 
 FloatArray = NDArray[np.float64]
-MINUTE_NS = 60_000_000_000
 STEADY_K_MIN = 0.1
 CAMERA_K, PLACEMENT_K, NOISE_K, FOIL_K, AIR = 0.3, 0.15, 0.05, 5.0, 0.004
 PROBE_K = 0.3  # one millimetre, give or take one, at 0.3 K/mm

@@ -31,6 +31,8 @@ from usblab.models.purethermal import BULK, PureThermal
 from usblab.recording import Recording
 from usblab.reference import tilts_deg
 
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
+
 
 def test_devices_lists_what_is_plugged_in_by_identity(lab: Lab, field: Field):
     with lab.camera(PureThermal(field.lepton)), lab.meter(LightMeter(field)):
@@ -52,7 +54,6 @@ def test_doctor_finds_the_instruments_ready_and_the_clock_wrong(lab: Lab, field:
     assert [check["what"] for check in failed] == ["clock"]  # the guest lives in 2016, and doctor sees it
 
 
-MINUTE_NS, SECOND_NS = 60_000_000_000, 1_000_000_000
 LASTING_NS = 30 * SECOND_NS
 STARTING_NS = 3 * SECOND_NS
 """Cameras stream since they were opened; some first pictures are lost until the session is there."""

@@ -2,15 +2,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fieldkit.physics.facet import angle_between_deg, cos_incidence, incidence_deg, normal, tilt_azimuth
-from fieldkit.physics.irradiance import IrradianceModel, direct_normal
-from fieldkit.physics.radiance import band_radiance
-from fieldkit.physics.surface import (
+from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     irradiance_difference,
     irradiance_per_kelvin,
     surface_temperature,
 )
+from fieldkit.physics.facet import angle_between_deg, cos_incidence, incidence_deg, normal, tilt_azimuth
+from fieldkit.physics.irradiance import IrradianceModel, direct_normal
+from fieldkit.physics.radiance import band_radiance
 
 tilts = st.floats(0.0, 90.0)
 azimuths = st.floats(0.0, 360.0)

@@ -3,7 +3,8 @@ import threading
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldkit.simulation.simulated_clock import SECOND_NS, START_MONO_NS, SimulatedClock
+from fieldkit.model.units import SECOND_NS
+from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
 
 naps = st.lists(st.floats(1e-9, 1e4), min_size=1, max_size=12)
 

@@ -10,7 +10,7 @@ import pytest
 
 from fieldkit import weather
 from fieldkit.model.errors import ConfigError
-from fieldkit.station_files import is_station_file, read_station_file
+from fieldkit.weather import is_station_file, read_station_file
 from tests.harness import foreign_files
 from tests.shared_data import shared
 

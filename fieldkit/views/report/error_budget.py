@@ -13,13 +13,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import MINUTE_NS
 from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.physics import sky
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics import daylight
+from fieldkit.physics.energy_balance import emitted_longwave
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
-from fieldkit.physics.surface import emitted_longwave
 from fieldkit.views import formatting
 from fieldkit.views.html import Html, bullets, paragraph, section, table
 from fieldkit.views.report.assessment import mean_error
@@ -188,15 +188,17 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> ErrorBudge
     light = np.where(in_sun, columns.irradiance_w_m2, np.nan)
     assumed = settings.diffuse_fraction / (1 - settings.diffuse_fraction) * light * columns.cos_zenith
     diffuse = np.where(np.isnan(columns.diffuse_w_m2), assumed, columns.diffuse_w_m2)
-    on_bed = sky.hay_davies_diffuse(
+    on_bed = daylight.hay_davies_diffuse(
         diffuse,
         light,
-        sky.extraterrestrial(columns.time_ns),
+        daylight.extraterrestrial(columns.time_ns),
         cos_incidence(normal(tilt, azimuth), columns.sun),
         columns.cos_zenith,
         cos_tilt,
     )
-    reflected = sky.ground_reflected(diffuse + light * columns.cos_zenith, settings.ground_albedo, cos_tilt)
+    reflected = daylight.ground_reflected(
+        diffuse + light * columns.cos_zenith, settings.ground_albedo, cos_tilt
+    )
     absorbing = 1.0 - settings.surface.albedo
     return ErrorBudget(
         bed.region.name,
@@ -239,7 +241,7 @@ def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> 
     measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
     down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
-    return emissivity * (sky.longwave_on_facet(down, ground, cos_tilt) - down)
+    return emissivity * (daylight.longwave_on_facet(down, ground, cos_tilt) - down)
 
 
 def _of_emissivity(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:

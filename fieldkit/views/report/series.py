@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimate
-from fieldkit.physics.facet import cos_incidence, normal
-from fieldkit.physics.surface import (
+from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     direct_irradiance,
     emitted_longwave,
     surface_temperature,
 )
+from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:

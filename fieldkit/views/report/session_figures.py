@@ -9,6 +9,7 @@ import numpy as np
 
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.slope import SOLVED
+from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import formatting, plotting
 from fieldkit.views.report.series import Bed, FloatArray, Series
 
@@ -25,14 +26,14 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
     for index, region in enumerate(columns.regions):
         axes.plot(
             plotting.days(columns.time_ns),
-            columns.temperature_k[region.name] - formatting.ZERO_CELSIUS_K,
+            columns.temperature_k[region.name] - CELSIUS_ZERO_K,
             **_line(index, region.kind),
             label=region.name,
         )
     for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
         axes.plot(
             plotting.days(columns.time_ns),
-            columns.contact_k[:, channel] - formatting.ZERO_CELSIUS_K,
+            columns.contact_k[:, channel] - CELSIUS_ZERO_K,
             linestyle="none",
             marker=plotting.marker(channel),
             markersize=3,

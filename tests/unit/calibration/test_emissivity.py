@@ -9,29 +9,31 @@ import pytest
 from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings
 from fieldkit.calibration.emissivity import (
     DEFAULT_SHARED,
+    FOIL_EMISSIVITY,
+    FOIL_EMISSIVITY_SD,
     Pairs,
     Shared,
     fit_emissivity,
+    mirrored_temperature_k,
     single_pair,
     tape_temperature_k,
 )
-from fieldkit.calibration.reflector import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD, mirrored_temperature_k
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, brightness_temperature_k
 from fieldkit.simulation import Facet, MeasuredSky, Scene
-from fieldkit.simulation.sand_slopes import ALAMOSA_NOON_NS
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS
 from fieldkit.weather import packaged
 from fieldkit.workflows.simulate import FOIL_ALBEDO
-from tests.harness.emissivity_days import MINUTE_NS, OUTLINE, days, free_days, make_day
+from tests.harness.emissivity_days import OUTLINE, days, free_days, make_day
 
-ZERO_C = 273.15
 NO_ERROR = Shared(*(0.0,) * 7)
 
 
 def pairs(surface_c=(35.0, 45.0, 55.0), *, emissivity=0.90, sky_c=-40.0, noise_k=0.1) -> Pairs:
     """What faultless instruments read."""
-    surface = np.asarray(surface_c) + ZERO_C
-    sky, sd = np.full(surface.size, sky_c + ZERO_C), np.full(surface.size, noise_k)
+    surface = np.asarray(surface_c) + CELSIUS_ZERO_K
+    sky, sd = np.full(surface.size, sky_c + CELSIUS_ZERO_K), np.full(surface.size, noise_k)
     return Pairs(brightness_temperature_k(surface, emissivity, sky), surface, sky, sd, sd)
 
 
@@ -46,7 +48,7 @@ def test_faultless_pairs_give_the_emissivity_and_the_reflected_temperature(emiss
 
 def test_single_pair_is_the_published_example():
     """45 °C seen as 39.1 °C under a sky of -40 °C is 0.90 (radiometric table of the how-to page)."""
-    assert single_pair(39.1 + ZERO_C, 45.0 + ZERO_C, 233.15) == pytest.approx(0.90, abs=0.001)
+    assert single_pair(39.1 + CELSIUS_ZERO_K, 45.0 + CELSIUS_ZERO_K, 233.15) == pytest.approx(0.90, abs=0.001)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +147,7 @@ def test_what_data_do_not_determine_is_refused_with_what_would(given, options, s
 
 def test_a_thermometer_in_fahrenheit_is_recognised():
     given = pairs()
-    given = replace(given, contact_k=(given.contact_k - ZERO_C) * 1.8 + 32.0 + ZERO_C)
+    given = replace(given, contact_k=(given.contact_k - CELSIUS_ZERO_K) * 1.8 + 32.0 + CELSIUS_ZERO_K)
     with pytest.raises(CalibrationError, match=r"read as °F the thermometer gives 0\.90"):
         fit_emissivity(given)
 

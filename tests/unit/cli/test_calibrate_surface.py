@@ -7,9 +7,9 @@ from fieldkit.cli.calibrate_surface import identified
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 
 SITE = Site(35.558675, 139.395232, 9.0)
 BED = (25.0, 90.0)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import Row, VerbTable, common
-from fieldkit.cli.common import Verb
+from fieldkit.cli import CommandTable, Row, common
+from fieldkit.cli.common import Command
 
 
 @pytest.fixture
@@ -21,9 +21,9 @@ def run(monkeypatch):
 
     def go(function, *arguments: str):
         module = ModuleType("fieldkit_test_verb")
-        module.command = click.command(cls=Verb)(function)
+        module.command = click.command(cls=Command)(function)
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = VerbTable({"Test": (Row("test", module.__name__, "Test."),)}, name="fieldkit")
+        table = CommandTable({"Test": (Row("test", module.__name__, "Test."),)}, name="fieldkit")
         return CliRunner().invoke(table, ["test", *arguments])
 
     yield go

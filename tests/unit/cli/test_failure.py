@@ -7,8 +7,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import Row, VerbTable
-from fieldkit.cli.common import Verb
+from fieldkit.cli import CommandTable, Row
+from fieldkit.cli.common import Command
 from fieldkit.model import errors
 
 
@@ -18,14 +18,14 @@ def run(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
     def go(error: BaseException):
-        @click.command(cls=Verb)
+        @click.command(cls=Command)
         def command() -> None:
             raise error
 
         module = ModuleType("fieldkit_failing_verb")
         module.command = command
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = VerbTable({"Test": (Row("fail", module.__name__, "Fails."),)}, name="fieldkit")
+        table = CommandTable({"Test": (Row("fail", module.__name__, "Fails."),)}, name="fieldkit")
         return CliRunner().invoke(table, ["fail"])
 
     return go

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import VERBS, Row, VerbTable, main
-from fieldkit.cli.common import Verb, VerbGroup
+from fieldkit.cli import VERBS, CommandTable, Row, main
+from fieldkit.cli.common import Command, CommandGroup
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
 VERB_NAMES = [row.name for rows in VERBS.values() for row in rows]
@@ -60,8 +60,8 @@ def test_help_names_every_verb_under_its_heading():
 @pytest.mark.parametrize("name", VERB_NAMES)
 def test_every_verb_takes_the_common_options(name):
     command = main.get_command(main.make_context("fieldkit", ["--help"], resilient_parsing=True), name)
-    assert isinstance(command, Verb | VerbGroup)
-    for verb in command.commands.values() if isinstance(command, VerbGroup) else [command]:
+    assert isinstance(command, Command | CommandGroup)
+    for verb in command.commands.values() if isinstance(command, CommandGroup) else [command]:
         options = {option for parameter in verb.params for option in parameter.opts}
         assert {"-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--no-input"} <= options
         assert verb.help
@@ -92,7 +92,9 @@ def test_an_unknown_option_exits_2():
 
 
 def test_a_verb_is_imported_only_when_it_runs():
-    table = VerbTable({"Start": (Row("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x")
+    table = CommandTable(
+        {"Start": (Row("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x"
+    )
     assert "Cannot be imported." in CliRunner().invoke(table, ["--help"]).output
 
 

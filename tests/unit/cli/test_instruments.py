@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.cli import main
 from fieldkit.drivers import discovery
 from fieldkit.drivers.identity import UsbIdentity

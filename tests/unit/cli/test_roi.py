@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.cli import main
 from fieldkit.config import load_config
 from fieldkit.model.site import Region, RegionKind

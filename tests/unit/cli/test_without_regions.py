@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.config import load_config
-from fieldkit.simulation.sand_slopes import BEDS
+from fieldkit.simulation.scene import BEDS
 from fieldkit.workflows.simulate import scene_of
 
 

@@ -8,9 +8,9 @@ from fieldkit.config import load_config
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.site import RegionKind, Site
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
-from fieldkit.physics.surface import SurfaceParameters
 
 SITE = '[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\ntimezone = "Asia/Tokyo"\n'
 

@@ -2,7 +2,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from fieldkit.calibration.record import CalibrationRecord, save
+from fieldkit.calibration.calibration_record import CalibrationRecord, save
 from fieldkit.config import ConfigMistakesError, changed_config, config_from_text, load_config
 
 SITE = "[site]\nlatitude_deg = 35.5\nlongitude_deg = 139.4\n"

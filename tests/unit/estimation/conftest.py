@@ -8,12 +8,12 @@ import pytest
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import normal
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 
-SECOND_NS = 1_000_000_000
 MINUTE_NS = 60 * SECOND_NS
 SHAPE = (60, 80)
 EQ10_DIVISOR = 4.57 * 54.0

@@ -9,8 +9,9 @@ import pytest
 
 from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows, rows
-from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.slab import Slab
 

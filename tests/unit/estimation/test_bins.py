@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import MINUTE_NS, Camera, OpenBin
+from fieldkit.estimation.bins import Camera, OpenBin
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import brightness_temperature_k
 
 INFO = StreamInfo("ir", "brightness_temperature", "K", (4, 6), scale=0.01)

@@ -11,9 +11,9 @@ from fieldkit.estimation.day_plan import (
     sensitivity,
 )
 from fieldkit.model.site import Site
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.facet import normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters
 
 PAPER = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
 TABLE_1 = SurfaceParameters()

@@ -8,10 +8,9 @@ from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.model.samples import EventKind, Frame, Quality, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import Planck, planck_counts
 from fieldkit.physics.facet import angle_between_deg, normal
-
-MINUTE_NS = 60_000_000_000
 
 
 def run(yard, samples, settings=None) -> list[Minute]:

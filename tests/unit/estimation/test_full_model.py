@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.balance import rows
-from fieldkit.estimation.bins import MINUTE_NS, History
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
+from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
-from fieldkit.simulation.curves import World
+from fieldkit.simulation.scene_series import World
 from fieldkit.weather import packaged
 
 BEDS = ((7.4, 180.0), (21.3, 180.0), (14.6, 95.0))

@@ -11,10 +11,9 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.daylight import clear_sky, sky_view
 from fieldkit.physics.facet import normal
 from fieldkit.physics.irradiance import IrradianceModel
-from fieldkit.physics.sky import sky_view
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.weather import packaged
 

@@ -13,9 +13,9 @@ from fieldkit.estimation.pixel_slopes import MapSums, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 
 SITE = Site(35.558675, 139.395232, 9.0)
 PAPER = SurfaceParameters()

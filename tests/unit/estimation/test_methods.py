@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from fieldkit.estimation.methods import chi_square_limit, kelvin_per_degree, noise_ratio, sunlit
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import normal
-from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 
 TABLE_1 = SurfaceParameters()
 

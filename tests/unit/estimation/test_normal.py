@@ -9,12 +9,12 @@ import pytest
 
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, mirror, solve, solve_known_azimuth
 from fieldkit.model.site import Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_difference
 
 SITE = Site(35.558675, 139.395232, 9.0)
-MINUTE_NS = 60_000_000_000
 
 CASE_1 = (
     ["2017-08-30T03:00", "2017-08-30T04:00", "2017-08-30T05:00", "2017-08-30T06:00"],

@@ -6,9 +6,9 @@ from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_difference, surface_temperature
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_difference, surface_temperature
 
 SITE = Site(35.558675, 139.395232, 9.0)
 PAPER = SurfaceParameters()

@@ -9,12 +9,12 @@ from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.region_temperatures import difference_k, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.radiance import (
     brightness_temperature_k,
     kelvin_per_emissivity,
     surface_temperature_k,
 )
-from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 
 CORNERS = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0))
 FLAT, BED = Region("flat", RegionKind.REFERENCE, CORNERS), Region("b15", RegionKind.TARGET, CORNERS)

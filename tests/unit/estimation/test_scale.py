@@ -7,9 +7,9 @@ from fieldkit.estimation.normal import Misfit
 from fieldkit.estimation.scale import identify, joint_slopes, offsets_from_uniform, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
+from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import VERTICAL, angle_between_deg, normal
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 
 SITE = Site(35.558675, 139.395232, 9.0)
 PAPER = SurfaceParameters()

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.physics.clearsky import air_mass, clear_sky
-from fieldkit.physics.sky import extraterrestrial
+from fieldkit.physics.daylight import air_mass, clear_sky, extraterrestrial
 
 NOON = np.array(["2017-08-30T03:00"], dtype="datetime64[ns]").astype(np.int64)
 

@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
+from fieldkit.physics.daylight import diffuse_fraction_erbs, extraterrestrial, perez_efficacy
 from fieldkit.physics.facet import normal
-from fieldkit.physics.illumination import diffuse_fraction_erbs, perez_efficacy
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal, eq10
-from fieldkit.physics.sky import extraterrestrial
 
 NOON = np.array(["2017-08-30T03:00"], dtype="datetime64[ns]").astype(np.int64)
 SUN = normal(60.0, 180.0).reshape(1, 3)  # cosine 0.5 on the horizontal

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.physics.sky import (
+from fieldkit.physics.daylight import (
     extraterrestrial,
     ground_reflected,
     hay_davies_diffuse,

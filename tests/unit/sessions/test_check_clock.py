@@ -9,6 +9,7 @@ import pytest
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import Quality
+from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.check import check
 from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import open_session
@@ -56,7 +57,6 @@ def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path: Pa
     assert "a time map is in force: +2332800.000 s" in said(path, "clock", "ok")
 
 
-SECOND_NS = 1_000_000_000
 ANCHOR_NS = START_NS + 123
 AWAKE_NS = 5
 """Of the computer before the session: it had not slept but for the jitter of two readings."""

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fieldkit.model.site import RegionKind
+from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Fault, FaultKind, LightStep, sand_slopes
 from fieldkit.simulation.faults import LASTS_S
 
-SECOND_NS = 1_000_000_000
 MINUTE_NS = 60 * SECOND_NS
 
 

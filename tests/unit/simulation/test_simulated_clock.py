@@ -11,7 +11,8 @@ import tty
 
 import pytest
 
-from fieldkit.simulation.simulated_clock import SECOND_NS, START_MONO_NS, SimulatedClock
+from fieldkit.model.units import SECOND_NS
+from fieldkit.simulation.simulated_clock import START_MONO_NS, SimulatedClock
 
 NOON_NS = 1_451_674_800_000_000_000
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.facet import normal
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (

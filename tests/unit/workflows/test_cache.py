@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fieldkit.physics.surface import SurfaceParameters
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.workflows import cache as cache_module
 from fieldkit.workflows.cache import Cache, code_version, digest
 

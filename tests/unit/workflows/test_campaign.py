@@ -14,7 +14,7 @@ from fieldkit.cli import main
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.campaign import CampaignSession, full_key
+from fieldkit.workflows.campaign import CampaignSession, qualified_key
 from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
 
@@ -82,7 +82,7 @@ def test_estimates_come_back_whole(campaign):
     [("albedo", "surface.albedo"), ("exchange_m_s", "air.exchange_m_s"), ("window_s", "estimator.window_s")],
 )
 def test_short_names_of_parameters(name, key):
-    assert full_key(name) == key
+    assert qualified_key(name) == key
     table, _, own = key.partition(".")
     assert own in known_keys((table,))
 

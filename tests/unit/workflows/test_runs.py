@@ -10,8 +10,8 @@ import pytest
 from fieldkit.config import load_config
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
-from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.workflows.batch import Run, bin_settings
 from fieldkit.workflows.sources import Source
 

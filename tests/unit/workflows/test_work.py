@@ -8,9 +8,9 @@ import pytest
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import SessionError
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
-from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.batch import bin_settings
 from fieldkit.workflows.sources import config_for

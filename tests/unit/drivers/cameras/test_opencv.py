@@ -12,10 +12,10 @@ import pytest
 from fieldkit.drivers.cameras.source import OpenCvSource
 from fieldkit.model.device import Buffer
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 SIZES = ((160, 122), (160, 120))
-SECOND_NS = 1_000_000_000
 
 
 class Capture:

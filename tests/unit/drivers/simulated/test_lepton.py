@@ -8,8 +8,9 @@ from fieldkit.drivers.simulated.lepton import PERIOD_NS, SimulatedLepton
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceError, DeviceLostError
 from fieldkit.model.samples import Quality
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, FaultKind, sand_slopes
-from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 CAMERA = DeviceSettings("camera", "purethermal", "simulated")
 RUN_FFC, FFC_MODE, RESOLUTION = (6, 17), (6, 16), (0x15, 19)

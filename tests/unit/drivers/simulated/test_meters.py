@@ -11,8 +11,9 @@ from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
+from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, FaultKind, sand_slopes
-from fieldkit.simulation.simulated_clock import SECOND_NS, SimulatedClock
+from fieldkit.simulation.simulated_clock import SimulatedClock
 
 LUX = DeviceSettings("lux", "lutron", "simulated")
 THERMOMETER = DeviceSettings("thermometer", "center-309", "simulated", every_s=2.0)

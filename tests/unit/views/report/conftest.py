@@ -9,11 +9,11 @@ from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.clock import ClockCheck, HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
+from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.physics.surface import SurfaceParameters, surface_temperature
 from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter

@@ -8,8 +8,8 @@ import pytest
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeState
+from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.sun import sun_angles
-from fieldkit.physics.surface import SurfaceParameters
 from fieldkit.views.report.series import modelled_temperature, series
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")

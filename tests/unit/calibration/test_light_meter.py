@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.calibration.irradiance import light_factor, on_plane
+from fieldkit.calibration.light_meter import light_factor, on_plane
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal

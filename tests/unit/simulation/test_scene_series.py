@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy.special import erfcx
 
+from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import normal
-from fieldkit.physics.surface import STEFAN_BOLTZMANN
 from fieldkit.simulation.facets import Facet
-from fieldkit.simulation.heat import Light, fine_times, lagged, longwave_out, surface_curves
+from fieldkit.simulation.scene_series import Light, fine_times, lagged, longwave_out, surface_curves
 from fieldkit.simulation.sky import Above
 
 EXCHANGE_W_M2_K, AIR_K, LONGWAVE_W_M2 = 18.15, 303.15, 400.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.physics.surface import (
+from fieldkit.physics.energy_balance import (
     SurfaceParameters,
     balance,
     balance_temperature,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldkit.calibration.surface import BedScale, pool
+from fieldkit.calibration.surface_scale import BedScale, pool
 from fieldkit.model.errors import CalibrationError
 
 

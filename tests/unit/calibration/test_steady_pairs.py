@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.calibration.reflector import is_saturated, refuse_saturated
-from fieldkit.calibration.steady import (
+from fieldkit.calibration.emissivity import is_saturated, refuse_saturated
+from fieldkit.calibration.steady_pairs import (
     Readings,
     best_lag_s,
     drift_k_min,

@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.calibration.line import Points, fit_line
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.model.errors import CalibrationError
+from fieldkit.physics.daylight import sky_view
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
-from fieldkit.physics.sky import sky_view
 
 MIN_MINUTES = 10
 UNSTEADY = 0.05

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.model.errors import CalibrationError
 
 LEAST, MOST = 0.3, 3.0

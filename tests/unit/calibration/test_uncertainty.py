@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from fieldkit.calibration.budget import Contribution, combined, effective_freedom, largest
+from fieldkit.calibration.uncertainty import Contribution, combined, effective_freedom, largest
 
 
 def line(effect: float, kind: str = "B") -> Contribution:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import air_mass
+from fieldkit.model.units import DAY_S
+from fieldkit.physics.daylight import air_mass
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 
@@ -27,7 +28,6 @@ LOWEST = 0.15
 HORIZON = 0.01
 """Least sine of the elevation that the law is asked about: a shift with the sun below is far off anyway."""
 DARK_LX = 1000.0
-DAY_S = 86_400.0
 ROLLOVER_S = 1024 * 7 * DAY_S
 """GPS counts weeks in ten bits: an old receiver's date jumps back by 1024 weeks (IS-GPS-200)."""
 LONGEST_S = 14 * 3600.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,7 +17,8 @@ from typing import Any, Literal, get_args
 
 import tomlkit
 
-from fieldkit.calibration.budget import COVERAGE_FACTOR, Contribution
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 
 Kind = Literal["emissivity", "uniformity", "irradiance", "surface", "clock"]
@@ -29,6 +30,9 @@ LIFETIME_DAYS: Mapping[str, float] = {
 """How long a calibration is good for unless somebody says otherwise; a warning comes after that."""
 UNKNOWN: Mapping[str, Any] = {"uncertainty": math.nan, "unit": "", "effect": math.nan}
 """What a line of a budget may lack in a file because it was not known."""
+
+RANGE_KEYS = ("gain", "range", "range_max_lx")
+"""Where streams say which of their ranges is in use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,3 +197,49 @@ def find(reference: str, folder: Path) -> tuple[CalibrationRecord, Path]:
         f"there is no calibration {reference!r} in {folder}",
         fix=f"there are {', '.join(names)}" if names else "make one: fieldkit calibrate",
     )
+
+
+def instrument_of(info: StreamInfo) -> Instrument:
+    """An instrument as a record names it."""
+    chosen = next((str(info.settings[key]) for key in RANGE_KEYS if key in info.settings), "")
+    return Instrument(info.name, info.model, info.serial_number, chosen)
+
+
+def doubts(record: CalibrationRecord, streams: Sequence[StreamInfo], now: datetime) -> list[str]:
+    """Sentences, each a warning; empty if the record fits. `now` is aware."""
+    return [*doubts_of_date(record, now), *_other_instrument(record, streams)]
+
+
+def doubts_of_date(record: CalibrationRecord, now: datetime) -> list[str]:
+    """Of them, those that need no instrument."""
+    said = []
+    if record.expires is not None and now > record.expires:
+        days = (now - record.date).days
+        said.append(
+            f"{record.name} is {days} days old and was good until {record.expires:%Y-%m-%d}: calibrate again"
+        )
+    if now < record.date - timedelta(days=1):  # the same day counts as now
+        said.append(f"{record.name} was made on {record.date:%Y-%m-%d}, after now: is the clock right?")
+    return said
+
+
+def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:
+    made_with = record.instrument
+    if not made_with.model and not made_with.serial_number:
+        return []
+    here = [instrument_of(info) for info in streams if info.name == made_with.stream]
+    here = here or [instrument_of(info) for info in streams if info.is_camera]
+    if not here:
+        return [f"{record.name} was made with {_title(made_with)}, which is not here"]
+    found = here[0]
+    if (found.model, found.serial_number) != (made_with.model, made_with.serial_number):
+        return [f"{record.name} was made with {_title(made_with)}; here is {_title(found)}"]
+    if found.range != made_with.range:
+        here_range, then = found.range or "unknown", made_with.range or "unknown"
+        return [f"{record.name} was made in range {then}; here is {here_range}"]
+    return []
+
+
+def _title(instrument: Instrument) -> str:
+    serial = f" serial {instrument.serial_number}" if instrument.serial_number else ""
+    return f"{instrument.model or 'an unnamed instrument'}{serial}"

@@ -6,8 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from fieldkit.calibration.budget import Contribution
-from fieldkit.calibration.record import (
+from fieldkit.calibration.calibration_record import (
     CalibrationRecord,
     Instrument,
     Source,
@@ -17,6 +16,7 @@ from fieldkit.calibration.record import (
     save,
     to_toml,
 )
+from fieldkit.calibration.uncertainty import Contribution
 from fieldkit.model.errors import ConfigError, StorageError
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)

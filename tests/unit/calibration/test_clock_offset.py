@@ -4,12 +4,12 @@ elsewhere: Ineichen and Perez's irradiance, 105 lm/W of the beam and 130 of the 
 import numpy as np
 import pytest
 
-from fieldkit.calibration.clock import offset_from_sun, offset_from_times
+from fieldkit.calibration.clock_offset import offset_from_sun, offset_from_times
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
-from fieldkit.physics.clearsky import clear_sky
+from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.simulation.sand_slopes import sand_slopes
+from fieldkit.simulation.scene import sand_slopes
 
 MINUTE = 60_000_000_000
 

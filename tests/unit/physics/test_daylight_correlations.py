@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from fieldkit.physics.illumination import diffuse_fraction_erbs, perez_efficacy
-from fieldkit.physics.sky import extraterrestrial
+from fieldkit.physics.daylight import diffuse_fraction_erbs, extraterrestrial, perez_efficacy
 
 
 def test_erbs_at_the_joints_of_the_correlation():

@@ -3,8 +3,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from fieldkit.calibration.doubts import doubts, instrument_of
-from fieldkit.calibration.record import CalibrationRecord, expiry
+from fieldkit.calibration.calibration_record import CalibrationRecord, doubts, expiry, instrument_of
 from fieldkit.model.device import StreamInfo
 
 DATE = datetime(2026, 12, 10, tzinfo=UTC)
