@@ -101,7 +101,7 @@ def with_known_bed(history: History, settings: EstimatorSettings) -> EstimatorSe
         made.sigma[:, 0],
         VERTICAL,
         normal(*KNOWN_BED),
-        doubts=made.doubts[:2, :, 0],  # its own offset and drift
+        systematics=made.systematics[:2, :, 0],  # its own offset and drift
         prior_sd=PRIOR_SD,
     )
     return replace(settings, scale=scale.kappa, scale_sd=scale.kappa_sd)

@@ -190,7 +190,7 @@ def _drawn(
     history = noisy(history, random, settings.offset_sd_k * random.standard_normal(2) + drifts)
     # albedo took 0.0375 of the scale's 0.08; the rest is the light meter's
     meter = 1.0 + 0.07 * light
-    history = replace(history, dni_w_m2=history.dni_w_m2 * meter, diffuse_w_m2=history.diffuse_w_m2 * meter)
+    history = replace(history, dni_w_m2=history.dni_w_m2 * meter, dhi_w_m2=history.dhi_w_m2 * meter)
     return list(estimates(history, beds, settings, every=60))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from benchmarks.result import Result
-from fieldkit.estimation.bins import Outline, RegionSums
+from fieldkit.estimation.bins import RegionPixels, RegionSums
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.estimation.pixel_slopes import MapSums
 from fieldkit.model.device import StreamInfo
@@ -89,7 +89,7 @@ def estimated(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Mi
 def pictures() -> list[Result]:
     """One picture of 160 x 120 into four regions, as an owner of numpy would do it beside."""
     frame = next(sample for sample in session(1) if isinstance(sample, Frame))
-    outline, sums = Outline(BEDS, SHAPE), RegionSums(len(BEDS))
+    outline, sums = RegionPixels(BEDS, SHAPE), RegionSums(len(BEDS))
     masks = [bed.mask(SHAPE) for bed in BEDS]
     cost = _best(lambda: sums.add(*outline.sums(frame.counts), 0), 2000)
     plain = _best(lambda: [(frame.counts[m].mean(), frame.counts[m].std()) for m in masks], 500)

@@ -53,7 +53,7 @@ MIXED: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0), (12.0, 90.
 def clouds_flagged(history: History, settle_s: float) -> History:
     """The day with the flags that the light's changes earn its minutes."""
     watch, settled_ns, flags = CloudMonitor(), -(2**62), history.flags.copy()
-    clearness = history.dni_w_m2 + history.diffuse_w_m2 / history.sun[:, 2]
+    clearness = history.dni_w_m2 + history.dhi_w_m2 / history.sun[:, 2]
     for index, (time_ns, clear) in enumerate(zip(history.time_ns.tolist(), clearness.tolist(), strict=True)):
         change = watch.add(time_ns, time_ns, clear)
         if change is not None and change.kind == "end":

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.balance import Rows
     from fieldkit.estimation.bins import History
     from fieldkit.estimation.estimator import Estimator
-    from fieldkit.estimation.scale import Identified
+    from fieldkit.estimation.scale import ExchangeFit
     from fieldkit.physics.facet import FloatArray
 
 LEAST_TILT_DEG = 3.0
@@ -97,11 +97,15 @@ def command(
 def rows_of(estimator: Estimator) -> tuple[Rows, History]:
     """Rows of all clear minutes of a session for all its targets, with their history."""
     from fieldkit.estimation import balance
-    from fieldkit.estimation.bins import Field, History
+    from fieldkit.estimation.bins import History, RegionColumns
     from fieldkit.estimation.region_temperatures import remove_offsets
     from fieldkit.model.samples import Quality
 
-    history, field, settings = History.of(estimator.bins), Field(estimator.regions), estimator.settings
+    history, field, settings = (
+        History.of(estimator.bins),
+        RegionColumns(estimator.regions),
+        estimator.settings,
+    )
     true = remove_offsets(history, field.regions, settings)
     rows = balance.rows(true, 0, field.references, field.targets, field.reference_normals, settings)
     doubtful = sum(int(Quality[name]) for name in CLOUDY)
@@ -156,13 +160,13 @@ def scale_of(rows: Rows, index: int, slope: tuple[float, float], tilt_sd_deg: fl
 
 def identified(
     estimator: Estimator, history: History, slopes: Sequence[tuple[float, float]], names: Sequence[str]
-) -> Identified:
+) -> ExchangeFit:
     """What the known beds tell of alpha and beta of eq. (6)."""
-    from fieldkit.estimation.bins import Field
+    from fieldkit.estimation.bins import RegionColumns
     from fieldkit.estimation.scale import identify
     from fieldkit.physics.facet import normal
 
-    field, surface = Field(estimator.regions), estimator.settings.surface
+    field, surface = RegionColumns(estimator.regions), estimator.settings.surface
     columns = [next(i for i, one in enumerate(estimator.regions) if one.name == name) for name in names]
     base = history.temperature_k[:, field.references]
     reference = np.where(np.isfinite(base), base, 0.0).sum(axis=1) / np.isfinite(base).sum(axis=1).clip(1)
@@ -191,7 +195,7 @@ def _more_light(history: History, bed: FloatArray, reference: FloatArray) -> Flo
     return np.where(lit, history.dni_w_m2 * (on_bed - on_reference), np.nan)
 
 
-def _details(told: Identified, light: str) -> dict[str, Any]:
+def _details(told: ExchangeFit, light: str) -> dict[str, Any]:
     return {
         "irradiance": light,
         "steepness_w_m2_k": told.steepness_w_m2_k,

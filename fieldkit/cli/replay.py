@@ -77,7 +77,7 @@ def play(session: Session, estimator: Estimator, speed: float, view: View) -> li
 
 def _closed(minutes: list[Minute], view: View) -> list[Minute]:
     for minute in minutes:
-        for notice in minute.notices:
+        for notice in minute.events:
             view.show(notice)
         view.show(minute)
     return minutes

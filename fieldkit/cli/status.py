@@ -72,7 +72,7 @@ def _last_minute(session: Session) -> Minute | None:
         return None
     estimates = session.estimates()
     stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
-    return replace(closed[-1], estimates=tuple(stored), notices=())
+    return replace(closed[-1], estimates=tuple(stored), events=())
 
 
 def _last_samples(session: Session) -> Iterator[Sample]:

@@ -48,7 +48,7 @@ class Rows:
     `design` (n, 3); `y` (n, m), measured cosine of incidence; `sigma` (n, m), its standard
     deviation by the stated noise; `per_kelvin` (n, m), how y grows with the target's
     temperature; `per_w_m2` (n,), how it grows with a difference of sunlight on the bed;
-    `doubts` (p, n, m), how it moves with one standard deviation of each thing that is only
+    `systematics` (p, n, m), how it moves with one standard deviation of each thing that is only
     known so well: offset between regions and its drift, exchange with the air, with the full model
     conductivity and heat capacity of the layer, and emissivities with a stated uncertainty.
     `reference` (3,) is the mean normal of the references. NaN where a minute says nothing.
@@ -59,7 +59,7 @@ class Rows:
     sigma: FloatArray
     per_kelvin: FloatArray
     per_w_m2: FloatArray
-    doubts: FloatArray
+    systematics: FloatArray
     reference: FloatArray
 
 
@@ -102,11 +102,11 @@ def rows(
     over = warm - np.mean(base, axis=1, keepdims=True)
     exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over, first)
     drift = settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean()) / 60.0
-    doubts = [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
+    systematics = [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
     amplification = np.zeros(1)
     if settings.model == "full":
         rise = conducted(history.minute, over, settings.slab)
-        doubts += [conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
+        systematics += [conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
         amplification = _smoothed_kernel(settings.slab)
     for moved in moved_k:
         other, other_base = moved[:, targets], moved[:, references[kept]]
@@ -114,7 +114,7 @@ def rows(
         if settings.model == "full":
             further = other - np.mean(other_base, axis=1, keepdims=True)
             shift += conducted(history.minute, further, settings.slab) - rise
-        doubts.append(shift)
+        systematics.append(shift)
     scale = (beam * settings.scale)[:, np.newaxis]
     noise = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(kept.sum())))
     direct = steepness + amplification[0]
@@ -126,7 +126,7 @@ def rows(
         (noise * loud * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
         (steepness / scale)[window],
         ((1.0 - settings.surface.albedo) / scale[:, 0])[window],
-        (np.stack(doubts) / scale)[:, window],
+        (np.stack(systematics) / scale)[:, window],
         reference,
     )
 
@@ -167,12 +167,12 @@ def _lamp(
     if settings.model == "paper":
         return absorbed * beam, np.zeros_like(beam)
     around = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * beam * cos_zenith
-    diffuse = np.where(np.isnan(history.diffuse_w_m2), around, history.diffuse_w_m2)
+    diffuse = np.where(np.isnan(history.dhi_w_m2), around, history.dhi_w_m2)
     whole = beam * cos_zenith + diffuse
     circumsolar = np.zeros_like(beam)
     if settings.sky == "hay-davies":
         circumsolar = np.clip(beam / extraterrestrial(history.time_ns), 0.0, 1.0)
-    measured = history.longwave_w_m2
+    measured = history.longwave_down_w_m2
     longwave = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     grey = surface.emissivity_broadband
     warmth = grey * STEFAN_BOLTZMANN * reference_k**4 + (1.0 - grey) * longwave

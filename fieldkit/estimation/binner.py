@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fieldkit.estimation.bins import Camera, Field, MinuteBin, OpenBin
-from fieldkit.estimation.disturbances import Watch, end_of
-from fieldkit.estimation.instruments import Instruments, Light, mean_of
+from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin, RegionColumns
+from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
+from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
@@ -50,15 +50,15 @@ class Binner:
         self._instruments = Instruments(streams, settings)
         self._unasked = self._instruments.unknown
         self.irradiance_model = self._instruments.label
-        self._camera: Camera | None = None
+        self._camera: CameraStream | None = None
         if (info := self._instruments.camera) is not None:
-            self._camera = Camera(
+            self._camera = CameraStream(
                 info, self._regions, settings.surface.emissivity, settings.reflected_temperature_k
             )
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
-        self._watch = Watch(Field(self._regions))
+        self._watch = DisturbanceMonitor(RegionColumns(self._regions))
 
     def add(self, sample: Sample) -> list[Closed]:
         """Take one sample; the minutes that closed by its coming, usually none."""
@@ -103,7 +103,7 @@ class Binner:
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
         self._unasked = ()
 
-    def _bin(self, minute: OpenBin, light: Light) -> MinuteBin:
+    def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:
         count = len(self._regions)
         temperature, spread, jitter = np.full((3, count), np.nan)
         pixels = np.zeros(count, np.int64)
@@ -124,7 +124,7 @@ class Binner:
             minute.pictures.frames,
             mean_of(light.dni_w_m2),
             light.illuminance_lx,
-            light.diffuse_w_m2,
+            light.dhi_w_m2,
             self._instruments.mean(minute, "longwave_down"),
             self._instruments.contact_k(minute),
             flags,

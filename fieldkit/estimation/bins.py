@@ -51,8 +51,8 @@ class MinuteBin:
     frames: int
     dni_w_m2: float
     illuminance_lx: float = float("nan")
-    diffuse_w_m2: float = float("nan")
-    longwave_w_m2: float = float("nan")
+    dhi_w_m2: float = float("nan")
+    longwave_down_w_m2: float = float("nan")
     contact_k: tuple[float, ...] = ()
     flags: Quality = Quality.GOOD
     region_flags: tuple[Quality, ...] = ()
@@ -63,7 +63,7 @@ class MinuteBin:
         return self.minute * MINUTE_NS
 
 
-class Outline:
+class RegionPixels:
     """Regions flattened once into pixel indices, so that a picture costs one gather."""
 
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
@@ -114,7 +114,7 @@ class RegionSums:
             self.totals_squared[index] += total * total
 
 
-class Camera:
+class CameraStream:
     """The picture stream that feeds the bins: its law, its regions, how counts become kelvin.
 
     Counts of a linear law are summed as they are; other laws give kelvin picture by picture,
@@ -125,7 +125,7 @@ class Camera:
         self, info: StreamInfo, regions: Sequence[Region], emissivity: float, reflected_k: float
     ) -> None:
         self.info = info
-        self.outline = Outline(regions, (info.shape[0], info.shape[1]))
+        self.outline = RegionPixels(regions, (info.shape[0], info.shape[1]))
         given = np.array([region.emissivity for region in regions], np.float64)
         self._emissivity = np.where(np.isnan(given), emissivity, given)
         self._reflected_k = reflected_k
@@ -170,7 +170,7 @@ class OpenBin:
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
 
-    def add_frame(self, frame: Frame, camera: Camera) -> None:
+    def add_frame(self, frame: Frame, camera: CameraStream) -> None:
         """Sum a frame, unless its flags or its law exclude it."""
         self.flags |= frame.quality
         if not is_usable(frame.quality) or (sums := camera.sums(frame)) is None:
@@ -195,7 +195,7 @@ class OpenBin:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class RegionColumns:
     """The regions of a picture as the estimator sees them: which columns are references, which targets."""
 
     regions: tuple[Region, ...]
@@ -231,8 +231,8 @@ class History:
     sun: FloatArray
     temperature_k: FloatArray
     dni_w_m2: FloatArray
-    diffuse_w_m2: FloatArray
-    longwave_w_m2: FloatArray
+    dhi_w_m2: FloatArray
+    longwave_down_w_m2: FloatArray
     flags: NDArray[np.int64]
     region_flags: NDArray[np.int64]
 
@@ -246,8 +246,8 @@ class History:
             np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
             np.array([b.temperature_k for b in bins], np.float64).reshape(len(bins), regions),
             np.array([b.dni_w_m2 for b in bins], np.float64),
-            np.array([b.diffuse_w_m2 for b in bins], np.float64),
-            np.array([b.longwave_w_m2 for b in bins], np.float64),
+            np.array([b.dhi_w_m2 for b in bins], np.float64),
+            np.array([b.longwave_down_w_m2 for b in bins], np.float64),
             np.array([int(b.flags) for b in bins], np.int64),
             np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(len(bins), regions),
         )

@@ -50,16 +50,16 @@ class RadiationTable:
 
     def __init__(self, cells: FloatArray, design: FloatArray, reference: FloatArray) -> None:
         self.cells = cells
-        self._lamps, self._away = design, cells - reference
+        self._design, self._away = design, cells - reference
 
     def _row(self, time: int) -> FloatArray:
         """The table's row (cells,) of one time: one way of rounding, whether it is kept or not."""
-        return np.asarray(self._away @ self._lamps[time])
+        return np.asarray(self._away @ self._design[time])
 
     @cached_property
     def values(self) -> FloatArray:
         """The whole table (times, cells)."""
-        return np.stack([self._row(time) for time in range(len(self._lamps))])
+        return np.stack([self._row(time) for time in range(len(self._design))])
 
     @cached_property
     def _by_cell(self) -> FloatArray:

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import Field, MinuteBin, OpenBin
-from fieldkit.estimation.instruments import Light, mean_of
+from fieldkit.estimation.bins import MinuteBin, OpenBin, RegionColumns
+from fieldkit.estimation.instruments import MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.units import SECOND_NS
@@ -32,10 +32,10 @@ _CLEAR_PEAK = 8.0
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 
-class Watch:
+class DisturbanceMonitor:
     """Looks for clouds, shade on one bed, and a picture that moved or froze."""
 
-    def __init__(self, field: Field) -> None:
+    def __init__(self, field: RegionColumns) -> None:
         self._field = field
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
@@ -47,7 +47,7 @@ class Watch:
         self._last_sums: tuple[int, list[int]] | None = None
 
     def look(
-        self, entry: MinuteBin, minute: OpenBin, light: Light, settings: EstimatorSettings
+        self, entry: MinuteBin, minute: OpenBin, light: MinuteIrradiance, settings: EstimatorSettings
     ) -> tuple[MinuteBin, list[Event]]:
         """The bin with its flags, and what is to be told."""
         notices = self._clouds(entry, light, settings)
@@ -60,7 +60,7 @@ class Watch:
         entry = self._shades(entry, reference_k, minute, notices)
         return self._pictures(entry, minute, notices), notices
 
-    def _clouds(self, entry: MinuteBin, light: Light, settings: EstimatorSettings) -> list[Event]:
+    def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
         notices = []
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
             change = self._light.add(reading.mono_ns, reading.time_ns, clearness)

@@ -28,9 +28,9 @@ __all__ = ["Estimator", "EstimatorSettings", "Minute"]
 class Minute:
     """What became known when a minute closed.
 
-    Temperatures in kelvin, `illuminance` in lux, `irradiance_w_m2` direct normal by the
+    Temperatures in kelvin, `dni_w_m2` direct normal by the
     model named, diffuse light and downward longwave as measured on the horizontal, angles in degrees;
-    NaN where nothing was measured. `notices` are the
+    NaN where nothing was measured. `events` are the
     estimator's events: clouds that begin and end, shade, a moved picture, samples too late.
     """
 
@@ -39,16 +39,16 @@ class Minute:
     temperature_k: Mapping[str, float]
     spread_k: Mapping[str, float]
     pixels: Mapping[str, int]
-    illuminance: float
-    irradiance_w_m2: float
+    illuminance_lx: float
+    dni_w_m2: float
     irradiance_model: str
     sun_zenith_deg: float
     sun_azimuth_deg: float
     contact_k: tuple[float, ...]
     flags: Quality
-    notices: tuple[Event, ...]
-    diffuse_w_m2: float = math.nan
-    longwave_w_m2: float = math.nan
+    events: tuple[Event, ...]
+    dhi_w_m2: float = math.nan
+    longwave_down_w_m2: float = math.nan
 
 
 class Estimator:
@@ -103,6 +103,6 @@ class Estimator:
             entry.contact_k,
             entry.flags,
             notices,
-            entry.diffuse_w_m2,
-            entry.longwave_w_m2,
+            entry.dhi_w_m2,
+            entry.longwave_down_w_m2,
         )

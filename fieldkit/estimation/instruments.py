@@ -28,17 +28,17 @@ OVERDUE = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class MinuteIrradiance:
     """Light readings of one minute in order of time: beam, and reading over its clear expectation.
 
-    `clearness` is NaN while the sun is low; `diffuse_w_m2` is the measured diffuse light, NaN without.
+    `clearness` is NaN while the sun is low; `dhi_w_m2` is the measured diffuse light, NaN without.
     """
 
     readings: list[Reading]
     dni_w_m2: FloatArray
     clearness: FloatArray
     illuminance_lx: float
-    diffuse_w_m2: float
+    dhi_w_m2: float
     flags: Quality
 
 
@@ -94,7 +94,7 @@ class Instruments:
         found = [one for one in self._sources if one.measures in components]
         return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
-    def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> Light:
+    def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> MinuteIrradiance:
         """Direct irradiance of every light reading at its own time."""
         lux = self._lux.values(minute) if self._lux is not None else []
         source = self.light_source
@@ -113,7 +113,7 @@ class Instruments:
         # near the horizon clear light itself changes as fast as a cloud does
         high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
         clearness = np.where(high, self._clearness(values, sun), np.nan)
-        return Light(readings, direct, clearness, mean_of(np.array(lux)), diffuse, flags)
+        return MinuteIrradiance(readings, direct, clearness, mean_of(np.array(lux)), diffuse, flags)
 
     def _clearness(self, values: FloatArray, sun: FloatArray) -> FloatArray:
         """Readings over the cosine of the sun on the meter's plane, NaN for a grazing sun."""

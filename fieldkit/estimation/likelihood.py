@@ -67,14 +67,16 @@ class ProfileMisfit:
         return np.asarray(self.misfit.H - np.outer(spread, spread) / price)
 
 
-def with_systematics(design: FloatArray, y: FloatArray, weights: FloatArray, doubts: FloatArray) -> Misfit:
+def with_systematics(
+    design: FloatArray, y: FloatArray, weights: FloatArray, systematics: FloatArray
+) -> Misfit:
     """Misfit of rows whose y may be off by ``t * doubt`` for each doubt, t of standard deviation 1.
 
     lamps (n, 3), y (n,), weights (n,), doubts (p, n). A doubt of zeros changes nothing.
     """
-    table = np.column_stack([design, y, *doubts])
+    table = np.column_stack([design, y, *systematics])
     gram = (table * weights[:, np.newaxis]).T @ table
-    prices = np.eye(len(doubts))
+    prices = np.eye(len(systematics))
     gram = gram[:4, :4] - gram[:4, 4:] @ np.linalg.solve(gram[4:, 4:] + prices, gram[4:, :4])
     return Misfit(gram[:3, :3], gram[:3, 3], gram[3, 3], np.asarray(np.count_nonzero(weights)))
 

@@ -118,8 +118,8 @@ class _Problem:
     def doubtful(self) -> ProfileMisfit:
         """With the stated doubts of offset, stored heat and scale."""
         settings, used = self.settings, self.used
-        doubts = self.rows.doubts[:, used, self.index]
-        summed = with_systematics(self.design, self.y, self.weights[used], doubts)
+        systematics = self.rows.systematics[:, used, self.index]
+        summed = with_systematics(self.design, self.y, self.weights[used], systematics)
         left_out = PAPER_SCALE_SD if settings.model == "paper" else 0.0
         scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, left_out)
         return ProfileMisfit(summed, self.rows.reference, scale_sd)

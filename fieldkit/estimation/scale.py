@@ -41,15 +41,15 @@ def scale_from_known_bed(
     reference: FloatArray,
     bed: FloatArray,
     *,
-    doubts: FloatArray | None = None,
+    systematics: FloatArray | None = None,
     prior_sd: float = float("inf"),
 ) -> Scale:
     """The scale from rows (n,) of a bed whose normal (3,) is known.
 
     Measured ``y - reference . u`` is kappa times ``(bed - reference) . u``. The regressor is
     geometry, not a temperature, so noise does not pull kappa down as regression on measured
-    differences would. `doubts` (p, n) are how y moves with one standard deviation of what is
-    not known of this bed, such as its own offset (`balance.Rows.doubts`); they are fitted at
+    differences would. `systematics` (p, n) are how y moves with one standard deviation of what is
+    not known of this bed, such as its own offset (`balance.Rows.systematics`); they are fitted at
     their price, and so is kappa's distance from 1 with `prior_sd`. Rows with NaN are left out,
     and those in which bed or reference is in its own shade and only says ``n . s < 0``.
 
@@ -58,7 +58,7 @@ def scale_from_known_bed(
     CalibrationError
         If the bed is so like the reference that the scale is not determined.
     """
-    columns = np.vstack([design @ (bed - reference), *(() if doubts is None else doubts)]) / sigma
+    columns = np.vstack([design @ (bed - reference), *(() if systematics is None else systematics)]) / sigma
     measured = (y - design @ reference) / sigma
     known = np.isfinite(measured) & np.isfinite(columns).all(axis=0)
     known &= np.minimum(design @ bed, design @ reference) >= LOWEST_COS_INCIDENCE
@@ -166,7 +166,7 @@ def _joint_cost(misfits: list[Misfit], reference: FloatArray, kappa: float, limi
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class ExchangeFit:
     """alpha and beta of eq. (6) from beds of known slope, and what of them the data really tell.
 
     `steepness_w_m2_k` is D = 4 alpha T^3 + beta at the mean temperature, which differences
@@ -192,7 +192,7 @@ def identify(
     noise_k: float,
     prior: tuple[float, float],
     prior_share_sd: float = 0.10,
-) -> Identified:
+) -> ExchangeFit:
     """Fit alpha and beta to known differences of sunlight, by total least squares in the temperatures.
 
     Parameters
@@ -243,4 +243,4 @@ def identify(
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
         "albedo, emissivity and exchange apart cannot be told from temperatures"
     )
-    return Identified(found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, says)
+    return ExchangeFit(found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, says)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, rows
-from fieldkit.estimation.bins import Field, History
+from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solution, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
@@ -44,13 +44,13 @@ def slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
     """Slope of every target at the last minute of the history, in the order of the regions."""
-    field = Field(tuple(regions))
+    field = RegionColumns(tuple(regions))
     clouded = (history.flags & Quality.CLOUD) != 0
     last = len(history)
     if settings.model == "paper" and last and clouded[-1]:
         return _held(history, field, ~clouded, settings)
     window = Window(history, last, field, settings)
-    answers = window.told_of_drift([window.estimate(index) for index in range(field.targets.size)])
+    answers = window.flag_drift([window.estimate(index) for index in range(field.targets.size)])
     return tuple(
         _shaded(history, field, index, settings) if answer.flags & Quality.SHADED else answer
         for index, answer in enumerate(answers)
@@ -58,7 +58,7 @@ def slopes(
 
 
 def _held(
-    history: History, field: Field, clear: NDArray[np.bool_], settings: EstimatorSettings
+    history: History, field: RegionColumns, clear: NDArray[np.bool_], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
     last = int(np.flatnonzero(clear)[-1]) + 1 if clear.any() else 0
     window = Window(history, last, field, settings)
@@ -75,7 +75,7 @@ def _held(
     return tuple(held)
 
 
-def _shaded(history: History, field: Field, index: int, settings: EstimatorSettings) -> SlopeEstimate:
+def _shaded(history: History, field: RegionColumns, index: int, settings: EstimatorSettings) -> SlopeEstimate:
     """The last estimate before this region alone lost its sun."""
     column = field.targets[index]
     lit = (history.region_flags[:, column] & Quality.SHADED) == 0
@@ -97,7 +97,7 @@ class Window:
         self,
         history: History,
         last: int,
-        field: Field,
+        field: RegionColumns,
         settings: EstimatorSettings,
         minutes: float | None = None,
     ) -> None:
@@ -148,7 +148,7 @@ class Window:
         half = max(minutes / 2.0, SHORTEST_MINUTES)
         return Window(self.past, len(self.past), self.field, self.settings, half)
 
-    def told_of_drift(self, answers: list[SlopeEstimate]) -> list[SlopeEstimate]:
+    def flag_drift(self, answers: list[SlopeEstimate]) -> list[SlopeEstimate]:
         """The answers, with `NO_INTERSECTION` and the reason where one region alone left its prediction.
 
         Only where the minutes contradict each other, and not soon after a cloud.

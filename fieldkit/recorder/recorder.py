@@ -279,11 +279,11 @@ class Recorder:
 
     def _keep_minute(self, minute: Minute) -> None:
         self._last_minute = minute
-        irradiance, model = minute.irradiance_w_m2, minute.irradiance_model
+        irradiance, model = minute.dni_w_m2, minute.irradiance_model
         self._stored(
             lambda: self.writer.minute(minute.time_ns, minute.estimates, irradiance, model, minute.flags)
         )
-        for notice in minute.notices:
+        for notice in minute.events:
             self._keep_event(notice)
         self._audience.show(minute)
 

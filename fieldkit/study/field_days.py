@@ -160,14 +160,14 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
             temperature_k={region.name: float(warm[row, i]) for i, region in enumerate(regions)},
             spread_k={},
             pixels={},
-            illuminance=float(lux[row]),
-            irradiance_w_m2=float(light[row]),
+            illuminance_lx=float(lux[row]),
+            dni_w_m2=float(light[row]),
             irradiance_model=settings.irradiance.label,
             sun_zenith_deg=float(zenith[row]),
             sun_azimuth_deg=float(azimuth[row]),
             contact_k=tuple(scene.probe_readings(int(time)).tolist()),
             flags=Quality.GOOD,
-            notices=(),
+            events=(),
         )
         for row, time in enumerate(times)
     ]

@@ -200,7 +200,7 @@ def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
     for info, reading in latest.of_quantity("illuminance"):
         yield "light", f"{formatting.number(reading.values[0])} {info.unit}"
     if minute is not None:
-        yield "irradiance", f"{formatting.number(minute.irradiance_w_m2)} W/m²  {minute.irradiance_model}"
+        yield "irradiance", f"{formatting.number(minute.dni_w_m2)} W/m²  {minute.irradiance_model}"
         zenith, azimuth = (
             formatting.number(deg, 1) for deg in (minute.sun_zenith_deg, minute.sun_azimuth_deg)
         )

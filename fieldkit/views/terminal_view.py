@@ -151,7 +151,7 @@ class PlainView:
         return f" {self._when(event.time_ns, seconds=True)}  {formatting.told(event)}"
 
     def _minute(self, minute: Minute) -> str:
-        light = f"S {formatting.number(minute.irradiance_w_m2)} W/m² ({minute.irradiance_model})"
+        light = f"S {formatting.number(minute.dni_w_m2)} W/m² ({minute.irradiance_model})"
         references = [self._bed(minute, name) for name in self._references]
         targets = [
             f"{self._bed(minute, estimate.region)} {_slope(estimate)}{formatting.state(estimate)}"

@@ -109,7 +109,7 @@ class LivePreview:
         self._show(item)
         if not isinstance(item, Event):
             for minute in self._estimator.add(item):
-                for notice in minute.notices:
+                for notice in minute.events:
                     self._show(notice)
                 self._show(minute)
         self._inbox.done(item)

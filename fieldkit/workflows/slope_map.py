@@ -18,7 +18,7 @@ import numpy as np
 
 import fieldkit
 from fieldkit.config import Config
-from fieldkit.estimation.bins import Field, MinuteBin
+from fieldkit.estimation.bins import MinuteBin, RegionColumns
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
@@ -76,7 +76,7 @@ def map_of(
     estimator = estimator_for(session, config, present=present)
     instruments = Instruments(tuple(session.streams.values()), estimator.settings)
     camera = instruments.camera
-    field = Field(estimator.regions)
+    field = RegionColumns(estimator.regions)
     if camera is None or not field.references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
@@ -107,7 +107,7 @@ def map_of(
 
 
 def chosen_minutes(
-    bins: Sequence[MinuteBin], field: Field, window_s: float | None, weather_ns: int
+    bins: Sequence[MinuteBin], field: RegionColumns, window_s: float | None, weather_ns: int
 ) -> list[MinuteBin]:
     """The minutes of a window that say something: it ends with the last of them.
 
@@ -120,7 +120,7 @@ def chosen_minutes(
     return [one for one in useful if one.minute >= first]
 
 
-def _is_useful(one: MinuteBin, field: Field) -> bool:
+def _is_useful(one: MinuteBin, field: RegionColumns) -> bool:
     known = np.isfinite(one.dni_w_m2) and np.isfinite(one.temperature_k[field.references]).any()
     return bool(known and not one.flags & LEFT_OUT)
 
@@ -135,7 +135,7 @@ def _flags(bins: Sequence[MinuteBin]) -> Quality:
 def _solved(
     session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[MinuteBin]
 ) -> tuple[SlopeMap, PixelBounds]:
-    settings, field = estimator.settings, Field(estimator.regions)
+    settings, field = estimator.settings, RegionColumns(estimator.regions)
     shape = (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
     emissivity, offset_k = _of_pixels(estimator.regions, shape, settings)

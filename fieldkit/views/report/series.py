@@ -130,10 +130,10 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
         contact[row, : len(minute.contact_k)] = minute.contact_k
     return Series(
         time_ns=np.array([minute.time_ns for minute in ordered], np.int64),
-        illuminance_lx=np.array([minute.illuminance for minute in ordered], np.float64),
-        irradiance_w_m2=np.array([minute.irradiance_w_m2 for minute in ordered], np.float64),
-        diffuse_w_m2=np.array([minute.diffuse_w_m2 for minute in ordered], np.float64),
-        longwave_w_m2=np.array([minute.longwave_w_m2 for minute in ordered], np.float64),
+        illuminance_lx=np.array([minute.illuminance_lx for minute in ordered], np.float64),
+        irradiance_w_m2=np.array([minute.dni_w_m2 for minute in ordered], np.float64),
+        diffuse_w_m2=np.array([minute.dhi_w_m2 for minute in ordered], np.float64),
+        longwave_w_m2=np.array([minute.longwave_down_w_m2 for minute in ordered], np.float64),
         irradiance_model=ordered[-1].irradiance_model if ordered else "",
         sun=normal(zenith, azimuth).reshape(-1, 3),
         flags=np.array([int(minute.flags) for minute in ordered], np.int64),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.bins import Camera, OpenBin
+from fieldkit.estimation.bins import CameraStream, OpenBin
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality
 from fieldkit.model.site import Region, RegionKind
@@ -25,7 +25,7 @@ def frame(counts: np.ndarray, second: float, quality: Quality = Quality.GOOD) ->
     return Frame("ir", time_ns, time_ns, counts.astype(np.uint16), rows, quality)
 
 
-def minute_of(camera: Camera, *frames: Frame) -> OpenBin:
+def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
     minute = OpenBin(7, 2)
     for one in frames:
         minute.add_frame(one, camera)
@@ -35,7 +35,7 @@ def minute_of(camera: Camera, *frames: Frame) -> OpenBin:
 def test_mean_spread_and_jitter_of_a_region_are_those_of_its_pixels_in_kelvin() -> None:
     random = np.random.default_rng(2)
     pictures = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
-    camera = Camera(INFO, (FLAT, BED), 1.0, 233.15)
+    camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
     minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(pictures)))
     mean, spread, jitter = camera.means(minute.pictures)
     for place, box in enumerate((np.s_[0:2, 0:2], np.s_[2:4, 3:6])):
@@ -49,7 +49,7 @@ def test_mean_spread_and_jitter_of_a_region_are_those_of_its_pixels_in_kelvin() 
 def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
     surface_k = 320.0
     own = replace(BED, emissivity=0.8)
-    camera = Camera(INFO, (FLAT, own), 0.95, 240.0)
+    camera = CameraStream(INFO, (FLAT, own), 0.95, 240.0)
     counts = np.zeros((4, 6))
     counts[:2, :2] = round(float(brightness_temperature_k(surface_k, 0.95, 240.0)) * 100)
     counts[2:, 3:] = round(float(brightness_temperature_k(surface_k, 0.80, 240.0)) * 100)
@@ -58,7 +58,7 @@ def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
 
 
 def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle() -> None:
-    camera = Camera(INFO, (FLAT, BED), 1.0, 233.15)
+    camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
     picture = np.full((4, 6), 30_000)
     minute = minute_of(camera, *(frame(picture, second) for second in (10.0, 20.0, 45.0)))
     assert minute.time_ns == 7 * MINUTE_NS + 25 * 10**9

@@ -45,7 +45,7 @@ def test_one_hour_of_the_papers_physics_gives_every_slope_back(yard, an_hour):
 
 def test_a_minute_tells_what_was_measured(yard, an_hour):
     minute = an_hour[10]
-    assert minute.irradiance_w_m2 == pytest.approx(800.0, rel=1e-9)
+    assert minute.dni_w_m2 == pytest.approx(800.0, rel=1e-9)
     assert minute.irradiance_model == "eq10 /0.44, diffuse 15%, horizontal"
     assert minute.contact_k[0] == pytest.approx(304.15)
     assert np.isnan(minute.contact_k[1])
@@ -192,7 +192,7 @@ def test_overrange_light_is_no_light(yard):
     minute = run(yard, samples)[-1]
     assert minute.estimates[0].state == SlopeState.NO_DATA
     assert "irradiance" in minute.estimates[0].reason
-    assert np.isnan(minute.irradiance_w_m2)
+    assert np.isnan(minute.dni_w_m2)
     assert minute.flags & Quality.OVERRANGE
 
 
@@ -211,7 +211,7 @@ def test_pyrheliometer_stream_replaces_lux(yard):
         Reading("beam", s.mono_ns, s.time_ns, (800.0,)) if s.stream == "lux" else s for s in yard.samples(21)
     ]
     minute = run(replace(yard, streams=beam), samples)[-1]
-    assert minute.irradiance_w_m2 == pytest.approx(800.0)
+    assert minute.dni_w_m2 == pytest.approx(800.0)
     assert minute.irradiance_model.startswith("pyrheliometer")
     assert minute.estimates[2].tilt_deg == pytest.approx(25.0, abs=1.0)
 
@@ -228,7 +228,7 @@ def test_level_pyranometer_gives_the_slopes_that_a_light_meter_gives(yard):
         for s in yard.samples(21)
     ]
     minute = run(replace(yard, streams=(yard.streams[0], whole)), samples)[-1]
-    assert minute.irradiance_w_m2 == pytest.approx(800.0, rel=1e-3)
+    assert minute.dni_w_m2 == pytest.approx(800.0, rel=1e-3)
     assert minute.irradiance_model == "pyranometer, diffuse 15%, horizontal"
     by_lux = run(yard, yard.samples(21))[-1]
     for one, other in zip(minute.estimates, by_lux.estimates, strict=True):
@@ -242,7 +242,7 @@ def test_cloud_holds_the_estimate_and_tells_when_it_began_and_ended(yard):
     assert during.state == SlopeState.HELD_CLOUD
     assert during.tilt_deg == before.tilt_deg
     assert "unsteady" in during.reason
-    events = [event for minute in minutes for event in minute.notices if event.kind == EventKind.CLOUD]
+    events = [event for minute in minutes for event in minute.events if event.kind == EventKind.CLOUD]
     assert [event.data["phase"] for event in events] == ["begin", "end"]
     start = clouded.start_ns + 25 * MINUTE_NS
     assert events[0].time_ns == start + 1
@@ -257,7 +257,7 @@ def test_cloud_holds_the_estimate_and_tells_when_it_began_and_ended(yard):
 
 
 def test_steady_light_makes_no_clouds(yard):
-    assert not any(minute.notices for minute in run(yard, replace(yard, noise_k=0.05).samples(60)))
+    assert not any(minute.events for minute in run(yard, replace(yard, noise_k=0.05).samples(60)))
 
 
 def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
@@ -281,7 +281,7 @@ def test_moved_picture_is_noticed_once_and_flagged(yard):
         for s in samples
     ]
     minutes = run(yard, shifted)
-    told = [event for minute in minutes for event in minute.notices if event.kind == EventKind.MOVED]
+    told = [event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED]
     assert len(told) == 1
     assert "3.6 px" in told[0].text
     assert [bool(minute.flags & Quality.MOVED) for minute in minutes] == [False] * 7 + [True] * 5
@@ -305,7 +305,7 @@ def test_late_samples_are_left_out_and_counted(yard):
     late = samples.pop(3)
     minutes = run(yard, [*samples, late])
     assert minutes[-1].time_ns == run(yard, samples)[-1].time_ns
-    late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.notices]
+    late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events]
     assert late_notice == ["1 samples came more than 2 s late and were left out of the estimates"]
 
 

@@ -89,7 +89,7 @@ def test_region_of_the_full_model_holds_the_beds(clear_day):
 
 
 def test_without_sky_instruments_the_full_model_still_beats_the_papers(clear_day):
-    bare = replace(clear_day, diffuse_w_m2=np.full(300, np.nan), longwave_w_m2=np.full(300, np.nan))
+    bare = replace(clear_day, dhi_w_m2=np.full(300, np.nan), longwave_down_w_m2=np.full(300, np.nan))
     assert tilt_errors(bare, replace(KNOWN, model="full"))[1] < tilt_errors(bare, KNOWN)[1]
 
 

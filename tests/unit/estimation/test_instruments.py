@@ -135,7 +135,7 @@ def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
     ratio = np.array([entry.dni_w_m2 for entry in bins])[high] / day.dni[high]
     assert high.sum() > 200
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
-    assert np.array([entry.diffuse_w_m2 for entry in bins])[high] == pytest.approx(day.dhi[high])
+    assert np.array([entry.dhi_w_m2 for entry in bins])[high] == pytest.approx(day.dhi[high])
     assert binner.irradiance_model == "pyranometer, diffuse 15%, horizontal, dhi as measured"
 
 
@@ -207,8 +207,8 @@ def test_hourly_diffuse_light_and_longwave_stand_until_the_next_are_due():
         closed += binner.add(Reading("lux", at + 1, at + 1, (40_000.0,)))
     bins = [entry for entry, _ in closed + binner.finish()]
     for values, held in (
-        ([entry.diffuse_w_m2 for entry in bins], 83.0),
-        ([entry.longwave_w_m2 for entry in bins], 290.0),
+        ([entry.dhi_w_m2 for entry in bins], 83.0),
+        ([entry.longwave_down_w_m2 for entry in bins], 290.0),
     ):
         assert np.isnan(values[:10]).all()
         assert values[10:101] == [held] * 91  # an hour and a half

@@ -49,7 +49,7 @@ def test_offset_of_the_known_bed_is_told_from_scale_only_as_far_as_it_can_be():
     y = 1.1 * (rays @ (bed - VERTICAL)) + rays[:, 2] + offset[0]
     sigma = np.full(181, SIGMA)
     naive = scale_from_known_bed(rays, y, sigma, VERTICAL, bed)
-    careful = scale_from_known_bed(rays, y, sigma, VERTICAL, bed, doubts=offset)
+    careful = scale_from_known_bed(rays, y, sigma, VERTICAL, bed, systematics=offset)
     assert abs(naive.kappa - 1.1) > 3 * naive.kappa_sd
     assert abs(careful.kappa - 1.1) < 2 * careful.kappa_sd
     assert careful.kappa_sd > 2 * naive.kappa_sd

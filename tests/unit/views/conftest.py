@@ -70,14 +70,14 @@ def make_minute(regions):
             "temperature_k": {"flat": 300.0, "b15": 310.0, "b25": 320.0},
             "spread_k": {"flat": 0.21, "b15": 0.2, "b25": 0.3},
             "pixels": {"flat": 99, "b15": 81, "b25": 121},
-            "illuminance": 55_210.0,
-            "irradiance_w_m2": 835.0,
+            "illuminance_lx": 55_210.0,
+            "dni_w_m2": 835.0,
             "irradiance_model": "eq10 /0.44, diffuse 15%, horizontal",
             "sun_zenith_deg": 58.84,
             "sun_azimuth_deg": 186.57,
             "contact_k": (299.9, 309.5),
             "flags": Quality.GOOD,
-            "notices": (),
+            "events": (),
         }
         return Minute(**{**given, **changes})
 

@@ -141,7 +141,7 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
             estimator = estimator_for(both, config_for(both, [f"irradiance.stream={stream!r}"]))
             minutes = list(minutes_of(both, estimator))
             assert minutes[5].irradiance_model.startswith(label)
-            assert (minutes[5].irradiance_w_m2 == 900.0) == (not stream)
+            assert (minutes[5].dni_w_m2 == 900.0) == (not stream)
     checked = CliRunner().invoke(main, ["check", str(tmp_path / "both.h5")])
     assert "slopes come out the same" in checked.output
 

@@ -88,7 +88,7 @@ def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
     found = estimate(history, regions, settings)
     assert [repr(one) for one in found] == [repr(one) for minute in minutes for one in minute.estimates]
     assert found.rows["irradiance_w_m2"][::3].tolist() == pytest.approx(
-        [minute.irradiance_w_m2 for minute in minutes], nan_ok=True, abs=0
+        [minute.dni_w_m2 for minute in minutes], nan_ok=True, abs=0
     )
 
 

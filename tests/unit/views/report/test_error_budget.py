@@ -60,7 +60,7 @@ def minute_of(make_minute, bed, time_ns):
         time_ns=time_ns,
         estimates=(estimate,),
         temperature_k={"flat": flat_k, bed.name: bed_k},
-        irradiance_w_m2=DIRECT,
+        dni_w_m2=DIRECT,
         sun_zenith_deg=float(zenith[0]),
         sun_azimuth_deg=float(azimuth[0]),
         flags=Quality.GOOD,
@@ -97,7 +97,7 @@ def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
     assumed = [minute_of(make_minute, bed, NOON_NS)]
     ground = EMISSIVITY * SIGMA * assumed[0].temperature_k["flat"] ** 4
     warm_sky = ground / EMISSIVITY  # emitted and reflected together are what comes down
-    measured = [replace(assumed[0], diffuse_w_m2=0.0, longwave_w_m2=warm_sky)]
+    measured = [replace(assumed[0], dhi_w_m2=0.0, longwave_down_w_m2=warm_sky)]
     before, after = (
         budget(columns, columns.beds[0], SETTINGS)
         for columns in (series(minutes, (FLAT, bed)) for minutes in (assumed, measured))
@@ -111,7 +111,7 @@ def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):
 def test_w_m2_per_degree_is_the_papers_geometry(make_minute):
     """South 15 degrees, 11 Dec, 12:00, S 800: 9.6 W/m2 per degree; 0.33 degrees cost 0.11 K (30 W/m2/K)."""
     bed = Region("bed", RegionKind.TARGET, CORNERS, 15.0, 180.0)
-    minutes = [replace(minute_of(make_minute, bed, NOON_NS), irradiance_w_m2=800.0)]
+    minutes = [replace(minute_of(make_minute, bed, NOON_NS), dni_w_m2=800.0)]
     columns = series(minutes, (FLAT, bed))
     assert budget(columns, columns.beds[0], SETTINGS).w_m2_per_degree == pytest.approx(9.6, abs=0.05)
 

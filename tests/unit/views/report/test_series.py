@@ -34,7 +34,7 @@ def hours(make_minute):
             time_ns=time_ns,
             estimates=(),
             temperature_k={"flat": REFERENCE_K[i], "b10": MEASURED_K[i]},
-            irradiance_w_m2=800.0,
+            dni_w_m2=800.0,
             sun_zenith_deg=float(zenith[i]),
             sun_azimuth_deg=float(azimuth[i]),
         )
