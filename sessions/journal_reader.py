@@ -28,7 +28,7 @@ from fieldkit.sessions.records import (
     sample_bytes,
     sample_crc32,
 )
-from fieldkit.sessions.torn_log import mended_part
+from fieldkit.sessions.torn_log import salvaged_part
 
 _SESSION = "SELECT session_id, start_ns, anchor_ns, header FROM session"
 _SAMPLE = (
@@ -182,10 +182,12 @@ class JournalReader:
         return identity
 
     def _open_part(self, path: Path) -> sqlite3.Connection:
-        if not self._salvage or (mended := mended_part(path)) is None:
+        if not self._salvage:
             return open_part(path)
-        database, found = mended
-        self.damage.append(f"{path.name}: torn; {found} records behind the tear were read from its pages")
+        database, found = salvaged_part(path)
+        if found is not None:
+            text = f"{path.name}: torn; {found} records behind the tear were read from its pages"
+            self.damage.append(text)
         return database
 
     def _merged(self, statement: str, *arguments: int | str) -> Iterator[tuple[Any, ...]]:

@@ -24,7 +24,7 @@ from fieldkit.sessions.journal import TABLES, open_part, wal_of
 
 _HEADER_BYTES, _LEAF = 32, 0x0D
 _BIG_ENDIAN, _LITTLE_ENDIAN = 0x377F0683, 0x377F0682
-_BATCH_BYTES = 16_000_000
+_BATCH = 64
 _INTEGER_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}
 _TABLE_OF = {5: "session", 12: "sample", 3: "entry"}
 """Tables whose rows lie in leaves of their own kind, by their number of columns; rows of `chunk` do not."""
@@ -32,30 +32,48 @@ _TABLE_OF = {5: "session", 12: "sample", 3: "entry"}
 Row = tuple[str, list[Any]]
 
 
-def mended_part(path: Path) -> tuple[sqlite3.Connection, int] | None:
-    """A copy of a database of the journal with all rows that can be read, and how many SQLite did not reach.
+def salvaged_part(path: Path) -> tuple[sqlite3.Connection, int | None]:
+    """A database of the journal with all rows that can be read, and how many SQLite did not reach.
 
-    None where SQLite reaches all there is.
+    None where SQLite reaches every row: then it is the database itself, otherwise a copy.
     """
+    part = _open_readable(path)
+    if part is not None and _reaches_every_frame(path):
+        return part, None
     pages = _Pages(path)
-    if not pages.is_torn and _is_readable(path):
-        return None
+    if part is not None and not pages.is_torn:
+        return part, None
+    if part is not None:
+        part.close()
     copy = sqlite3.connect("", isolation_level=None)  # on disk, and gone with the connection
     copy.executescript(TABLES + "BEGIN;")
     _copy_reached(path, copy)
     return copy, _add_unreached(copy, pages)
 
 
-def _is_readable(path: Path) -> bool:
+def _open_readable(path: Path) -> sqlite3.Connection | None:
+    """The database opened, None where SQLite cannot read all of it."""
     if _is_empty(path):
-        return False
+        return None
+    part = open_part(path)  # stays open: SQLite verifies the whole log again each time it is opened
     try:
-        with contextlib.closing(open_part(path)) as part:
-            for table in ("session", "sample", "entry"):
-                part.execute(f"SELECT count(*) FROM {table}").fetchone()  # goes through every leaf
+        for table in ("session", "sample", "entry"):
+            part.execute(f"SELECT count(*) FROM {table}").fetchone()  # goes through every leaf
     except (sqlite3.Error, UnicodeDecodeError):
-        return False
-    return True
+        part.close()
+        return None
+    return part
+
+
+def _reaches_every_frame(path: Path) -> bool:
+    """Whether SQLite found every frame of the log whole: it counts them in the index it makes on opening.
+
+    Only while the database is open. Format: sqlite.org/walformat.html, section 2.1.
+    """
+    log = _bytes_of(wal_of(path))
+    frames = len(_frames(log, int.from_bytes(log[8:12].tobytes(), "big")))
+    in_index = int.from_bytes(_bytes_of(path.with_name(path.name + "-shm"))[16:20].tobytes(), sys.byteorder)
+    return len(log) == 0 or frames == in_index > 0
 
 
 def _copy_reached(path: Path, copy: sqlite3.Connection) -> None:
@@ -145,7 +163,7 @@ class _Pages:
         ours = np.all(self._frames["salt"] == salts, axis=1)
         has_begun_again = any(self._header[12:16])
         end = int(np.flatnonzero(ours)[-1]) + 1 if has_begun_again and ours.any() else len(ours)
-        is_whole = np.array_equal(_folded(head[None], np.zeros((1, 2), np.uint32))[0], own)
+        is_whole = np.array_equal(_folded([head[None]], np.zeros((1, 2), np.uint32))[0], own)
         return not (is_whole and bool((sound & ours)[:end].all()))
 
     def _latest_frames(self) -> dict[int, int]:
@@ -215,41 +233,40 @@ def _frames(log: NDArray[np.uint8], page_size: int) -> NDArray[Any]:
 
 def _checksums(frames: NDArray[Any], seeds: NDArray[np.uint32], order: str) -> NDArray[np.uint32]:
     """The checksum of each frame that continues from its seed: over page, commit and content."""
-    step = max(1, _BATCH_BYTES // frames.dtype.itemsize)
-    return np.concatenate(
-        [
-            _folded(_words(frames[n : n + step], order), seeds[n : n + step])
-            for n in range(0, len(frames), step)
-        ]
-    )
+    sums = np.empty_like(seeds)
+    for n in range(0, len(frames), _BATCH):  # a batch stays in the processor's cache
+        batch = frames[n : n + _BATCH]
+        head = batch.view(np.uint8).reshape(len(batch), -1)[:, :8]
+        words = [part.view(f"{order}u4") for part in (head, batch["content"])]
+        sums[n : n + _BATCH] = _folded(words, seeds[n : n + _BATCH])
+    return sums
 
 
-def _words(frames: NDArray[Any], order: str) -> NDArray[np.uint32]:
-    """What the checksum covers, as the numbers it is computed with."""
-    raw = frames.view(np.uint8).reshape(len(frames), -1)
-    covered = np.ascontiguousarray(np.concatenate([raw[:, :8], raw[:, 24:]], axis=1))
-    return covered.view(f"{order}u4").astype(np.uint32)
-
-
-def _folded(words: NDArray[np.uint32], seeds: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """SQLite's checksum of each row of words: ``s0 += x0 + s1; s1 += x1 + s0`` for every two of them.
+def _folded(parts: list[NDArray[np.uint32]], seeds: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """SQLite's checksum of rows of words, given in parts: ``s0 += x0 + s1; s1 += x1 + s0`` for every two.
 
     That is linear, so it is one product with what each word counts in the end.
     """
-    weights, start = _weights(words.shape[1])
-    return (words @ weights + seeds @ start).astype(np.uint32)
+    weights, start = _weights(sum(part.shape[1] for part in parts))
+    sums, at = seeds @ start, 0
+    for part in parts:
+        counted = weights[:, at : at + part.shape[1]]
+        # row by row of the weights: both lie in one piece in memory, which einsum multiplies fastest
+        sums += np.stack([np.einsum("ij,j->i", part, row) for row in counted], axis=1)
+        at += part.shape[1]
+    return sums
 
 
 @cache
 def _weights(count: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """What each of so many words, and the two of the seed, add to the checksum, modulo 2^32."""
+    """What each of so many words (2, count), and the two of the seed, add to the checksum, modulo 2^32."""
     mask = 0xFFFFFFFF
-    weights = np.zeros((count, 2), np.uint32)
+    weights = np.zeros((2, count), np.uint32)
     # what s0 and s1 add to the result when so many pairs still follow
     s0, s1 = (1, 0), (0, 1)
     for n in range(count - 2, -1, -2):
         both = (s0[0] + s1[0]) & mask, (s0[1] + s1[1]) & mask
-        weights[n], weights[n + 1] = both, s1
+        weights[:, n], weights[:, n + 1] = both, s1
         s0, s1 = both, ((both[0] + s1[0]) & mask, (both[1] + s1[1]) & mask)
     return weights, np.array([s0, s1], np.uint32)
 

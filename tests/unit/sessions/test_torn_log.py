@@ -9,7 +9,7 @@ import pytest
 
 from fieldkit.sessions.journal import Chunk, Identity, Journal, Keeper, open_part, wal_of
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.torn_log import mended_part
+from fieldkit.sessions.torn_log import salvaged_part
 from tests.harness.recording import START_NS, header, sample
 
 SMALL, LARGE = header((24, 32)), header((300, 512))
@@ -39,18 +39,23 @@ def tear(log: Path, place: int) -> None:
     log.write_bytes(data)
 
 
+def is_whole(part: Path) -> bool:
+    database, found = salvaged_part(part)
+    database.close()
+    return found is None
+
+
 @pytest.mark.parametrize("head", [SMALL, LARGE], ids=["small pages", "large pages"])
 def test_torn_first_page_costs_no_row(tmp_path: Path, head: object) -> None:
     journal = journalled(tmp_path / "journal", head)
     part = journal.part_path(1)
     whole = rows(part)
     assert len(whole) == journal.next_id
-    assert mended_part(part) is None
+    assert is_whole(part)
     tear(wal_of(part), 60)  # SQLite takes nothing of a log whose first frame is not whole
-    mended = mended_part(part)
-    assert mended is not None
-    assert mended[1] == journal.next_id
-    assert mended[0].execute("SELECT * FROM sample ORDER BY id").fetchall() == whole
+    copy, found = salvaged_part(part)
+    assert found == journal.next_id
+    assert copy.execute("SELECT * FROM sample ORDER BY id").fetchall() == whole
 
 
 def test_row_of_a_torn_page_is_the_only_one_lost(tmp_path: Path) -> None:
@@ -90,11 +95,10 @@ def test_log_of_a_big_endian_computer_is_read(tmp_path: Path) -> None:
     whole = rows(part)
     wal_of(part).write_bytes(big_endian(wal_of(part).read_bytes(), 4096))
     assert rows(part) == whole  # SQLite agrees that it is one
-    assert mended_part(part) is None
+    assert is_whole(part)
     tear(wal_of(part), 60)
-    mended = mended_part(part)
-    assert mended is not None
-    assert mended[0].execute("SELECT * FROM sample ORDER BY id").fetchall() == whole
+    copy, _ = salvaged_part(part)
+    assert copy.execute("SELECT * FROM sample ORDER BY id").fetchall() == whole
 
 
 def test_database_that_lost_all_its_bytes_does_not_cost_its_log(tmp_path: Path) -> None:
@@ -105,6 +109,15 @@ def test_database_that_lost_all_its_bytes_does_not_cost_its_log(tmp_path: Path) 
     assert wal_of(journal.part_path(1)).stat().st_size
 
 
+def test_log_whose_header_is_torn_costs_no_row(tmp_path: Path) -> None:
+    journal = journalled(tmp_path / "journal")
+    part = journal.part_path(1)
+    whole = rows(part)
+    tear(wal_of(part), 8)  # the page size: as if the log were too short for a single frame
+    copy, _ = salvaged_part(part)
+    assert copy.execute("SELECT * FROM sample ORDER BY id").fetchall() == whole
+
+
 def test_log_that_began_again_after_a_checkpoint_is_whole(tmp_path: Path) -> None:
     keeper = Keeper(tmp_path, Identity("a-session", START_NS, 77, SMALL))
     for n in range(0, 40_000, 100):
@@ -112,4 +125,4 @@ def test_log_that_began_again_after_a_checkpoint_is_whole(tmp_path: Path) -> Non
     keeper.close()
     part = tmp_path / "000000.sqlite"
     assert wal_of(part).read_bytes()[12:16] != bytes(4)
-    assert mended_part(part) is None
+    assert is_whole(part)
