@@ -26,7 +26,7 @@ from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import Device, DeviceSettings, StreamInfo
 from fieldkit.recorder import Recorder, Summary
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation import sand_slopes
 from fieldkit.simulation.simulated_clock import SimulatedClock

@@ -15,7 +15,7 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Site
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
 Frames = NDArray[np.uint16]

@@ -24,8 +24,8 @@ from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions import bricks, schema
 from fieldkit.sessions.bricks import BrickWriter
-from fieldkit.sessions.datasets import LIBVER, put_bricks
 from fieldkit.sessions.layout import brick_shape
+from fieldkit.sessions.schema import LIBVER, put_bricks
 from fieldkit.sessions.writer import SessionWriter
 
 RAW_FRAMES = 600

@@ -7,23 +7,48 @@ stepped clocks) is a warning; the rest is told as it is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fieldkit.model.clock import ClockCheck
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
-from fieldkit.model.samples import EventKind, Severity
-from fieldkit.model.site import RegionKind
-from fieldkit.sessions.check_clock import clock_findings
-from fieldkit.sessions.check_streams import stream_findings
-from fieldkit.sessions.check_sun import sun_findings
-from fieldkit.sessions.findings import Finding
+from fieldkit.model.samples import NO_COUNTER, EventKind, Frame, Quality, Severity
+from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.camera_laws import frame_k
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.sessions.analysis import minute_means
+from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
+from fieldkit.sessions.stream_reader import StreamReader
+from fieldkit.sessions.time_map import TimeStep
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at: `level` "ok", "warn" or "fail", `what` the thing, `fix` the next step."""
+
+    level: str
+    what: str
+    text: str
+    fix: str = ""
+
+
+def worst(findings: Sequence[Finding]) -> str:
+    """The worst level among findings."""
+    levels = {finding.level for finding in findings}
+    return "fail" if "fail" in levels else "warn" if "warn" in levels else "ok"
+
 
 _COPY = "take another copy of the session; its numbers may not mean what they did"
+
 _QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGION}
 
 
@@ -45,21 +70,6 @@ def check(path: str | Path) -> list[Finding]:
         return findings
 
 
-def _state(session: Session) -> Iterator[Finding]:
-    fix = f"fieldkit recover {session.path}"
-    match session.state:
-        case "sealed":
-            yield Finding("ok", "state", "sealed: every sample was compared with the journal")
-        case "recovered":
-            yield Finding("warn", "state", "recovered after an interruption")
-        case "recording":
-            yield Finding("warn", "state", "still being recorded; checked as far as it is")
-        case _ if journal_path(session.path).exists():
-            yield Finding("fail", "state", "interrupted: the journal has samples that the file has not", fix)
-        case _:
-            yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
-
-
 def integrity_findings(session: Session) -> Iterator[Finding]:
     """Sealed numbers against what is there; the samples themselves are looked at with their stream."""
     if session.state not in ("sealed", "recovered"):
@@ -74,6 +84,21 @@ def integrity_findings(session: Session) -> Iterator[Finding]:
     for name, crc32 in session.sealed_tables().items():
         if table_crc32(session, name) != crc32:
             yield Finding("fail", name, "the table is not as it was sealed")
+
+
+def _state(session: Session) -> Iterator[Finding]:
+    fix = f"fieldkit recover {session.path}"
+    match session.state:
+        case "sealed":
+            yield Finding("ok", "state", "sealed: every sample was compared with the journal")
+        case "recovered":
+            yield Finding("warn", "state", "recovered after an interruption")
+        case "recording":
+            yield Finding("warn", "state", "still being recorded; checked as far as it is")
+        case _ if journal_path(session.path).exists():
+            yield Finding("fail", "state", "interrupted: the journal has samples that the file has not", fix)
+        case _:
+            yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
 
 
 def _objects(session: Session) -> Iterator[Finding]:
@@ -133,3 +158,284 @@ def _regions(session: Session) -> Iterator[Finding]:
         yield Finding("warn", "regions", f"{text}; slopes need a reference", fix)
     else:
         yield Finding("ok", "regions", text)
+
+
+# --- one stream: checksums, numbers, order, gaps, rate, units, flags
+
+_PLAUSIBLE = {"K": (200.0, 700.0), "lx": (0.0, 200_000.0), "W m-2": (-50.0, 1600.0)}
+
+_REPORTED_ELSEWHERE = Quality.BAD_CRC | Quality.LOW_SUN | Quality.SHADED | Quality.UNRESOLVED
+
+_HARMLESS = (Quality.SHUTTER, Quality.DUPLICATE)
+
+_BUNCHED_SHARE = 0.02
+
+_LOOK_EVERY = 32
+
+
+def stream_findings(session: Session, name: str) -> Iterator[Finding]:
+    """What there is to say about one stream; reads all of its samples once."""
+    reader = session.stream(name)
+    if not len(reader):
+        yield Finding("warn", name, "no samples", "was it plugged in?")
+        return
+    bad, lowest, highest = _contents(reader)
+    if bad:
+        runs = f"first number {bad[0]}"
+        fix = "these samples are left out of every estimate; a copy made earlier may have them"
+        yield Finding(
+            "fail", name, f"{len(bad)} of {len(reader)} samples do not match their checksum, {runs}", fix
+        )
+    else:
+        yield Finding("ok", name, f"{len(reader)} samples, every checksum matches")
+    yield from _numbers(name, reader)
+    yield from _times(name, reader)
+    yield from _units(reader.info, lowest, highest)
+    yield from _emissivity(reader.info)
+    yield from _flags(name, reader.column("flags"))
+
+
+def _emissivity(info: StreamInfo) -> Iterator[Finding]:
+    """Slopes take the emissivity of a bed into account; what a camera has taken out would count twice."""
+    applied = info.settings.get("emissivity", 1.0)
+    if info.is_camera and applied != 1.0:
+        text = f"the camera has corrected for an emissivity of {applied:g} itself"
+        yield Finding("warn", info.name, text, "set it to 1 in the camera; fieldkit corrects for each region")
+
+
+def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
+    """Numbers of the samples that do not match, and the least and greatest value, in the stream's unit."""
+    info, bad, lowest, highest = reader.info, [], np.inf, -np.inf
+    for sample in reader.samples():
+        if sample.quality & Quality.BAD_CRC:
+            bad.append(sample.seq)
+            continue
+        if isinstance(sample, Frame):
+            if sample.seq % _LOOK_EVERY:
+                continue
+            values = _middle_k(sample, info)
+        else:
+            values = np.array(sample.values)
+        values = values[np.isfinite(values)]
+        if values.size:
+            lowest, highest = min(lowest, float(values.min())), max(highest, float(values.max()))
+    return bad, lowest, highest
+
+
+def _middle_k(frame: Frame, info: StreamInfo) -> NDArray[np.float64]:
+    """The middle of a frame by the camera's law; NaN where the law has no answer."""
+    middle = np.array([np.median(frame.counts)]).astype(np.uint16)
+    return frame_k(info, middle, frame.metadata_rows)
+
+
+def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
+    seq = reader.column("seq")
+    missing = int(seq[-1]) + 1 - len(seq)
+    if missing:
+        yield Finding("fail", name, f"{missing} samples are missing from the file (numbers 0 to {seq[-1]})")
+    if lost := _lost_before(reader):
+        text = f"{lost} samples were lost before they came here, by the device's counter"
+        yield Finding("warn", name, text)
+
+
+def _lost_before(reader: StreamReader) -> int:
+    """Samples lost between device and computer: only where a flag says so, for bursts skip on purpose."""
+    device_seq = reader.column("device_seq")
+    flagged = (reader.column("flags") & int(Quality.DROPPED_BEFORE)) != 0
+    known = device_seq != NO_COUNTER
+    steps, flagged = np.diff(device_seq[known]), flagged[known][1:]
+    if not steps.size or (usual := int(np.median(steps))) <= 0:
+        return 0
+    return int(np.sum(np.maximum(1, steps[flagged] // usual - 1)))
+
+
+def _times(name: str, reader: StreamReader) -> Iterator[Finding]:
+    """Order, rate and gaps, by the monotonic clock."""
+    mono_ns = reader.column("mono_ns")
+    if len(mono_ns) < 3:
+        return
+    intervals = np.diff(mono_ns) / 1e9
+    if (intervals < 0).any():
+        yield Finding("fail", name, f"{int((intervals < 0).sum())} samples stand before the one before them")
+    median = float(np.median(intervals))
+    if median <= 0:
+        return
+    limit = max(
+        1.0, 3.0 * float(np.quantile(intervals, 0.9))
+    )  # bursts have two intervals: the long one is usual
+    gaps = intervals[intervals > limit]
+    if gaps.size:
+        text = f"{gaps.size} gaps, the longest {gaps.max():.1f} s, together {gaps.sum():.0f} s"
+        yield Finding("warn", name, text)
+    yield from _rate(name, reader.info, intervals, median)
+
+
+def _rate(name: str, info: StreamInfo, intervals: NDArray[np.float64], median: float) -> Iterator[Finding]:
+    text = f"one sample each {median:.3g} s"
+    if info.rate_hz <= 0:
+        yield Finding("ok", name, text)
+        return
+    nominal = 1.0 / info.rate_hz
+    bunched = float(np.mean(intervals < 0.3 * nominal))
+    if bunched > _BUNCHED_SHARE:
+        share = f"{100 * bunched:.0f} % of the samples came in bunches"
+        yield Finding("warn", name, f"{share}: their stamps are arrivals, not measurements")
+    off = not 0.8 < median / nominal < 1.25 and median < 5.0  # slower is sparse sampling, asked for
+    declared = f"{text}, declared {info.rate_hz:g} Hz"
+    yield Finding("warn" if off else "ok", name, declared)
+
+
+def _units(info: StreamInfo, lowest: float, highest: float) -> Iterator[Finding]:
+    low, high = _PLAUSIBLE.get(info.unit, (-np.inf, np.inf))
+    if not np.isfinite([lowest, highest]).all():
+        yield Finding(
+            "warn", info.name, f"no values in {info.unit}: the scale is not known, or nothing was measured"
+        )
+    elif lowest < low or highest > high:
+        text = f"values from {lowest:.4g} to {highest:.4g} {info.unit} are not plausible"
+        yield Finding(
+            "warn", info.name, text, "wrong scale or unit? see the stream's declaration: fieldkit show"
+        )
+
+
+def _flags(name: str, flags: NDArray[np.uint16]) -> Iterator[Finding]:
+    for flag in Quality:
+        count = int(np.count_nonzero(flags & flag.value))
+        if count and not flag & _REPORTED_ELSEWHERE:
+            word = str(flag.name).lower().replace("_", " ")
+            yield Finding("ok" if flag in _HARMLESS else "warn", name, f"{count} samples flagged {word}")
+
+
+# --- clocks
+
+
+def clock_findings(session: Session) -> Iterator[Finding]:
+    """Steps and drift of the system clock against the monotonic one, sleep, and the map in force."""
+    checks, in_force = session.clock_checks(), session.time_map()
+    if checks:
+        proposed = propose_time_map(session)
+        yield from _steps(checks, session.anchor_ns)
+        yield _at_the_end(session, checks[-1], proposed, in_force)
+        yield from _sleep(checks, in_force == proposed)
+    else:
+        yield Finding("ok", "clock", "the clocks were not compared while recording")
+    if in_force:
+        text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in in_force)
+        yield Finding("ok", "clock", f"a time map is in force: {text}")
+
+
+def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
+    for step in stepped_ns(checks, anchor_ns):
+        text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
+        yield Finding("warn", "clock", text)
+
+
+def _at_the_end(
+    session: Session, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
+) -> Finding:
+    """How far the system clock had come from the recorded times, and what to do if nobody has done it."""
+    away_ns = last.utc_minus_mono_ns - session.anchor_ns
+    is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
+    text = (
+        f"{len(session.clock_checks())} comparisons; "
+        f"at the end the system clock was {away_ns / 1e9:+.3f} s from recorded times"
+    )
+    fix = f"fieldkit check --apply {session.path}" if is_open and proposed else ""
+    return Finding("warn" if is_open else "ok", "clock", text, fix)
+
+
+def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding]:
+    slept_ns = checks[-1].suspended_ns - checks[0].suspended_ns
+    if slept_ns <= STEP_NS:
+        return
+    slept = f"the computer slept {slept_ns / 1e9:.0f} s"
+    if is_corrected:
+        yield Finding("ok", "clock", f"{slept}, which the time map in force adds to its times after that")
+    else:
+        yield Finding("warn", "clock", f"{slept}: its times after that are late")
+
+
+# --- the sun as a clock
+
+
+#
+
+
+# Catches wrong time zones, daylight-saving time and swapped signs of a longitude: errors of half an hour and
+
+
+# more. Model: illuminance = A sin(h) exp(-k / sin h), h the sun's elevation, whose two numbers are fitted for
+
+
+# each shift tried; clouds only take light away, so the upper half of the points counts.
+
+SHIFTS_MIN = np.arange(-14 * 60, 14 * 60 + 1, 30)
+
+MIN_SPAN_S = 3600.0
+
+_LIT_LX = 500.0
+
+_BRIGHT_LX = 20_000.0
+
+_LOW = np.sin(np.radians(5.0))
+
+FloatArray = NDArray[np.float64]
+
+
+def sun_findings(session: Session) -> Iterator[Finding]:
+    """Whether the light fits the recorded times, for the first illuminance stream."""
+    stream = next((name for name, info in session.streams.items() if info.quantity == "illuminance"), None)
+    if stream is None or not session.count(stream):
+        return
+    time_ns, lux = minute_means(session, stream, recorded=True)
+    if not (lux > _LIT_LX).any():
+        return
+    shift = best_shift_min(time_ns, lux, session.site)
+    if shift is None:
+        yield Finding("ok", "sun", "too little light or time to compare the clock with the sun")
+    elif shift == 0:
+        yield Finding("ok", "sun", "the light fits the sun's height at the recorded times")
+    else:
+        fix = "check the clock, the zone and the site's longitude"
+        yield Finding(
+            "warn", "sun", f"the light fits the sun best at {shift:+d} min: wrong zone or clock?", fix
+        )
+
+
+def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> int | None:
+    """Minutes to add to the times so that the light fits the sun; 0 where they fit, None where unclear.
+
+    Another shift must fit at least three times better than none; the smallest such is told.
+    """
+    lit = lux > _LIT_LX
+    if not lit.any() or np.ptp(time_ns[lit]) < MIN_SPAN_S * 1e9:
+        return None
+    misfits = np.array([_misfit(time_ns[lit], lux[lit], site, int(shift)) for shift in SHIFTS_MIN])
+    now = float(misfits[SHIFTS_MIN == 0][0])
+    best = float(misfits.min())
+    if not np.isfinite(best):
+        return None
+    if now <= max(3.0 * best, 0.05):
+        return 0
+    good = SHIFTS_MIN[misfits <= 1.2 * best]
+    return int(good[np.argmin(np.abs(good))])
+
+
+def _misfit(time_ns: NDArray[np.int64], lux: FloatArray, site: Site, shift_min: int) -> float:
+    """Mean absolute misfit of log illuminance to the model; infinite if bright light had no sun."""
+    height = sun_vectors(time_ns + shift_min * MINUTE_NS, site)[:, 2]
+    if (height[lux > _BRIGHT_LX] < _LOW).any() or (height < -_LOW).any():
+        return float("inf")
+    up = height > _LOW
+    if np.count_nonzero(up) < max(10, 0.5 * height.size):
+        return float("inf")
+    y, x = np.log(lux[up] / height[up]), 1.0 / height[up]
+    keep = np.ones(y.size, np.bool_)
+    for _ in range(2):  # the second time without the minutes that clouds darkened
+        k = float(np.clip(-np.polyfit(x[keep], y[keep], 1)[0], 0.0, 0.6)) if np.ptp(x[keep]) > 1e-3 else 0.2
+        rest = y + k * x
+        rest -= np.median(rest[keep])
+        keep = rest > -0.1
+        if np.count_nonzero(keep) < 10:
+            return float(np.mean(np.abs(rest)))
+    return float(np.mean(np.abs(rest[keep])) / np.mean(keep))

@@ -1,21 +1,56 @@
-"""An HDF5 file open for writing on a disk that may fail.
+"""Writing to a session file on a disk that may fail, with the HDF5 library and past it.
 
 When the disk refuses what the HDF5 library wants to write, the library keeps it, cannot
 close the file, and brings the whole process down at its end. A guarded file is then given
 memory to write to instead of the disk, so that it closes in order; on the disk it stays as
 it was when the disk failed.
+
+Values stored contiguously lie at one place of the file and carry no checksum of the library's, so
+`write_in_place` writes them like any bytes: one write each, which either fails or is done. Readers that have
+the file open are not disturbed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import h5py
+import numpy as np
+from numpy.typing import NDArray
 
-from fieldkit.sessions.datasets import LIBVER
+from fieldkit.sessions.schema import LIBVER
+
+
+def write_in_place(path: Path, values: Mapping[str, Any]) -> None:
+    """Write each value over the dataset of that name, which must have its size, and sync.
+
+    Raises `OSError` where the disk takes it not, `ValueError` where a value does not fit.
+    """
+    with h5py.File(path, "r", locking=False) as file:
+        places = {name: _place(file[name], value) for name, value in values.items()}
+    descriptor = os.open(path, os.O_WRONLY)
+    try:
+        for offset, data in places.values():
+            if os.pwrite(descriptor, data, offset) < len(data):
+                raise OSError(f"{path} took only a part of a value")
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _place(dataset: h5py.Dataset, value: Any) -> tuple[int, bytes]:
+    data: NDArray[Any] = np.asarray(value, dataset.dtype)
+    offset = dataset.id.get_offset()
+    if data.shape != dataset.shape or offset is None:
+        raise ValueError(
+            f"{dataset.name} has shape {dataset.shape}, not {data.shape}, or no place of its own"
+        )
+    return offset, data.tobytes()
 
 
 def write_new(path: Path, data: bytes) -> None:

@@ -12,23 +12,31 @@ but the pictures) and where each picture's chunks lie in the file moves to
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
 import sqlite3
+import struct
 import threading
+import time
+import zlib
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
-from fieldkit.disk import sync
+from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Frame, Reading
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.records import Record, encode_entry, sample_bytes, sample_crc32
-from fieldkit.sessions.written import Written
 
 SCHEMA_VERSION = 1
+
 PART_BYTES = 256_000_000
+
 KEPT_NAME = "000000.sqlite"
+
 LARGE_PIXELS = 150_000
 """A picture of so many and more is large: its camera alone can keep a computer busy."""
 
@@ -42,6 +50,7 @@ CREATE TABLE entry(id INTEGER PRIMARY KEY, kind TEXT, body TEXT);
 CREATE TABLE chunk(dataset TEXT, n INTEGER, y INTEGER, x INTEGER, offset INTEGER, size INTEGER,
     crc32 INTEGER, PRIMARY KEY (dataset, n, y, x, offset)) WITHOUT ROWID;
 """
+
 _INSERT_SAMPLE = "INSERT INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
@@ -212,6 +221,15 @@ def wal_of(path: Path) -> Path:
     return path.with_name(path.name + "-wal")
 
 
+def delete_part(part: Path) -> None:
+    """Delete a database of the journal with its log."""
+    for path in (part, wal_of(part), part.with_name(part.name + "-shm")):
+        path.unlink(missing_ok=True)
+
+
+# --- keeping it small
+
+
 class Keeper:
     """Keeps the journal small: where the chunks of the file lie, and what must outlive a full part.
 
@@ -258,7 +276,134 @@ class Keeper:
         close_uncopied(self._database, self._path)
 
 
-def delete_part(part: Path) -> None:
-    """Delete a database of the journal with its log."""
-    for path in (part, wal_of(part), part.with_name(part.name + "-shm")):
-        path.unlink(missing_ok=True)
+# --- on the disk, second by second
+
+log = logging.getLogger(__name__)
+
+SYNC_EVERY_S = 1.0
+
+
+class SyncThread(threading.Thread):
+    """Syncs the journal once a second, and has the disk begin in between when much is written.
+
+    `failed` is told when the disk did not confirm; `took_ms` is how long the last sync took.
+    """
+
+    def __init__(self, journal: Journal, failed: Callable[[str], None]) -> None:
+        super().__init__(name="session-sync", daemon=True)
+        self.took_ms = 0.0
+        self._journal = journal
+        self._failed = failed
+        self._wake = threading.Event()
+        self._stopping = False
+        self._first = 1
+        self._noticed_bytes = 0
+        self._begun = (1, 0)  # part, bytes of its log
+
+    def run(self) -> None:
+        """Until `stop`."""
+        due = time.monotonic() + SYNC_EVERY_S
+        while not self._stopping:
+            if self._wake.wait(max(due - time.monotonic(), 0.0)):
+                self._wake.clear()
+                self._begin()
+            else:
+                self._sync()
+                due = time.monotonic() + SYNC_EVERY_S
+
+    def notice(self) -> None:
+        """To be called when the journal has grown; returns at once."""
+        if self._journal.bytes_written - self._noticed_bytes >= BEGIN_BYTES:
+            self._noticed_bytes = self._journal.bytes_written
+            self._wake.set()
+
+    def stop(self) -> None:
+        """End, after a last sync."""
+        self._stopping = True
+        self._wake.set()
+        self.join()
+        self._sync()
+
+    def _begin(self) -> None:
+        number = self._journal.number
+        start = self._begun[1] if self._begun[0] == number else 0
+        try:
+            descriptor = os.open(wal_of(self._journal.part_path(number)), os.O_RDONLY)
+        except OSError:
+            return  # nothing was promised; the sync will tell
+        try:
+            end = os.fstat(descriptor).st_size
+            begin_sync(descriptor, start, end - start)
+        finally:
+            os.close(descriptor)
+        self._begun = number, end
+
+    def _sync(self) -> None:
+        began = time.monotonic()
+        try:
+            self._journal.prepare()
+            last, written = self._journal.number, self._journal.written
+            for number in range(self._first, last + 1):
+                sync_data(wal_of(self._journal.part_path(number)))
+            self._first = last
+        except (OSError, sqlite3.Error) as error:
+            # A sync tells of a failure once only: what came since the last one may be gone.
+            text = f"the disk did not confirm the last second: {error}"
+            log.error(text)
+            self._failed(text)
+        else:
+            with suppress(OSError):  # the records are safe, only their count is behind
+                note_written(self._journal.folder, written)
+        self.took_ms = (time.monotonic() - began) * 1000.0
+
+
+# --- how many records the disk has confirmed
+
+
+#
+
+
+# A log that has lost its end looks like a shorter log; only a count kept elsewhere shows that something is
+
+
+# missing. It is written in place after each sync of the log, so it is never ahead of what was stored. It is
+# not
+
+
+# synced itself: after a power cut it may be behind, and then the log is all there is to go by.
+
+NAME = "written"
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """How many records a journal was given, and how many of them were samples of each stream."""
+
+    records: int
+    samples: tuple[int, ...]
+
+    @property
+    def entries(self) -> int:
+        """How many were not samples."""
+        return self.records - sum(self.samples)
+
+
+def note_written(folder: Path, written: Written) -> None:
+    """Replace the count; raises `OSError`."""
+    numbers = struct.pack(f"<{1 + len(written.samples)}q", written.records, *written.samples)
+    descriptor = os.open(folder / NAME, os.O_WRONLY | os.O_CREAT, 0o644)
+    try:
+        os.pwrite(descriptor, numbers + zlib.crc32(numbers).to_bytes(4, "little"), 0)
+    finally:
+        os.close(descriptor)
+
+
+def read_written(folder: Path, streams: int) -> Written:
+    """What was counted; zeros where that is not known: an older journal, or a damaged count."""
+    size = 8 * (1 + streams)
+    with suppress(OSError):
+        data = (folder / NAME).read_bytes()
+        if len(data) == size + 4 and zlib.crc32(data[:size]).to_bytes(4, "little") == data[size:]:
+            records, *samples = struct.unpack(f"<{1 + streams}q", data[:size])
+            return Written(records, tuple(samples))
+    return Written(0, (0,) * streams)

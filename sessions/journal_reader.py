@@ -18,8 +18,8 @@ from typing import Any
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Quality, Sample
-from fieldkit.sessions.header import SessionHeader
 from fieldkit.sessions.journal import Chunk, Identity, open_part
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.records import (
     Entry,
     build_frame,

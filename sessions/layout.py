@@ -8,8 +8,9 @@ the host's monotonic clock.
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +18,111 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
-from fieldkit.model.site import RegionKind
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
+from fieldkit.sessions.plain import build
+
+# --- what is declared before the first sample
+
+MAX_VERTICES = 64
+
+MAX_REGIONS = 256
+
+RESERVED_NAMES = frozenset(
+    {"entry", "irradiance", "estimates", "regions", "events", "clock", "health", "calibration"}
+    | {"config", "integrity", "time_map"}
+)
+"""Groups of the file itself; no stream may have such a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionHeader:
+    """What is known about a session before its first sample.
+
+    `config_toml` is the configuration as it was used; `license` and `references` say how
+    the data may be used and cited.
+    """
+
+    title: str
+    site: Site
+    streams: tuple[StreamInfo, ...]
+    regions: tuple[Region, ...] = ()
+    config_toml: str = ""
+    command_line: str = ""
+    operator: str = ""
+    description: str = ""
+    license: str = ""
+    references: str = ""
+
+    def __post_init__(self) -> None:
+        names = [info.name for info in self.streams]
+        if len(set(names)) < len(names):
+            raise ValueError(f"two streams have the same name: {', '.join(names)}")
+        for name in names:
+            if not name or name in RESERVED_NAMES or "/" in name or name.startswith("."):
+                raise ValueError(f"{name!r} cannot be the name of a stream")
+        for info in self.streams:
+            _check_stream(info)
+        for region in self.regions:
+            check_region(region)
+
+    @property
+    def region_names(self) -> tuple[str, ...]:
+        """Names of the regions, each once, in order: the columns of the estimates."""
+        return tuple(dict.fromkeys(region.name for region in self.regions))
+
+    def stream(self, name: str) -> StreamInfo:
+        """What was declared of one stream; raises `KeyError`."""
+        return next(info for info in self.streams if info.name == name)
+
+    def to_json(self) -> str:
+        """The header as text, every number exact."""
+        return json.dumps(asdict(self), default=str)
+
+    @classmethod
+    def from_json(cls, text: str) -> SessionHeader:
+        """The header that `to_json` of any version wrote; raises `SessionError` where the text is none."""
+        try:
+            return build(cls, json.loads(text))
+        except (ValueError, TypeError, OverflowError, RecursionError) as error:
+            raise SessionError(f"the session's header makes no sense: {error}") from error
+
+
+def _check_stream(info: StreamInfo) -> None:
+    """Raise `ValueError` where no samples could be of a stream as it is declared."""
+    sides = (*info.shape, *(side for side in info.metadata_shape if side))
+    if len(info.shape) not in (1, 2) or min(sides) < 1:
+        raise ValueError(f"stream {info.name!r} is declared with samples of shape {info.shape}")
+    if not (0.0 <= info.rate_hz < math.inf and info.raw_bytes >= 0):
+        raise ValueError(f"stream {info.name!r} is declared with {info.rate_hz} Hz, {info.raw_bytes} bytes")
+
+
+def check_new(header: SessionHeader) -> None:
+    """Raise `ConfigError` if a new file has no room for so many regions; old journals may have more."""
+    if (count := len(header.region_names)) > MAX_REGIONS:
+        raise ConfigError(
+            f"{count} regions; a session has room for {MAX_REGIONS}", fix="remove some: fieldkit roi"
+        )
+
+
+def check_region(region: Region) -> None:
+    """Raise `ValueError` if the file has no room for this outline."""
+    if not 3 <= len(region.vertices) <= MAX_VERTICES:
+        raise ValueError(
+            f"region {region.name!r} has {len(region.vertices)} corners; 3 to {MAX_VERTICES} fit"
+        )
+
+
+# --- the tables
 
 FORMAT_NAME = "fieldkit-session"
+
 FORMAT_VERSION = "1.1"
+
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
+
 FILL_COUNT = 65535
 
 RECORDING, SEALED, RECOVERED = 0, 1, 2
@@ -37,6 +135,7 @@ MOST_BRICK_BYTES = 268_435_456
 """A brick in memory: eight pictures of 16 million pixels, 64 of two million."""
 
 _TILE_ROWS, _TILE_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
+
 _CHUNK_BYTES = 65_536
 
 

@@ -11,8 +11,10 @@ import contextlib
 import heapq
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
@@ -22,24 +24,98 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
-from fieldkit.model.samples import Quality, Sample
+from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
-from fieldkit.sessions import analysis
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.sessions import analysis, tables
 from fieldkit.sessions.analysis import RegionSeries
-from fieldkit.sessions.declared import attribute, check_format, explained, scalar
-from fieldkit.sessions.entry_reader import EntryReader
+from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import Identity
-from fieldkit.sessions.layout import RECOVERED, SEALED, decode_text, journal_path
+from fieldkit.sessions.layout import (
+    FORMAT_NAME,
+    FORMAT_VERSION,
+    INTEGRITY_COLUMNS,
+    RECOVERED,
+    SEALED,
+    TIME_MAP_COLUMNS,
+    Column,
+    SessionHeader,
+    decode_text,
+    entry_columns,
+    exact_time_ns,
+    journal_path,
+)
 from fieldkit.sessions.lock import is_locked
+from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
+from fieldkit.sessions.stored import (
+    check_size,
+    column_dataset,
+    columns_of,
+    link_of,
+    members,
+    stored_here,
+    whole_rows,
+)
 from fieldkit.sessions.stream_reader import Readings, StreamReader
-from fieldkit.sessions.superblock import MendedFile, is_clean
-from fieldkit.sessions.time_map import mapped, mapped_ns
+from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
+from fieldkit.sessions.time_map import TimeStep, check_rows, mapped, mapped_event, mapped_health, mapped_ns
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+
+_MAX_HEADER_BYTES = 16_000_000
+
+
+def explained(path: Path, error: Exception) -> SessionError:
+    """What is wrong, with which session, and what to do next."""
+    known = isinstance(error, SessionError) and str(path) in str(error)
+    fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
+    return SessionError(str(error) if known else f"{path} is damaged: {error}", fix=fix)
+
+
+def check_format(path: Path, file: h5py.File) -> None:
+    """Raise `SessionError` where the file is no session, or one of a newer version."""
+    if attribute(file, "fieldkit_format") != FORMAT_NAME:
+        raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
+    version = str(attribute(file, "fieldkit_format_version"))
+    if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
+        raise SessionError(
+            f"{path} has format version {version}; this fieldkit reads {FORMAT_VERSION}",
+            fix="install a newer fieldkit: pip install --upgrade fieldkit",
+        )
+
+
+def attribute(file: h5py.File, name: str) -> str | None:
+    """A root attribute as text, or None where there is none."""
+    value = file.attrs.get(name)
+    return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+def scalar(file: h5py.File, name: str) -> Any:
+    """A single value of this very file; raises `SessionError` where there is none or a hostile one."""
+    dataset = stored_here(file, name)
+    is_scalar = isinstance(dataset, h5py.Dataset) and dataset.shape == ()
+    if not is_scalar or dataset.dtype.itemsize > _MAX_HEADER_BYTES:
+        raise SessionError(f"{file.filename}: {name} is missing")
+    return dataset[()]
+
+
+def header_of(file: h5py.File) -> SessionHeader:
+    """What was declared when the recording began; raises `SessionError` where it is damaged."""
+    return SessionHeader.from_json(decode_text(scalar(file, "config/header")))
+
+
+def _texts(dataset: h5py.Dataset) -> list[str]:
+    """The texts of a dataset; raises `SessionError` where it is none of texts."""
+    check_size(dataset)
+    if dataset.dtype.kind != "S" or dataset.ndim != 1:
+        raise SessionError(f"{dataset.name} holds no texts")
+    return [decode_text(text) for text in dataset[:].tolist()]
 
 
 log = logging.getLogger(__name__)
@@ -48,7 +124,7 @@ _MEANING = ("config/header", "entry/utc_minus_mono_ns")
 _CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: fieldkit check %s"
 
 
-class Session(EntryReader):
+class Session:
     """One recording. Use as a context manager, or call `close`.
 
     `state` is "recording" until it is sealed, "interrupted" (its writer ended without: `fieldkit
@@ -56,8 +132,12 @@ class Session(EntryReader):
     """
 
     def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
-        super().__init__(path, file, salvage=salvage)
+        self.path = path
         self.state = state
+        self.header = header_of(file)
+        self.anchor_ns = int(scalar(file, "entry/utc_minus_mono_ns"))
+        self._file = file
+        self._salvage = salvage
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
         self.session_id = str(attribute(file, "session_id"))
@@ -83,7 +163,9 @@ class Session(EntryReader):
         """See what a living writer has added since."""
         for reader in self._readers.values():
             reader.refresh()
-        super().refresh()
+        for name, columns in self._columns.items():
+            for dataset in columns_of(self.group(name), columns).values():
+                dataset.refresh()
 
     def require_finished(self) -> None:
         """Raise `SessionError` where its journal may still hold samples missing from the file."""
@@ -224,6 +306,172 @@ class Session(EntryReader):
     def to_xarray(self, stream: str) -> xr.Dataset:
         """A stream as an xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
         return analysis.to_xarray(self, stream)
+
+    # --- tables: all that is no sample
+
+    def events(self, *, recorded: bool = False) -> list[Event]:
+        """What happened, in the order it was noticed."""
+        table = self.table("events")
+        steps = [] if recorded else self.time_map()
+        return [mapped_event(steps, event) for event in tables.events_from(table, self._exact(table))]
+
+    def health(self, *, recorded: bool = False) -> list[Health]:
+        """How the recording was doing, second by second."""
+        table = self.table("health")
+        steps = [] if recorded else self.time_map()
+        streams = tuple(info.name for info in self.header.streams)
+        return [mapped_health(steps, one) for one in tables.health_from(table, self._exact(table), streams)]
+
+    def clock_checks(self) -> list[ClockCheck]:
+        """Comparisons of the clocks, none of them applied."""
+        return tables.clock_checks_from(self.table("clock"))
+
+    def region_history(self) -> list[RegionRecord]:
+        """Every outline of every region and since when it holds."""
+        return tables.regions_from(self.table("regions"))
+
+    def estimates(self) -> list[SlopeEstimate]:
+        """The slopes as they were estimated while recording."""
+        return tables.estimates_from(self.table("estimates"), self.header.region_names)
+
+    def irradiance(self) -> dict[str, NDArray[Any]]:
+        """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
+        table = self.table("irradiance")
+        models = np.array([decode_text(model) for model in table["model"]], dtype=object)
+        time_ns = table["time"] * 1000
+        return {
+            "time_ns": time_ns,
+            "irradiance_w_m2": table["value"],
+            "flags": table["flags"],
+            "model": models,
+        }
+
+    def time_map(self) -> list[TimeStep]:
+        """The corrections of the clock in force, written afterwards; usually none."""
+        with self._explaining():
+            datasets = columns_of(self.group("time_map"), TIME_MAP_COLUMNS)
+            columns = {name: dataset[:] for name, dataset in datasets.items()}
+            check_rows(columns)
+        newest = columns["version"].max(initial=0)
+        rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
+        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
+
+    def integrity(self) -> dict[str, NDArray[Any]]:
+        """What was written down when the session was sealed, per stream and per table.
+
+        Columns missing from older files are 0.
+        """
+        columns = (*INTEGRITY_COLUMNS, Column("table_crc32", "<u4"))
+        with self._explaining():
+            group = self.group("integrity")
+            return {
+                column.name: column_dataset(group, column)[:]
+                if column.name != "columns_crc32" or link_of(group, column.name) is not None
+                else column.unknown(len(self.header.streams))
+                for column in columns
+            }
+
+    def sealed_tables(self) -> dict[str, int]:
+        """Checksums of the tables by their names, as sealed."""
+        with self._explaining():
+            tables = _texts(stored_here(self.group("integrity"), "table"))
+        return dict(zip(tables, self.integrity()["table_crc32"].tolist(), strict=True))
+
+    @property
+    def format_version(self) -> tuple[int, int]:
+        """Of the file's format, major and minor."""
+        major, minor = str(attribute(self._file, "fieldkit_format_version")).split(".")[:2]
+        return int(major), int(minor)
+
+    def sealed_objects(self) -> dict[str, str]:
+        """Digests of the file's objects by their paths, as sealed; none in a file of version 1.0."""
+        with self._explaining():
+            group = self.group("integrity")
+            if group.get("object_sha256", getlink=True) is None:
+                return {}
+            paths, digests = (_texts(stored_here(group, name)) for name in ("object", "object_sha256"))
+            return dict(zip(paths, digests, strict=True))
+
+    def object_digest(self, path: str) -> str:
+        """The digest of an object as it is now; see `fieldkit.sessions.digests`."""
+        return object_digest(self._file, path)
+
+    def minutes(self) -> list[MinuteRecord]:
+        """What the estimator said while recording, minute by minute."""
+        table, said = self.table("irradiance"), self.estimates()
+        by_time: dict[int, list[SlopeEstimate]] = {}
+        for estimate in said:
+            by_time.setdefault(estimate.time_ns, []).append(estimate)
+        rows = zip(table["time"], table["value"], table["model"], table["flags"], strict=True)
+        return [
+            MinuteRecord(
+                int(time) * 1000, tuple(by_time.get(int(time) * 1000, ())), float(value),
+                decode_text(model), Quality(int(flags)),
+            )
+            for time, value, model, flags in rows
+        ]  # fmt: skip
+
+    def entries(self) -> list[Entry]:
+        """Everything that is no sample, as recorded: regions, events, clock comparisons, health, minutes."""
+        told, health = self.events(recorded=True), self.health(recorded=True)
+        return [*self.region_history(), *told, *self.clock_checks(), *health, *self.minutes()]
+
+    def group(self, name: str) -> h5py.Group:
+        """The HDF5 group of a stream or table, as it is."""
+        with self._explaining():
+            group = stored_here(self._file, name)
+            if not isinstance(group, h5py.Group):
+                raise SessionError(f"the group {name} is missing")
+            return group
+
+    def datasets(self, name: str) -> dict[str, h5py.Dataset]:
+        """The datasets of the group of a stream or table, those of a newer version among them.
+
+        Raises `SessionError` where one of them does not lie in this file.
+        """
+        group = self.group(name)
+        with self._explaining():
+            return {name: node for name, node in members(group) if isinstance(node, h5py.Dataset)}
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        """What is found wrong while reading names the session, and what to do next."""
+        try:
+            yield
+        except SessionError as error:
+            raise explained(self.path, error) from error
+
+    def table(self, name: str) -> dict[str, NDArray[Any]]:
+        """The columns of a table of entries as stored, as many rows as all of them have.
+
+        Columns missing from files of an older version are their fill value.
+        """
+        group = self.group(name)
+        with self._explaining():
+            columns = columns_of(group, self._columns[name], salvage=self._salvage)
+        length = min(dataset.shape[0] for dataset in columns.values())
+        if self._salvage:
+            length = self._whole(name, columns, length)
+        return {
+            column.name: columns[column.name][:length] if column.name in columns else column.unknown(length)
+            for column in self._columns[name]
+        }
+
+    def _whole(self, name: str, columns: Mapping[str, h5py.Dataset], length: int) -> int:
+        """Rows up to the first of which something is not in a file that may have lost its end."""
+        end = self.path.stat().st_size
+        for column in self._columns[name]:
+            if column.name in columns:
+                rows = whole_rows(columns[column.name], column.row_bytes, end)
+                length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
+        return length
+
+    @cached_property
+    def _columns(self) -> dict[str, Any]:
+        return entry_columns(self.header)
+
+    def _exact(self, table: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
+        return exact_time_ns(table["time"], table["mono_ns"], self.anchor_ns)
 
 
 def _in_turn(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:

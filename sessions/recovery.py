@@ -19,19 +19,17 @@ from pathlib import Path
 from fieldkit.disk import put_in_place
 from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.sessions.brick_thread import COMPRESSORS
 from fieldkit.sessions.bricks import PackedBrick
 from fieldkit.sessions.check import integrity_findings
-from fieldkit.sessions.datasets import put_rows
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import Session, open_interrupted, open_session
-from fieldkit.sessions.salvage import Salvage
+from fieldkit.sessions.salvage import Lost, Salvage, Tally
+from fieldkit.sessions.schema import put_rows
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
-from fieldkit.sessions.session_file import SessionFile
-from fieldkit.sessions.tally import Lost, Tally
+from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
 
 log = logging.getLogger(__name__)
 

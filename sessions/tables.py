@@ -17,11 +17,12 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions.header import MAX_VERTICES, SessionHeader
 from fieldkit.sessions.layout import (
     ESTIMATE_ANGLES,
+    MAX_VERTICES,
     TIME_UNITS,
     Column,
+    SessionHeader,
     decode_text,
     encode_text,
     entry_columns,

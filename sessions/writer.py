@@ -15,6 +15,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import logging
+import math
 import os
 import shutil
 import sqlite3
@@ -25,21 +26,19 @@ from pathlib import Path
 
 from fieldkit.disk import sync
 from fieldkit.model.clock import Clock, ClockCheck
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError
-from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity
+from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.brick_thread import BrickThread
-from fieldkit.sessions.header import SessionHeader, check_new, check_region
-from fieldkit.sessions.journal import Identity, Journal
+from fieldkit.sessions.journal import Identity, Journal, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import SEALED, journal_path
+from fieldkit.sessions.layout import SEALED, SessionHeader, check_new, check_region, journal_path, raw_width
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
-from fieldkit.sessions.sample_check import SampleCheck
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
-from fieldkit.sessions.sync_thread import SyncThread
+from fieldkit.sessions.session_file import BrickThread
 
 log = logging.getLogger(__name__)
 
@@ -279,3 +278,46 @@ def _reserve(folder: Path) -> None:
     with path.open("wb") as file:
         if size:
             os.posix_fallocate(file.fileno(), 0, size)
+
+
+# --- what each stream declared, against what comes
+
+_LOWEST, _HIGHEST = -(2**63), 2**63 - 1
+
+
+class SampleCheck:
+    """Refuses samples that are not as their stream was declared: they could not be read back."""
+
+    def __init__(self, streams: Sequence[StreamInfo]) -> None:
+        self._shapes = {info.name: info.shape for info in streams}
+        self._row_shapes = {info.name: info.metadata_shape for info in streams}
+        self._raw_widths = {info.name: raw_width(info) for info in streams}
+
+    def __call__(self, sample: Sample) -> None:
+        """Raise `ValueError` for a sample of another shape or type, or with numbers that no column holds.
+
+        That is the driver's promise.
+        """
+        numbers = (sample.mono_ns, sample.time_ns, sample.device_time, sample.device_seq)
+        if not (min(numbers) >= _LOWEST and max(numbers) <= _HIGHEST):
+            raise ValueError(
+                f"stream {sample.stream!r}: a time or counter needs more than 64 bits: {numbers}"
+            )
+        declared = self._shapes.get(sample.stream)
+        shape = sample.counts.shape if isinstance(sample, Frame) else (len(sample.values),)
+        if shape != declared:
+            raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
+        if isinstance(sample, Frame):
+            self._check_picture(sample)
+        elif len(sample.raw) > self._raw_widths[sample.stream]:
+            raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
+
+    def _check_picture(self, frame: Frame) -> None:
+        declared, shape = self._row_shapes[frame.stream], frame.metadata_rows.shape
+        if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
+            raise ValueError(
+                f"stream {frame.stream!r} was declared with {declared} metadata rows, the sample has {shape}"
+            )
+        for counts in (frame.counts, frame.metadata_rows):
+            if (counts.dtype.kind, counts.dtype.itemsize) != ("u", 2):
+                raise ValueError(f"stream {frame.stream!r}: counts are {counts.dtype}, not uint16")

@@ -166,7 +166,7 @@ def _by_sun(session: Session) -> tuple[ClockOffset, str]:
 
 
 def _apply(session: Path, found: ClockOffset, how: str) -> None:
-    from fieldkit.sessions.check_clock import apply_time_map
+    from fieldkit.sessions.clock_correction import apply_time_map
     from fieldkit.sessions.time_map import TimeStep
 
     apply_time_map(session, [TimeStep(0, round(found.offset_s * 1e9), how)])

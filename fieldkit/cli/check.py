@@ -13,7 +13,7 @@ from fieldkit.cli.session_paths import resolved
 from fieldkit.model.errors import FieldkitError, IntegrityError, RefusedError
 
 if TYPE_CHECKING:
-    from fieldkit.sessions.findings import Finding
+    from fieldkit.sessions.check import Finding
 
 _MARKS = {"ok": ("ok  ", None), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
 _AGREE_DEG = 1e-9
@@ -34,7 +34,7 @@ def command(
 
     PATHS are sessions or folders; without any, the campaign's. Exit code 7 where one is damaged.
     """
-    from fieldkit.sessions.findings import worst
+    from fieldkit.sessions.check import worst
 
     documents, failed = [], False
     for path in resolved(ctx, paths):
@@ -66,7 +66,7 @@ def findings_for(path: Path, *, estimates: bool = True) -> list[Finding]:
 
 def _estimates(path: Path) -> list[Finding]:
     """The slopes of the recording against those the same samples give now."""
-    from fieldkit.sessions.findings import Finding
+    from fieldkit.sessions.check import Finding
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
@@ -99,7 +99,7 @@ def _agree(one: float, other: float) -> bool:
 
 def _apply(path: Path, *, alone: bool) -> None:
     """Correct a session's clock as proposed; only for one named `alone` is nothing to correct an error."""
-    from fieldkit.sessions.check_clock import apply_time_map, propose_time_map
+    from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
     from fieldkit.sessions.reader import open_session
 
     with open_session(path) as session:

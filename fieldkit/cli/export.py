@@ -92,7 +92,7 @@ def _write(
     session: Session, folder: Path, kind: str, stream: str | None, every: int
 ) -> tuple[list[Path], list[str]]:
     """The files, and what could not be read for them."""
-    from fieldkit.sessions.formats import mcap_out, netcdf_out, pictures_out, tables_out
+    from fieldkit.sessions.formats import mcap_out, pictures_out, tables_out
 
     samples = {
         "mcap": mcap_out.export_mcap,
@@ -102,7 +102,7 @@ def _write(
         if kind in ("csv", "parquet"):
             return tables_out.export_tables(session, folder, kind), []
         if kind == "netcdf":
-            return netcdf_out.export_netcdf(session, folder), []
+            return tables_out.export_netcdf(session, folder), []
         return samples[kind](session, folder, stream=stream, every=every), []
     except IncompleteError as error:
         return list(error.files), [error.message]

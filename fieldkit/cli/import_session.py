@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.model.site import Site
     from fieldkit.sessions.formats.imported import Foreign
-    from fieldkit.sessions.header import SessionHeader
+    from fieldkit.sessions.layout import SessionHeader
     from fieldkit.sessions.reader import Session
     from fieldkit.sessions.seal import SealReport
 
@@ -31,7 +31,7 @@ KM_PER_DEGREE, NEAR_KM = 111.2, 2.0
 
 
 def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
-    from fieldkit.sessions.header import RESERVED_NAMES
+    from fieldkit.sessions.layout import RESERVED_NAMES
 
     if name is not None and (name in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", name)):
         raise click.BadParameter(f"{name!r} cannot name a stream; take letters and digits, like logger2")
@@ -143,8 +143,7 @@ def _of_the_paper(site: Site) -> str:
 def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealReport, Foreign]:
     """A new session beside the old one, with the streams of SOURCE in it."""
     from fieldkit.cli.import_sources import AUTO, read_source
-    from fieldkit.sessions.formats.aligned import aligned
-    from fieldkit.sessions.formats.merged import cut_to, merge
+    from fieldkit.sessions.formats.merged import aligned, cut_to, merge
     from fieldkit.sessions.reader import open_session
 
     old: Path = given["into"]
@@ -217,7 +216,7 @@ def _campaign_or_none(ctx: click.Context) -> Config | None:
 
 
 def _header(foreign: Foreign, site: Site, config: Config | None, title: str) -> SessionHeader:
-    from fieldkit.sessions.header import SessionHeader
+    from fieldkit.sessions.layout import SessionHeader
 
     regions = config.regions if config else ()
     line = shlex.join(["fieldkit", *sys.argv[1:]])

@@ -75,15 +75,13 @@ def _station(source: Path, given: dict[str, Any]) -> Foreign:
 
 
 def _is_jma(source: Path) -> bool:
-    from fieldkit.sessions.formats.jma_obsdl import is_obsdl
-    from fieldkit.sessions.formats.jma_tables import is_radiation_table
+    from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table
 
     return is_radiation_table(source) or is_obsdl(source)
 
 
 def _jma(source: Path, given: dict[str, Any]) -> Foreign:
-    from fieldkit.sessions.formats.jma_obsdl import read_obsdl
-    from fieldkit.sessions.formats.jma_tables import is_radiation_table, read_radiation_table
+    from fieldkit.sessions.formats.jma import is_radiation_table, read_obsdl, read_radiation_table
 
     read = read_radiation_table if is_radiation_table(source) else read_obsdl
     return read(source, given["name"] or "station")

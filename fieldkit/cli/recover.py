@@ -15,7 +15,7 @@ from fieldkit.model.errors import FieldkitError, IntegrityError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
-    from fieldkit.sessions.tally import Lost
+    from fieldkit.sessions.salvage import Lost
 
 
 @click.command(cls=Command)
@@ -59,7 +59,7 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:
     """Delete what crashes left beside sessions that are complete now."""
-    from fieldkit.sessions.check_clock import changing_path
+    from fieldkit.sessions.clock_correction import changing_path
     from fieldkit.sessions.recovery import crashed_path
 
     beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]

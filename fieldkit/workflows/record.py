@@ -34,8 +34,7 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.recorder import Recorder, Sampling, Summary, View
 from fieldkit.recorder.marks import MarkInbox, marks_folder
 from fieldkit.recorder.recorder import Shown
-from fieldkit.sessions.header import SessionHeader
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.layout import SessionHeader, journal_path
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter

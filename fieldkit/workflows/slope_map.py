@@ -32,8 +32,8 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.sessions.datasets import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import Session
+from fieldkit.sessions.schema import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.workflows.cache import code_version
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.provenance import command_line

@@ -1,15 +1,363 @@
-"""What the files of the Japan Meteorological Agency have in common: Shift_JIS, and Japan's time."""
+"""Downloads of the Japan Meteorological Agency's "obsdl" page (CSV) as streams.
+
+The headers' length depends on what was chosen; a value column of each item is followed by columns of
+its quality (8 is normal; nothing else is taken) and homogeneity. Sums belong to the hour or day that
+*ends* at the stamp and become means in its middle; other hourly values are of the stamp itself, daily
+ones are put at noon. (JMA: obsdl/top/help3 and help4.)
+"""
 
 from __future__ import annotations
 
-from datetime import timedelta, timezone
+import csv
+import re
+from calendar import monthrange
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Reading, Severity
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.sessions.formats.imported import Foreign, utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
+
 VENDOR = "Japan Meteorological Agency"
+
 _MOST_BYTES = 100_000_000
+
+
+# --- downloads of the "obsdl" page (CSV)
+
+
+#
+
+
+# The headers' length depends on what was chosen; a value column of each item is followed by columns of its
+
+
+# quality (8 is normal; nothing else is used) and homogeneity. Sums belong to the hour or day that *ends* at
+# the
+
+
+# stamp and become means in its middle; other hourly values are of the stamp itself, daily ones are put at
+# noon.
+
+
+# (JMA: obsdl/top/help3 and help4.)
+
+_FIRST_CELL = "ダウンロードした時刻"
+
+_VAPOUR = "蒸気圧"  # ends like 気圧, the pressure of the air, and has its unit
+
+_BEGINNINGS = tuple(_FIRST_CELL.encode(encoding) for encoding in ("cp932", "utf-8", "utf-8-sig"))
+
+_QUALITY, _HOMOGENEITY = "品質情報", "均質番号"
+
+_NORMAL = "8"
+
+_DATE = re.compile(r"(\d{4})/(\d{1,2})/(\d{1,2})(?: (\d{1,2}):(\d{2})(?::\d{2})?)?")
+
+_SPLIT = ("年", "月", "日", "時")
+
+_DAY = timedelta(days=1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What an item's unit stands for: stream, quantity, stored unit, factor and addend, and whether a sum.
+
+    `measures` is the component of radiation.
+    """
+
+    word: str
+    quantity: str
+    unit: str
+    factor: float = 1.0
+    add: float = 0.0
+    is_sum: bool = False
+    measures: str = ""
+
+
+_KINDS = {
+    ("日射量", "MJ/㎡"): _Kind("global", "irradiance", "W m-2", 1e6, is_sum=True, measures="ghi"),
+    ("気温", "℃"): _Kind("air", "air_temperature", "K", add=CELSIUS_ZERO_K),
+    ("風速", "m/s"): _Kind("wind", "wind_speed", "m s-1"),
+    # reduced to the sea: 現地気圧, at the station, is what weighs on the field
+    ("海面気圧", "hPa"): _Kind("sea-level-pressure", "air_pressure_at_mean_sea_level", "Pa", 100.0),
+    ("気圧", "hPa"): _Kind("pressure", "air_pressure", "Pa", 100.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Item:
+    """One value column: where it stands, where its quality and homogeneity number do (-1: nowhere)."""
+
+    label: str
+    kind: _Kind
+    value: int
+    quality: int
+    homogeneity: int
+
+
+def is_obsdl(path: Path) -> bool:
+    """Whether a file begins as a download of obsdl does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(max(map(len, _BEGINNINGS))).startswith(_BEGINNINGS)
+    except OSError:
+        return False
+
+
+def read_obsdl(path: Path, name: str) -> Foreign:
+    """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure`` (of the station),
+    ``NAME-sea-level-pressure``.
+
+    Raises `ConfigError` where the file is not laid out as the agency says.
+    """
+    try:
+        rows = [row for row in csv.reader(japanese_text(path).splitlines()) if row]
+        return _obsdl(path, rows, name)
+    except (OverflowError, ValueError, csv.Error) as error:
+        if isinstance(error, ConfigError):
+            raise
+        raise not_understood(path, str(error)) from error
+
+
+def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
+    at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
+    if at is None:
+        raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
+    if rows[at].count(rows[at][0]) > 1:  # 集計開始 and 集計終了
+        raise ConfigError(
+            f"{path} has values of periods of several days, from one date to another",
+            fix="choose hourly or daily values (時別値, 日別値) at obsdl",
+        )
+    hourly = _is_hourly(rows[at])
+    below = [(_stamp(row, is_split=rows[at][0] == _SPLIT[0], hourly=hourly), row) for row in rows[at + 1 :]]
+    body = [(stamp, row) for stamp, row in below if stamp is not None]
+    if not body:
+        raise ConfigError(f"{path} has no row that begins with a date", fix="choose hourly values at obsdl")
+    items = _items(rows[:at], rows[at], [row for stamp, row in below if stamp is None])
+    if not items:
+        have = ", ".join(f"{word}({unit})" for word, unit in _KINDS)
+        raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")
+    return _foreign(path, name, items, body, timedelta(hours=1 if hourly else 24))
+
+
+def _is_hourly(names: Sequence[str]) -> bool:
+    """Whether the cells of the date have an hour; an item like 日照時間 is none of them."""
+    return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
+
+
+def _foreign(
+    path: Path, name: str, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
+) -> Foreign:
+    streams, readings = [], []
+    for word in dict.fromkeys(item.kind.word for item in items):
+        ours = [item for item in items if item.kind.word == word]
+        info = _stream(f"{name}-{word}", ours[0].kind, tuple(item.label for item in ours), step)
+        streams.append(info)
+        for stamp, row in body:
+            time_ns = utc_ns(stamp + _to_middle(ours[0].kind, step))
+            readings.append(
+                Reading(info.name, time_ns, time_ns, tuple(_value(item, row, step) for item in ours))
+            )
+    readings.sort(key=lambda reading: reading.time_ns)
+    return Foreign(tuple(streams), readings, tuple(_remarks(path, items, body, step)))
+
+
+def _stream(name: str, kind: _Kind, labels: tuple[str, ...], step: timedelta) -> StreamInfo:
+    return StreamInfo(
+        name, kind.quantity, kind.unit, (len(labels),), channels=labels,
+        measures=(kind.measures,) * len(labels) if kind.measures else (), rate_hz=1.0 / step.total_seconds(),
+        driver="import", vendor=VENDOR,
+    )  # fmt: skip
+
+
+def _to_middle(kind: _Kind, step: timedelta) -> timedelta:
+    """From a row's stamp to what its values are of; days are stamped at their beginning."""
+    if step >= _DAY:
+        return step / 2
+    return -step / 2 if kind.is_sum else timedelta(0)
+
+
+def _remarks(
+    path: Path, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
+) -> Iterator[tuple[Severity, str]]:
+    values = "hourly" if step < _DAY else "daily"
+    yield Severity.INFO, f"{path.name}: {len(body)} {values} rows, times of Japan (UTC+9)"
+    for item in items:
+        doubtful = sum(1 for _, row in body if _cell(row, item.value) and not _is_normal(item, row))
+        if doubtful:
+            yield Severity.WARNING, f"{item.label}: {doubtful} values whose quality is not 8 were left out"
+        if len({_cell(row, item.homogeneity) for _, row in body if item.homogeneity >= 0}) > 1:
+            yield Severity.WARNING, f"{item.label}: station or instrument changed within the file (均質番号)"
+
+
+def _stamp(row: Sequence[str], *, is_split: bool, hourly: bool) -> datetime | None:
+    """The time of a row: one cell, or year, month, day and hour in cells of their own; None in the header."""
+    if is_split:
+        cells = row[: 4 if hourly else 3]
+        if len(row) < 4 or not all(cell.isdigit() for cell in cells):
+            return None
+        year, month, day, hour, minute = (*map(int, cells), 0, 0)[:5]
+    else:
+        found = _DATE.fullmatch(row[0].strip())
+        if found is None:
+            return None
+        year, month, day, hour, minute = map(int, found.groups(default="0"))
+    return datetime(year, month, day, tzinfo=JST) + timedelta(hours=hour, minutes=minute)
+
+
+def _items(
+    above: Sequence[Sequence[str]], names: Sequence[str], below: Sequence[Sequence[str]]
+) -> list[_Item]:
+    """The value columns that count, from the row that names the items and the header rows around it."""
+    stations = above[-1] if above else []
+    several = len({cell for cell in stations if cell}) > 1
+    found = []
+    for place, cell in enumerate(names):
+        kind = _kind(cell)
+        if kind is not None and not any(_cell(row, place) for row in below):
+            item = cell.rsplit("(", 1)[0]
+            label = f"{_cell(stations, place)} {item}" if several else item
+            more = _companions(names, below, place)
+            found.append(_Item(label, kind, place, more.get(_QUALITY, -1), more.get(_HOMOGENEITY, -1)))
+    return found
+
+
+def _kind(cell: str) -> _Kind | None:
+    if _VAPOUR in cell:
+        return None
+    return next(
+        (kind for (word, unit), kind in _KINDS.items() if word in cell and cell.endswith(f"({unit})")), None
+    )
+
+
+def _companions(items: Sequence[str], below: Sequence[Sequence[str]], place: int) -> dict[str, int]:
+    """Where the columns stand that tell of the value at `place`: up to the next value but a direction."""
+    found: dict[str, int] = {}
+    for column in range(place + 1, len(items)):
+        words = {_cell(row, column) for row in below} - {""}
+        if not words or items[column] != items[place]:
+            break
+        for word in words & {_QUALITY, _HOMOGENEITY}:
+            found.setdefault(word, column)
+    return found
+
+
+def _cell(row: Sequence[str], place: int) -> str:
+    return row[place].strip() if 0 <= place < len(row) else ""
+
+
+def _is_normal(item: _Item, row: Sequence[str]) -> bool:
+    return item.quality < 0 or _cell(row, item.quality) == _NORMAL
+
+
+def _value(item: _Item, row: Sequence[str], step: timedelta) -> float:
+    try:
+        number = float(_cell(row, item.value))
+    except ValueError:
+        return float("nan")
+    if not _is_normal(item, row):
+        return float("nan")
+    return number * item.kind.factor / (step.total_seconds() if item.kind.is_sum else 1.0) + item.kind.add
+
+
+# --- radiation tables: one quantity of one month, a row a day
+
+
+#
+
+
+# A row has the day, 24 hourly sums in 0.01 MJ/m² without a decimal point, and their sum; ``XXX`` is
+# missing, ``]``
+
+
+# marks an incomplete sum. The hours end at the full hour of Japan's time; means are put at half past. The
+# file's
+
+
+# name gives the quantity: DR direct, DF diffuse, DL downward longwave. (JMA: env/radiation/format_rad, and
+# the
+
+
+# names of the tables there, as ``DR202406_tat.txt``.)
+
+_NAME = re.compile(r"(DR|DF|DL)(\d{4})(0[1-9]|1[0-2])_(\w+)\.txt", re.IGNORECASE)
+
+_QUANTITIES = {
+    "DR": ("direct", "irradiance", "dni"), "DF": ("diffuse", "irradiance", "dhi"),
+    "DL": ("longwave-down", "longwave_irradiance", "longwave_down"),
+}  # fmt: skip
+
+_HOURS = [f"{hour:02}" for hour in range(1, 25)]  # a heading, not the first of the month
+
+_W_PER_M2 = 1e4 / 3600.0  # of 0.01 MJ/m² in an hour
+
+
+def is_radiation_table(path: Path) -> bool:
+    """Whether a file has the name of such a table."""
+    return _NAME.fullmatch(path.name) is not None
+
+
+def read_radiation_table(path: Path, name: str) -> Foreign:
+    """A table as a stream ``NAME-direct``, ``NAME-diffuse`` or ``NAME-longwave-down`` in W/m².
+
+    Raises `ConfigError` where the file is not laid out as the agency says.
+    """
+    named = _NAME.fullmatch(path.name)
+    if named is None:
+        raise not_understood(path, "its name does not say which quantity and month, like DR202406_tat.txt")
+    word, quantity, component = _QUANTITIES[named[1].upper()]
+    try:
+        first = datetime(int(named[2]), int(named[3]), 1, tzinfo=JST)
+        days = [day for line in japanese_text(path).splitlines() if (day := _day(path, line)) is not None]
+        readings = _readings(path, f"{name}-{word}", first, days)
+    except OverflowError as error:
+        raise not_understood(path, str(error)) from error
+    info = StreamInfo(
+        f"{name}-{word}", quantity, "W m-2", (1,), measures=(component,), rate_hz=1 / 3600, driver="import",
+        vendor=VENDOR, model=f"station {named[4]}",
+    )  # fmt: skip
+    said = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
+    return Foreign((info,), readings, ((Severity.INFO, said),))
+
+
+def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, list[float]]]) -> list[Reading]:
+    if not days or [number for number, _ in days] != list(range(1, len(days) + 1)):
+        raise not_understood(path, "there are no rows of days, one after another from the first of the month")
+    if days[-1][0] > monthrange(first.year, first.month)[1]:
+        raise not_understood(path, f"it has {days[-1][0]} days, more than its month {first:%Y-%m}")
+    readings = []
+    for number, hours in days:
+        for hour, value in enumerate(hours):
+            time_ns = utc_ns(first + timedelta(days=number - 1, hours=hour, minutes=30))
+            readings.append(Reading(stream, time_ns, time_ns, (value,)))
+    return readings
+
+
+def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
+    """Number of the day and its hours in W/m², of a row of the table; None for any other line.
+
+    The row's own daily sum proves that the numbers were taken for the right hours.
+    """
+    words = line.replace("]", " ").split()
+    if not words or not re.fullmatch(r"[1-9]|[0-3]\d", words[0]) or words[:24] == _HOURS:
+        return None
+    if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
+        raise not_understood(path, f"the row {line.strip()[:40]!r} has not 24 hours and their sum")
+    hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
+    known = [hour for hour in hours if hour == hour]
+    if "X" not in words[25] and abs(sum(known) - float(words[25])) > 0.5 * len(known) + 1:
+        raise not_understood(path, f"the hours of day {words[0]} do not add up to its sum")
+    return int(words[0]), [hour * _W_PER_M2 for hour in hours]
+
+
+# --- both
 
 
 def japanese_text(path: Path) -> str:

@@ -6,12 +6,14 @@ the column's header (``T1 [C]``, ``lux (lx)``) or is said.
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from datetime import tzinfo
+from datetime import timedelta, timezone, tzinfo
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
@@ -21,11 +23,10 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, how_to_state, named
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.formats.imported import Foreign, usual_rate_hz
-from fieldkit.sessions.formats.log_tables import read_table
-from fieldkit.sessions.formats.times import parse_times_ns, plausible_ns
+from fieldkit.sessions.formats.imported import Foreign, parse_times_ns, plausible_ns, usual_rate_hz
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
+
 _UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
     **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, CELSIUS_ZERO_K, 1.0)),
     **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, 459.67, 1.8)),
@@ -36,16 +37,26 @@ _UNITS = {  # as they are written, in small letters: the stream's, what to add, 
     **dict.fromkeys(("w m-2", "w/m2", "w/m²", "w/m^2"), (*_POWER, 0.0, 1.0)),
     **dict.fromkeys(("kw m-2", "kw/m2", "kw/m²", "kw/m^2"), (*_POWER, 0.0, 1e-3)),
 }
+
 _KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2"
+
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
+
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
+
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
+
 # with the other mark behind them, or where there are two, marks can only be of thousands
 _BY_COMMAS = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,})")
+
 _BY_POINTS = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,})")
+
 _ANY_POINT = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")  # 12.345 may be twelve, or twelve thousand
+
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
+
 _DATE_DIGITS = 8  # 20260512; what has more has a time of day, or counts seconds
+
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 
 
@@ -275,3 +286,128 @@ def _as_number(cell: str) -> float:
 
 def _stands_for_none(number: float, quantity: str) -> bool:
     return math.isinf(number) or number in (_NO_VALUE | (_TOO_HOT if quantity == "temperature" else set()))
+
+
+# --- the table in such a file: its header, its rows, and what its first lines contain
+
+
+#
+
+
+# Tables have one header line with the unit of a column in brackets. Two makers write their own
+
+
+# (their manuals, and public programs that read such files):
+
+
+# - Campbell Scientific (TOA5): a line on the logger, names, units, how each value was made (``Avg``,
+# ``Smp``).
+
+
+# - Onset (HOBOware): a title, then cells like ``Temp, °C (LGR S/N: 1, SEN S/N: 2, LBL: bed)`` and the zone in
+
+
+#   that of the time, ``Date Time, GMT+09:00``.
+
+_MAX_BYTES = 100_000_000
+
+_TOA5_LINES = 4
+
+_GMT = re.compile(r"\bGMT ?([+-])(\d{2}):?(\d{2})\b")
+
+_HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Cells of `head` are ``name`` or ``name [unit]``; `time_at` is the place of the time or the date.
+
+    `has_decimal_commas` tells that a comma in a number is its decimal point; `averages` that values are means
+    up to the time of their row; `zone` is of the times, where the file says it.
+    """
+
+    head: list[str]
+    rows: list[list[str]]
+    has_decimal_commas: bool
+    time_at: int = 0
+    averages: bool = False
+    zone: tzinfo | None = None
+
+
+def read_table(path: Path, encoding: str) -> Table:
+    """The table of a file, of the forms above; raises `ConfigError`."""
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ConfigError(f"{path} is larger than {_MAX_BYTES // 10**6} MB", fix="split it")
+        text = path.read_text(encoding=encoding)
+        dialect = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
+        ended = io.StringIO(text, newline="")  # `str.splitlines` would end lines at U+2028 and its like too
+        lines = [row for row in csv.reader(ended, dialect) if any(cell.strip() for cell in row)]
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            f"{path} is not in {error.encoding}: byte {error.object[error.start]:#04x} at {error.start}",
+            fix="name its encoding: --encoding cp1252 (Western Windows), cp932 (Japanese), utf-16",
+        ) from error
+    except LookupError as error:
+        raise ConfigError(f"{error}", fix="--encoding utf-8, cp1252, cp932 or utf-16") from error
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise ConfigError(
+            f"{path} cannot be read as a table: {error}", fix="save it as CSV, UTF-8"
+        ) from error
+    rows = [[cell.strip() for cell in line] for line in lines]
+    table = _of_campbell(rows) or _of_onset(rows, dialect.delimiter) or _plain(rows, dialect.delimiter)
+    if not table.rows or len(table.head) < 2:
+        raise ConfigError(
+            f"{path} has no table with a header line and rows",
+            fix="keep the header line, with the unit of each column in brackets",
+        )
+    return table
+
+
+def _plain(rows: list[list[str]], delimiter: str) -> Table:
+    return Table(rows[0] if rows else [], rows[1:], delimiter != ",")
+
+
+def _of_campbell(rows: list[list[str]]) -> Table | None:
+    if len(rows) < _TOA5_LINES or rows[0][0] != "TOA5":
+        return None
+    _, names, units, made = rows[:_TOA5_LINES]
+    head = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=False)]
+    head[:2] = names[:2]  # the time and the number of the record, whose units are TS and RN
+    return Table(head, rows[_TOA5_LINES:], False, averages="Avg" in made)
+
+
+def _of_onset(rows: list[list[str]], delimiter: str) -> Table | None:
+    """HOBOware writes its title or leaves it out, and numbers the rows or does not."""
+    for line, cells in enumerate(rows[:2]):
+        zones = [found for found in map(_GMT.search, cells) if found]
+        dates = [place for place, cell in enumerate(cells) if cell.startswith("Date")]
+        if zones and dates:
+            sign, hours, minutes = zones[0].groups()
+            ahead = timedelta(hours=int(hours), minutes=int(minutes)) * (-1 if sign == "-" else 1)
+            return Table(_named(cells), rows[line + 1 :], delimiter != ",", dates[0], zone=timezone(ahead))
+    return None
+
+
+def _named(cells: list[str]) -> list[str]:
+    """Headers as ``name [unit]``: the label of a sensor, or what it measures, with its number if need be."""
+    parts = [_parts(cell) for cell in cells]
+    count = Counter(name for name, _, _ in parts)
+    return [
+        (f"{name} {serial}" if count[name] > 1 and serial else name) + (f" [{unit}]" if unit else "")
+        for name, unit, serial in parts
+    ]
+
+
+def _parts(cell: str) -> tuple[str, str, str]:
+    """Name, unit and serial number of the sensor, as far as the cell of a header has them."""
+    found = _HOBO.fullmatch(cell)
+    if found is None or _GMT.search(cell):
+        return cell, "", ""
+    more = found["more"] or ""
+    label, serial = re.search(r"LBL: ([^,]+)", more), re.search(r"SEN S/N: (\w+)", more)
+    return (
+        label[1].strip() if label else found["name"],
+        found["unit"] or "",
+        serial[1] if serial else "",
+    )

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fieldkit.model.errors import ConfigError
-from fieldkit.model.samples import Event, EventKind, Sample, Severity
-from fieldkit.sessions.check_clock import apply_time_map
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
+from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.formats.imported import Foreign, StampedClock
 from fieldkit.sessions.reader import Session
 from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
 from fieldkit.sessions.writer import SessionWriter
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,3 +105,266 @@ def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
     """A sample whose time the session's time map will make what it was."""
     mono_ns = recorded_mono_ns(steps, sample.time_ns, anchor_ns)
     return sample._replace(mono_ns=mono_ns, time_ns=sample.time_ns - added_ns(steps, mono_ns))
+
+
+# --- a log whose clock was off, moved onto the time series that a session has of the same quantity
+
+_ZONE_S = 1500.0
+
+
+def aligned(session: Session, foreign: Foreign) -> Foreign:
+    """The log with its times moved onto the session's curves of the same quantity; a remark says how far.
+
+    Raises `NoAnswerError` where no stream of the session determines the offset.
+    """
+    readings = [sample for sample in foreign.samples if isinstance(sample, Reading)]
+    name, found = _best_stream(session, foreign.streams, readings)
+    shift_ns = round(found.offset_s * 1e9)
+    moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
+    said = (
+        f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
+        f"correlation {found.correlation:.3f}"
+    )
+    remarks = [*foreign.remarks, (Severity.INFO, said)]
+    if abs(found.offset_s) > _ZONE_S:
+        remarks.append((Severity.WARNING, "that is no clock's drift: is --zone right, or summer time?"))
+    return Foreign(foreign.streams, moved, tuple(remarks), foreign.site)
+
+
+def _best_stream(
+    session: Session, streams: Sequence[StreamInfo], readings: Sequence[Reading]
+) -> tuple[str, Alignment]:
+    """The curve that determines the offset of the log best, whichever of its streams it is of."""
+    start_ns = session.start_ns
+    found, refused = [], ""
+    for info in streams:
+        log = _curve(_points(one for one in readings if one.stream == info.name), start_ns)
+        for name, curve in _curves(session, info.quantity, start_ns):
+            try:
+                found.append((name, best_offset(log, curve)))
+            except NoAnswerError as error:
+                refused = f"{name}: {error.message}"
+    if not found:
+        quantities = " or ".join(info.quantity for info in streams)
+        raise NoAnswerError(
+            f"{session.path} does not tell the log's offset: {refused or f'it has no curve of {quantities}'}",
+            fix="say it: --offset +12s, or --offset 0s",
+        )
+    return min(found, key=lambda one: one[1].uncertainty_s)
+
+
+def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
+    """Time and mean over the channels of the readings that have one."""
+    for one in readings:
+        if is_usable(one.quality) and np.isfinite(one.values).any():
+            yield one.time_ns, float(np.nanmean(one.values))
+
+
+def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:
+    """What the session has of a quantity: meters, and for temperatures the regions of its pictures."""
+    for name, info in session.streams.items():
+        if info.quantity == quantity and not info.is_camera and session.count(name):
+            yield name, _stream_curve(session, name, start_ns)
+        if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
+            series = session.region_series(stream=name)
+            good = is_usable(series.flags)
+            for region, kelvin in zip(series.regions, series.mean_k[good].T, strict=True):
+                if kelvin.size and np.isfinite(kelvin).all():
+                    points = zip(series.time_ns[good].tolist(), kelvin.tolist(), strict=True)
+                    yield f"region {region} of {name}", _curve(points, start_ns)
+
+
+def _stream_curve(session: Session, name: str, start_ns: int) -> Curve:
+    readings = session.readings(name)
+    known = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
+    means = np.nanmean(readings.values[known], axis=1)
+    return _curve(zip(readings.time_ns[known].tolist(), means.tolist(), strict=True), start_ns)
+
+
+def _curve(points: Iterable[tuple[int, float]], start_ns: int) -> Curve:
+    """Points in order of time, the first of each moment."""
+    ordered = sorted(points)
+    times = np.array([(time_ns - start_ns) / 1e9 for time_ns, _ in ordered])
+    values = np.array([value for _, value in ordered], np.float64)
+    times, first = np.unique(times, return_index=True)
+    return Curve(times, values[first])
+
+
+# --- the offset between two clocks that recorded the same time series
+
+
+#
+
+
+# For each offset tried the reference is fitted by ``a + b * log(time - offset)``, b > 0, because two sensors
+
+
+# seldom agree in level and gain. The offset is where that fits best, if it does so distinctly better than
+
+
+# anywhere else; its uncertainty follows from excluding one interval after the other.
+
+LONGEST_OFFSET_S = 15 * 3600.0  # wrong zones; date lines are not mistaken for clocks
+
+_LEAST_FIT = 0.7  # of the variance
+
+_DISTINCT = 2.0  # anywhere else, at least so much more must be left over
+
+_LEFT_OVER = 0.005  # no two sensors agree better
+
+_OF_A_STEP = 0.05  # between two readings the log is a straight line
+
+_LEAST_POINTS, _COARSE_POINTS, _MOST_POINTS = 20, 400, 20_000
+
+_MOST_PEAKS, _FINE_OFFSETS, _BLOCKS, _REACH = 8, 81, 10, 3.0
+
+_LEAST_COARSE_S, _MOST_UNCERTAIN_S = 1.0, 60.0
+
+_FIX = "a longer stretch with clouds or a shadow would tell; or say the offset: --offset +12s"
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A measured quantity over time, in order: seconds since any moment, values in any unit."""
+
+    time_s: FloatArray
+    value: FloatArray
+
+    @property
+    def step_s(self) -> float:
+        """The usual interval."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """What to add to a log's times: seconds, their expanded uncertainty (k=2), the correlation there."""
+
+    offset_s: float
+    uncertainty_s: float
+    correlation: float
+
+
+def best_offset(log: Curve, reference: Curve) -> Alignment:
+    """The offset at which a log's curve lies on the reference's.
+
+    Raises `NoAnswerError` where too little overlaps, nothing fits, or more than one offset does.
+    """
+    span = float(np.ptp(reference.time_s)) if reference.time_s.size else 0.0
+    if min(log.time_s.size, reference.time_s.size) < _LEAST_POINTS:
+        raise NoAnswerError(
+            f"an offset needs {_LEAST_POINTS} points of both curves at least", fix="say it: --offset +12s"
+        )
+    finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
+    coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
+    offsets = coarse * np.arange(
+        _earliest(log, reference) // coarse, -_earliest(reference, log) // coarse + 1
+    )
+    fits = _fits(log, *_binned(reference, coarse), offsets, coarse)
+    grid, y = _binned(reference, finest)
+    tops = [_top(log, grid, y, float(offsets[place]), coarse, finest) for place in _peaks(fits)]
+    offset, fit = _distinct(sorted(tops, key=lambda top: -top[1]), _REACH * coarse)
+    uncertainty = 2.0 * max(_standard_deviation(log, grid, y, offset, coarse, finest), finest * _OF_A_STEP)
+    if uncertainty > _MOST_UNCERTAIN_S:
+        raise NoAnswerError(
+            f"the offset is not distinct: {offset:+.0f} s fits best, to {uncertainty:.0f} s only", fix=_FIX
+        )
+    return Alignment(offset, uncertainty, float(np.sqrt(fit)))
+
+
+def _earliest(log: Curve, reference: Curve) -> float:
+    """The lowest offset worth trying, at which the log's end meets the reference's beginning."""
+    return max(-LONGEST_OFFSET_S, float(reference.time_s[0] - log.time_s[-1]))
+
+
+def _peaks(fits: FloatArray) -> list[int]:
+    """The highest places that are higher than their neighbours."""
+    fits = np.pad(fits, 1)  # a top at an end is one
+    inner = np.flatnonzero((fits[1:-1] > 0) & (fits[1:-1] >= fits[:-2]) & (fits[1:-1] >= fits[2:]))
+    return [int(place) for place in inner[np.argsort(-fits[inner + 1])][:_MOST_PEAKS]]
+
+
+def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float, float]:
+    """The best of (offset, fit), best first; raises `NoAnswerError` where it is none, or not the only one.
+
+    Tops within `reach` of it are the same hill's.
+    """
+    if not tops or tops[0][1] < _LEAST_FIT:
+        raise NoAnswerError(
+            f"the two curves fit nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
+            fix="check that they are of the same thing, or say the offset: --offset +12s",
+        )
+    left_over = max(1 - tops[0][1], _LEFT_OVER)
+    for offset, fit in tops[1:]:
+        if abs(offset - tops[0][0]) > reach and 1 - fit < _DISTINCT * left_over:
+            raise NoAnswerError(
+                f"the offset is not distinct: {tops[0][0]:+.0f} s fits, and {offset:+.0f} s does as well",
+                fix=_FIX,
+            )
+    return tops[0]
+
+
+def _top(
+    log: Curve, grid: FloatArray, y: FloatArray, near: float, coarse: float, step: float
+) -> tuple[float, float]:
+    """Offset and fit at the top around a coarse one: of a parabola through the upper third of the hill.
+
+    Single fits go up and down with the noise of the few readings between which a curve is interpolated.
+    """
+    reach = _REACH * coarse
+    for _ in range(2):
+        offsets = near + np.linspace(-reach, reach, _FINE_OFFSETS)
+        fits = _fits(log, grid, y, offsets, step)
+        upper = fits >= fits.max() - np.ptp(fits) / 3
+        near = float(offsets[upper].mean())
+        reach = max(float(np.ptp(offsets[upper])), 2.0 * float(offsets[1] - offsets[0]))
+    bend, lean, _ = np.polyfit(offsets[upper] - near, fits[upper], 2)
+    aside = -lean / (2.0 * bend) if bend < 0 else 0.0
+    return near + float(np.clip(aside, -reach, reach)), float(fits.max())
+
+
+def _standard_deviation(
+    log: Curve, grid: FloatArray, y: FloatArray, offset: float, coarse: float, step: float
+) -> float:
+    """How much the offset depends on single stretches of the curve: a delete-one-block jackknife, seconds."""
+    found = []
+    for block in np.array_split(np.arange(grid.size), _BLOCKS):
+        without = y.copy()
+        without[block] = np.nan
+        found.append(_top(log, grid, without, offset, coarse, step)[0])
+    return float(np.sqrt((_BLOCKS - 1) * np.var(found)))
+
+
+def _fits(log: Curve, grid: FloatArray, y: FloatArray, offsets: FloatArray, step: float) -> FloatArray:
+    """Share of the reference's variance that the log explains at each offset; 0 where it cannot."""
+    least = max(_LEAST_POINTS // 2, int(0.5 * min(np.isfinite(y).sum(), np.ptp(log.time_s) / step)))
+    return np.array([_fit(_shifted(log, grid, float(offset), step), y, least) for offset in offsets])
+
+
+def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
+    known = np.isfinite(x) & np.isfinite(y)
+    if np.count_nonzero(known) < least:
+        return 0.0
+    x, y = x[known] - x[known].mean(), y[known] - y[known].mean()
+    scale = float(np.sum(x * x) * np.sum(y * y))
+    correlation = float(np.sum(x * y)) / np.sqrt(scale) if scale > 0 else 0.0
+    return max(correlation, 0.0) ** 2
+
+
+def _binned(curve: Curve, step: float) -> tuple[FloatArray, FloatArray]:
+    """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
+    place = np.floor((curve.time_s - curve.time_s[0]) / step).astype(np.int64)
+    counts = np.bincount(place)
+    with np.errstate(invalid="ignore"):
+        means = np.bincount(place, curve.value) / counts
+    middles = np.bincount(place, curve.time_s) / np.maximum(counts, 1)
+    return np.where(counts > 0, middles, curve.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
+
+
+def _shifted(log: Curve, grid: FloatArray, offset: float, step: float) -> FloatArray:
+    """The log at the moments of the grid, its times moved by `offset`; smoothed to the bins' width."""
+    value = log.value
+    width = 2 * (round(step / log.step_s) // 2) + 1  # odd, so that nothing moves
+    if 1 < width <= value.size:
+        value = np.convolve(np.pad(value, width // 2, "edge"), np.ones(width) / width, "valid")
+    return np.interp(grid - offset, log.time_s, value, np.nan, np.nan)

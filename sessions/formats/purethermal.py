@@ -21,8 +21,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import Foreign, flag_bunched
-from fieldkit.sessions.formats.times import plausible_ns
+from fieldkit.sessions.formats.imported import Foreign, flag_bunched, plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")

@@ -15,9 +15,8 @@ import h5py
 import xarray as xr
 from xarray.backends import BackendEntrypoint
 
-from fieldkit.sessions.declared import attribute
 from fieldkit.sessions.layout import FORMAT_NAME
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import attribute, open_session
 
 
 class FieldkitBackend(BackendEntrypoint):

@@ -130,9 +130,9 @@ def test_correcting_the_times_killed_at_any_moment_leaves_the_session_sealed(
 UNCLOSED = """
 import sys, time
 from pathlib import Path
-from fieldkit.sessions import brick_thread
+from fieldkit.sessions import session_file
 from tests.harness.recording import HostClock, SessionWriter, header, sample
-brick_thread.FLUSH_EVERY_S = 0.0  # the file's thread is nearly always inside the HDF5 library
+session_file.FLUSH_EVERY_S = 0.0  # the file's thread is nearly always inside the HDF5 library
 head, clock = header(), HostClock()
 writer = SessionWriter(Path(sys.argv[1]), head, clock)
 until = time.monotonic() + float(sys.argv[2])

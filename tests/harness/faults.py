@@ -16,7 +16,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import Health, StreamHealth
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
-from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
 from fieldkit.sessions.layout import BRICK_NAMES
 from fieldkit.sessions.time_map import TimeStep

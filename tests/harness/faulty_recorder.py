@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.sessions import brick_thread, bricks, sync_thread, writer
+from fieldkit.sessions import bricks, journal, session_file, writer
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
@@ -31,12 +31,12 @@ MARKS = "marks"
 
 def hurry() -> None:
     """Everything that happens each second or each few hundred megabytes happens all the time."""
-    sync_thread.SYNC_EVERY_S = 0.02
-    bricks.BEGIN_BYTES = sync_thread.BEGIN_BYTES = 5_000
+    journal.SYNC_EVERY_S = 0.02
+    bricks.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
     writer.RESERVE_BYTES = 100_000
-    brick_thread.FLUSH_EVERY_S = 0.01
-    brick_thread.SYNC_EVERY_S = 0.05
-    brick_thread.JOURNAL_BYTES = 40_000  # parts are deleted as soon as may be
+    session_file.FLUSH_EVERY_S = 0.01
+    session_file.SYNC_EVERY_S = 0.05
+    session_file.JOURNAL_BYTES = 40_000  # parts are deleted as soon as may be
     Journal.__init__.__defaults__ = (30_000,)  # type: ignore[attr-defined]
 
 

@@ -13,9 +13,8 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.sessions import brick_thread
-from fieldkit.sessions.header import SessionHeader
-from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions import session_file
+from fieldkit.sessions.layout import SessionHeader, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
@@ -83,7 +82,7 @@ def long_interrupted(folder: Path) -> Recorded:
     """A recording whose first parts have gone; what must stay of them lies in a database without a log."""
     head = header((24, 32))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(brick_thread, "JOURNAL_BYTES", 60_000)
+        patch.setattr(session_file, "JOURNAL_BYTES", 60_000)
         writer = SessionWriter(folder / "a.h5", head, CountedClock())
         writer._journal.part_bytes = 30_000
         for seq in range(120):

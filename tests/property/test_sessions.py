@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 
 from fieldkit.model.errors import FieldkitError
 from fieldkit.model.samples import Quality
-from fieldkit.sessions.check import check
-from fieldkit.sessions.findings import worst
-from fieldkit.sessions.header import SessionHeader
-from fieldkit.sessions.layout import decode_text, encode_text
+from fieldkit.sessions.check import check, worst
+from fieldkit.sessions.layout import SessionHeader, decode_text, encode_text
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.superblock import mended

@@ -13,7 +13,7 @@ from pathlib import Path
 from fieldkit.model.samples import EventKind, Frame
 from fieldkit.model.site import Region
 from fieldkit.pixel_axes import ticks
-from fieldkit.sessions.check_clock import awake_offsets_ns
+from fieldkit.sessions.clock_correction import awake_offsets_ns
 from fieldkit.views import formatting, frame_image
 from fieldkit.views.html import Html, element, paragraph, section, table
 from fieldkit.views.report.report_data import Material

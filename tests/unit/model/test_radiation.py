@@ -5,7 +5,7 @@ import pytest
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import measured, named, with_components
 from fieldkit.model.site import Site
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 
 
 def stream(name="sun", quantity="irradiance", unit="W m-2", channels=1, **more):

@@ -9,7 +9,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.samples import EventKind
 from fieldkit.recorder.health import HealthMonitor
 from fieldkit.recorder.sample_queue import SampleQueue
-from fieldkit.sessions.check_clock import propose_time_map
+from fieldkit.sessions.clock_correction import propose_time_map
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock

@@ -12,9 +12,9 @@ import pytest
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, strategy_for, unpack
-from fieldkit.sessions.datasets import put_bricks
 from fieldkit.sessions.formats.purethermal import read_purethermal
 from fieldkit.sessions.layout import Column, brick_shape
+from fieldkit.sessions.schema import put_bricks
 from tests.shared_data import shared
 
 

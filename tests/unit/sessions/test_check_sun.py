@@ -11,10 +11,9 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
-from fieldkit.sessions.check import check
-from fieldkit.sessions.findings import Finding
+from fieldkit.sessions.check import Finding, check
 from fieldkit.sessions.formats.imported import Foreign, write_foreign
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 
 SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")

@@ -14,9 +14,8 @@ from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
-from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.pictures_out import export_pngs, export_tiffs
-from fieldkit.sessions.formats.tables_out import export_tables
+from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0

@@ -11,15 +11,14 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldkit.sessions.check import check
-from fieldkit.sessions.check_clock import apply_time_map
-from fieldkit.sessions.datasets import LIBVER
-from fieldkit.sessions.findings import worst
+from fieldkit.sessions.check import check, worst
+from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.formats.imported import Foreign
 from fieldkit.sessions.formats.merged import merge
-from fieldkit.sessions.in_place import write_in_place
+from fieldkit.sessions.guarded import write_in_place
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
+from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0

@@ -6,7 +6,7 @@ import pytest
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.site import Site
-from fieldkit.sessions.header import RESERVED_NAMES, SessionHeader
+from fieldkit.sessions.layout import RESERVED_NAMES, SessionHeader
 
 SITE = Site(35.0, 139.0)
 

@@ -12,12 +12,12 @@ from fieldkit.model.errors import SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions import brick_thread, sync_thread
-from fieldkit.sessions.brick_thread import BrickThread
-from fieldkit.sessions.journal import Identity, Journal, Keeper, wal_of
+from fieldkit.sessions import journal as journal_module
+from fieldkit.sessions import session_file
+from fieldkit.sessions.journal import Identity, Journal, Keeper, SyncThread, wal_of
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
-from fieldkit.sessions.sync_thread import SyncThread
+from fieldkit.sessions.session_file import BrickThread
 from tests.harness.recording import START_NS, header, same, sample
 
 HEADER = header((24, 32))
@@ -171,7 +171,7 @@ def test_full_disk_is_a_storage_error_and_earlier_rows_stay(tmp_path: Path) -> N
 
 
 def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(brick_thread, "JOURNAL_BYTES", 1)
+    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 1)
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     parts = [part for part, _ in journal.full_parts]
     assert len(parts) > 2
@@ -200,12 +200,12 @@ def test_a_disk_that_does_not_confirm_is_told_and_the_part_is_asked_for_again(
         raise OSError(5, "Input/output error")
 
     thread = SyncThread(journal, told.append)
-    monkeypatch.setattr(sync_thread, "sync_data", refuse)
+    monkeypatch.setattr(journal_module, "sync_data", refuse)
     thread._sync()
     assert len(told) == 1
     assert "did not confirm the last second" in told[0]
     assert "Input/output error" in told[0]
-    monkeypatch.setattr(sync_thread, "sync_data", asked.append)
+    monkeypatch.setattr(journal_module, "sync_data", asked.append)
     thread._sync()
     assert asked == [wal_of(journal.part_path(1))] * 2
     journal.close()

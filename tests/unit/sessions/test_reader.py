@@ -16,8 +16,8 @@ import pytest
 from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
-from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header

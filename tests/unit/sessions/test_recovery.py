@@ -13,8 +13,8 @@ import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Quality, Severity
-from fieldkit.sessions import salvage_file
-from fieldkit.sessions.check_clock import apply_time_map
+from fieldkit.sessions import salvage
+from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.journal import wal_of
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import journal_path
@@ -368,7 +368,7 @@ def test_recovery_where_nothing_can_be_written_is_a_storage_error(tmp_path: Path
 def test_chunks_are_where_the_journal_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.h5"
     recorded(path, 95, sealed=False)
-    monkeypatch.setattr(salvage_file, "_index", lambda dataset: pytest.fail("not needed"))
+    monkeypatch.setattr(salvage, "_index", lambda dataset: pytest.fail("not needed"))
     data = bytearray(path.read_bytes())
     data[:4096] = bytes(4096)  # the file's own index is out of reach
     path.write_bytes(data)

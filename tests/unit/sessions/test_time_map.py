@@ -10,7 +10,7 @@ import pytest
 from fieldkit.model.errors import SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health
 from fieldkit.sessions.check import check
-from fieldkit.sessions.check_clock import apply_time_map, changing_path
+from fieldkit.sessions.clock_correction import apply_time_map, changing_path
 from fieldkit.sessions.formats.imported import Foreign
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.layout import RECOVERED

@@ -16,8 +16,8 @@ from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, Ses
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions import brick_thread
 from fieldkit.sessions import seal as seal_module
+from fieldkit.sessions import session_file
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
@@ -188,7 +188,7 @@ def test_burst_of_fifty_frames_is_kept(tmp_path: Path) -> None:
 def test_what_was_not_handed_over_is_read_back_from_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(brick_thread, "HANDOVER_BYTES", 4_000)  # room for one or two frames
+    monkeypatch.setattr(session_file, "HANDOVER_BYTES", 4_000)  # room for one or two frames
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     appended = fill(writer, 200, clock)
@@ -200,8 +200,8 @@ def test_long_journal_is_shortened_and_nothing_is_lost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Journal.__init__, "__defaults__", (20_000,))
-    monkeypatch.setattr(brick_thread, "JOURNAL_BYTES", 60_000)
-    monkeypatch.setattr(brick_thread, "FLUSH_EVERY_S", 0.0)
+    monkeypatch.setattr(session_file, "JOURNAL_BYTES", 60_000)
+    monkeypatch.setattr(session_file, "FLUSH_EVERY_S", 0.0)
     clock = CountedClock()
     path = tmp_path / "a.h5"
     writer = SessionWriter(path, HEADER, clock)

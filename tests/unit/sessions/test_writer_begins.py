@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import RefusedError, StorageError
-from fieldkit.sessions import brick_thread
+from fieldkit.sessions import session_file
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import SPAWN, CountedClock, fill, header, sample
@@ -81,7 +81,7 @@ def test_start_that_fails_leaves_nothing_open_and_nothing_behind(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(brick_thread, "SessionFile", full)
+    monkeypatch.setattr(session_file, "SessionFile", full)
     for number in range(3):
         with pytest.raises(StorageError, match="No space left"):
             SessionWriter(tmp_path / f"{number}.h5", HEADER, CountedClock())

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.sessions import sync_thread
+from fieldkit.sessions import journal as journal_module
+from fieldkit.sessions.journal import NAME, Written, note_written, read_written
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.sessions.written import NAME, Written, note_written, read_written
 from tests.harness.recording import CountedClock, header, sample
 
 HEADER = header((24, 32))
@@ -62,5 +62,5 @@ def test_what_the_disk_did_not_confirm_is_not_counted(
     def fails(_: Path) -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr(sync_thread, "sync_data", fails)
+    monkeypatch.setattr(journal_module, "sync_data", fails)
     assert not (interrupted(tmp_path / "a.h5") / NAME).exists()

@@ -11,11 +11,10 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.sessions.formats.aligned import aligned
-from fieldkit.sessions.formats.curve_offset import Curve, best_offset
 from fieldkit.sessions.formats.imported import Foreign, write_foreign
 from fieldkit.sessions.formats.logs import read_log
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.formats.merged import Curve, aligned, best_offset
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.weather import packaged, read_surfrad
 from tests.shared_data import shared

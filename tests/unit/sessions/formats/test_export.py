@@ -19,15 +19,14 @@ from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
-from fieldkit.sessions.datasets import LIBVER
 from fieldkit.sessions.formats.mcap_out import export_mcap
-from fieldkit.sessions.formats.netcdf_out import export_netcdf
 from fieldkit.sessions.formats.pictures_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.formats.stills import Scale, read_stills
-from fieldkit.sessions.formats.tables_out import export_tables
+from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.formats.tiff import read_tags
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample

@@ -16,11 +16,10 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.sessions.formats.imported import bunched, flag_bunched, write_foreign
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, parse_times_ns, write_foreign
 from fieldkit.sessions.formats.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
-from fieldkit.sessions.formats.times import parse_times_ns
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from tests.harness.foreign_files import FFF_CONSTANTS, fff, irg, purethermal, radiometric_jpeg
 from tests.shared_data import shared

@@ -11,8 +11,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import Foreign
-from fieldkit.sessions.formats.log_tables import read_table
-from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.logs import LogColumns, read_log, read_table
 
 DENVER = ZoneInfo("America/Denver")
 

@@ -11,8 +11,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import Foreign
-from fieldkit.sessions.formats.jma_obsdl import is_obsdl, read_obsdl
-from fieldkit.sessions.formats.jma_tables import is_radiation_table, read_radiation_table
+from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.weather import STATIONS
 from tests.harness import foreign_files

@@ -14,7 +14,7 @@ from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.radiance import brightness_temperature_k
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.sessions.header import SessionHeader
+from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 

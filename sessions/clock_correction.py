@@ -1,10 +1,10 @@
-"""Checking the clocks of a session, and proposing and writing its time map."""
+"""Correcting the clock of a finished session: what its comparisons propose, and writing the time map."""
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +18,6 @@ from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import StorageError
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.findings import Finding
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
 from fieldkit.sessions.reader import Session, open_session
@@ -27,23 +26,10 @@ from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
 STEP_NS = SECOND_NS
 TOLERANCE_NS = 2_000_000_000
+
 _REASON = h5py.string_dtype("utf-8", 256)
+
 _TRUSTED = ("gps", "ptp", "ntp", "phone")
-
-
-def clock_findings(session: Session) -> Iterator[Finding]:
-    """Steps and drift of the system clock against the monotonic one, sleep, and the map in force."""
-    checks, in_force = session.clock_checks(), session.time_map()
-    if checks:
-        proposed = propose_time_map(session)
-        yield from _steps(checks, session.anchor_ns)
-        yield _at_the_end(session, checks[-1], proposed, in_force)
-        yield from _sleep(checks, in_force == proposed)
-    else:
-        yield Finding("ok", "clock", "the clocks were not compared while recording")
-    if in_force:
-        text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in in_force)
-        yield Finding("ok", "clock", f"a time map is in force: {text}")
 
 
 def awake_offsets_ns(checks: Sequence[ClockCheck]) -> NDArray[np.int64]:
@@ -54,41 +40,10 @@ def awake_offsets_ns(checks: Sequence[ClockCheck]) -> NDArray[np.int64]:
     return offsets - slept
 
 
-def _stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64]:
+def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64]:
     """Steps of the system clock from the anchor of the recorded times to the last comparison."""
     moved = np.diff(awake_offsets_ns(checks), prepend=np.int64(anchor_ns))
     return moved[np.abs(moved) > STEP_NS]
-
-
-def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
-    for step in _stepped_ns(checks, anchor_ns):
-        text = f"the system clock was stepped by {step / 1e9:+.3f} s; recorded times go on"
-        yield Finding("warn", "clock", text)
-
-
-def _at_the_end(
-    session: Session, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
-) -> Finding:
-    """How far the system clock had come from the recorded times, and what to do if nobody has done it."""
-    away_ns = last.utc_minus_mono_ns - session.anchor_ns
-    is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
-    text = (
-        f"{len(session.clock_checks())} comparisons; "
-        f"at the end the system clock was {away_ns / 1e9:+.3f} s from recorded times"
-    )
-    fix = f"fieldkit check --apply {session.path}" if is_open and proposed else ""
-    return Finding("warn" if is_open else "ok", "clock", text, fix)
-
-
-def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding]:
-    slept_ns = checks[-1].suspended_ns - checks[0].suspended_ns
-    if slept_ns <= STEP_NS:
-        return
-    slept = f"the computer slept {slept_ns / 1e9:.0f} s"
-    if is_corrected:
-        yield Finding("ok", "clock", f"{slept}, which the time map in force adds to its times after that")
-    else:
-        yield Finding("warn", "clock", f"{slept}: its times after that are late")
 
 
 def propose_time_map(session: Session) -> list[TimeStep]:
@@ -112,7 +67,7 @@ def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
     trusted = [place for place, check in enumerate(checks) if check.source in _TRUSTED]
     if trusted:
         return min(trusted, key=lambda place: checks[place].error_ns)
-    return len(checks) - 1 if _stepped_ns(checks, anchor_ns).size else None
+    return len(checks) - 1 if stepped_ns(checks, anchor_ns).size else None
 
 
 def _asleep(checks: Sequence[ClockCheck]) -> list[TimeStep]:
