@@ -23,9 +23,9 @@ from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions import bricks, schema
-from fieldkit.sessions.bricks import BrickWriter
-from fieldkit.sessions.layout import brick_shape
-from fieldkit.sessions.schema import LIBVER, put_bricks
+from fieldkit.sessions.bricks import FrameWriter
+from fieldkit.sessions.layout import chunk_shape
+from fieldkit.sessions.schema import LIBVER, put_frames
 from fieldkit.sessions.writer import SessionWriter
 
 RAW_FRAMES = 600
@@ -112,9 +112,9 @@ def _bricks(path: Path, info: StreamInfo, data: Frames) -> None:
         ThreadPoolExecutor(2) as pool,
         mock.patch.object(bricks, "pack", _plain_pack),
     ):
-        dataset = _plain_dataset(file, "counts", brick_shape(info), info.shape, 65535)
+        dataset = _plain_dataset(file, "counts", chunk_shape(info), info.shape, 65535)
         file.swmr_mode = True
-        writer = BrickWriter(dataset, pool)
+        writer = FrameWriter(dataset, pool)
         for one in data:
             writer.put(one)
             if writer.is_full:
@@ -194,8 +194,8 @@ def _naive(path: Path, data: Frames) -> None:
 
 def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
     with h5py.File(path, "w", libver=LIBVER) as file, ThreadPoolExecutor(2) as pool:
-        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
-        writer = BrickWriter(dataset, pool)
+        dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
+        writer = FrameWriter(dataset, pool)
         for one in data:
             writer.put(one)
             if writer.is_full:

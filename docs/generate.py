@@ -36,16 +36,16 @@ def configuration() -> str:
 
 
 def command_line() -> str:
-    """Usage, purpose and own options of every verb."""
+    """Usage, purpose and own options of every command."""
     context = main.make_context("fieldkit", ["--help"], resilient_parsing=True)
     parts = []
-    for heading, rows in main.table.items():
+    for heading, entries in main.table.items():
         parts.append(f"## {heading}")
-        for row in rows:
-            command = main.get_command(context, row.name)
+        for entry in entries:
+            command = main.get_command(context, entry.name)
             assert command is not None
-            verbs = command.commands.items() if isinstance(command, CommandGroup) else [("", command)]
-            parts.extend(_verb(f"{row.name} {name}".strip(), verb) for name, verb in verbs)
+            named = command.commands.items() if isinstance(command, CommandGroup) else [("", command)]
+            parts.extend(_command(f"{entry.name} {name}".strip(), one) for name, one in named)
     return "\n\n".join(parts) + "\n"
 
 
@@ -72,12 +72,12 @@ def _key_row(key: str, node: dict[str, Any]) -> str:
     return f"| `{key}` | {toml_schema.kind(node)} | {shown} | {node['description']} |"
 
 
-def _verb(name: str, verb: click.Command) -> str:
-    context = click.Context(verb, info_name=f"fieldkit {name}")
+def _command(name: str, command: click.Command) -> str:
+    context = click.Context(command, info_name=f"fieldkit {name}")
     common = {*Options.__dataclass_fields__, "help"}
-    own = [parameter for parameter in verb.params if parameter.name not in common]
-    usage = [piece for piece in verb.collect_usage_pieces(context) if piece != "[OPTIONS]"]
-    parts = [f"### `{' '.join(['fieldkit', name, *usage])}`", *_paragraphs(verb.help or "")]
+    own = [parameter for parameter in command.params if parameter.name not in common]
+    usage = [piece for piece in command.collect_usage_pieces(context) if piece != "[OPTIONS]"]
+    parts = [f"### `{' '.join(['fieldkit', name, *usage])}`", *_paragraphs(command.help or "")]
     records = [record for parameter in own if (record := parameter.get_help_record(context)) and record[1]]
     if records:
         parts.append(

@@ -20,7 +20,7 @@ from fieldkit.model.samples import is_damaged, is_usable
 from fieldkit.model.site import Region
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
-from fieldkit.sessions.layout import brick_shape
+from fieldkit.sessions.layout import chunk_shape
 from fieldkit.sessions.stream_reader import Pictures, StreamReader
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def _curve(reader: StreamReader, region: Region, convert: Callable[[Pictures], F
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
     inside = mask[box]
-    step = max(1, _BLOCK_BYTES // (inside.size * brick_shape(info)[0] * 2))
+    step = max(1, _BLOCK_BYTES // (inside.size * chunk_shape(info)[0] * 2))
     mean, spread = np.empty((2, len(reader)))
     flags = np.empty(len(reader), np.uint16)
     for part in reader.crops(box, step, with_rows=needs_metadata_rows(info)):

@@ -40,7 +40,7 @@ class Tile:
 
 
 @dataclass(frozen=True, slots=True)
-class PackedBrick:
+class PackedBlock:
     """A whole brick of a camera as another file has it: the columns of its samples, and every tile."""
 
     stream: str
@@ -85,7 +85,7 @@ def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
     return [(y, x) for y in range(0, dataset.shape[1], rows) for x in range(0, dataset.shape[2], cols)]
 
 
-class BrickWriter:
+class FrameWriter:
     """One dataset of pictures: gathers frames into a brick and writes it tile by tile."""
 
     def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:

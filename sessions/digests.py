@@ -15,7 +15,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fieldkit.sessions.layout import BRICK_NAMES
+from fieldkit.sessions.layout import FRAME_DATASETS
 from fieldkit.sessions.stored import check_size, members, stored_here
 
 ROOT = "/"
@@ -73,7 +73,7 @@ def _data(dataset: h5py.Dataset, path: str) -> Iterator[bytes]:
     for axis in dataset.dims:
         for scale in axis.values():
             yield h5py.h5ds.get_scale_name(scale.id) + b"\0"
-    if not (grows or path in NOT_YET or path.rsplit("/", 1)[-1] in BRICK_NAMES):
+    if not (grows or path in NOT_YET or path.rsplit("/", 1)[-1] in FRAME_DATASETS):
         yield from _values(dataset)
 
 

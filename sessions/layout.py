@@ -128,10 +128,10 @@ FILL_COUNT = 65535
 RECORDING, SEALED, RECOVERED = 0, 1, 2
 """What `/entry/complete` holds; 0 stands for interrupted as well."""
 
-BRICK_NAMES = ("counts", "metadata_rows")
+FRAME_DATASETS = ("counts", "metadata_rows")
 """Datasets of a camera that are cut into bricks."""
 
-MOST_BRICK_BYTES = 268_435_456
+MOST_BLOCK_BYTES = 268_435_456
 """A brick in memory: eight pictures of 16 million pixels, 64 of two million."""
 
 _TILE_ROWS, _TILE_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
@@ -363,10 +363,10 @@ def _health_columns(streams: int) -> list[Column]:
     ]
 
 
-def brick_shape(info: StreamInfo) -> tuple[int, int, int]:
+def chunk_shape(info: StreamInfo) -> tuple[int, int, int]:
     """One second deep, tiles near 60 x 80 pixels: live after a second; a region's curve reads few tiles."""
     rows, cols = info.shape
-    most = max(1, MOST_BRICK_BYTES // (2 * rows * cols))
+    most = max(1, MOST_BLOCK_BYTES // (2 * rows * cols))
     depth = min(int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH)), most)
     return depth, _divisor_near(rows, _TILE_ROWS), _divisor_near(cols, _TILE_COLS)
 

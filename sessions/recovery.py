@@ -19,14 +19,14 @@ from pathlib import Path
 from fieldkit.disk import put_in_place
 from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.sessions.bricks import PackedBrick
+from fieldkit.sessions.bricks import PackedBlock
 from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.guarded import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import Session, open_interrupted, open_session
-from fieldkit.sessions.salvage import Lost, Salvage, Tally
+from fieldkit.sessions.salvage import Lost, RecoveryStatistics, Salvage
 from fieldkit.sessions.schema import put_rows
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
@@ -258,7 +258,7 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
         try:
             for name in salvage.tallies:
                 for piece in salvage.samples(name):
-                    if isinstance(piece, PackedBrick):
+                    if isinstance(piece, PackedBlock):
                         file.put_packed(piece)
                     else:
                         file.put(piece)
@@ -297,7 +297,7 @@ def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) 
     yield _summary(salvage.tallies, end_ns - anchor_ns, end_ns)
 
 
-def _summary(tallies: dict[str, Tally], mono_ns: int, time_ns: int) -> Event:
+def _summary(tallies: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int) -> Event:
     lost = {name: sum(run.count for run in tally.lost) for name, tally in tallies.items()}
     kept = sum(tally.kept for tally in tallies.values())
     data = {

@@ -26,10 +26,10 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, Health, Quality, Sample
-from fieldkit.sessions.bricks import PackedBrick, Tile, corners, unpack
+from fieldkit.sessions.bricks import PackedBlock, Tile, corners, unpack
 from fieldkit.sessions.journal import Chunk, Identity, read_written
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
-from fieldkit.sessions.layout import TIME_MAP_COLUMNS, brick_shape, entry_columns, journal_path
+from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns, journal_path
 from fieldkit.sessions.reader import Session, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, sample_bytes, sample_crc32
 from fieldkit.sessions.stored import columns_of, whole_rows
@@ -57,7 +57,7 @@ class Salvage:
         self._journal = self._try_journal()
         self.identity = self._identity()
         self._written = read_written(journal_path(path), len(self.identity.header.streams))
-        self.tallies = {info.name: Tally(info.name) for info in self.identity.header.streams}
+        self.tallies = {info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams}
 
     def __enter__(self) -> Salvage:
         return self
@@ -108,7 +108,7 @@ class Salvage:
             fix="take a copy of it if you have one, with its .journal folder; else the recording is lost",
         )
 
-    def samples(self, stream: str) -> Iterator[Sample | PackedBrick]:
+    def samples(self, stream: str) -> Iterator[Sample | PackedBlock]:
         """Every sample of a stream that can be had, by number; whole bricks of pictures in one piece."""
         place = [info.name for info in self.identity.header.streams].index(stream)
         info, tally = self.identity.header.streams[place], self.tallies[stream]
@@ -116,7 +116,7 @@ class Salvage:
         loose = LooseChunks(self._path, self._session, self._journal, info)
         ids, seqs = self._journalled(place)
         numbers = np.union1d(seqs, stored.numbers)
-        for wanted in _blocks(numbers, brick_shape(info)[0] if info.is_camera else _READING_BLOCK):
+        for wanted in _blocks(numbers, chunk_shape(info)[0] if info.is_camera else _READING_BLOCK):
             inside = ids[np.searchsorted(seqs, wanted[0]) : np.searchsorted(seqs, wanted[-1], "right")]
             brick = self._whole_brick(place, loose, wanted, inside, tally)
             if brick is not None:
@@ -139,11 +139,16 @@ class Salvage:
         return by_seq[:, 0], by_seq[:, 1]
 
     def _whole_brick(
-        self, place: int, loose: LooseChunks, wanted: NDArray[np.int64], ids: NDArray[np.int64], tally: Tally
-    ) -> PackedBrick | None:
+        self,
+        place: int,
+        loose: LooseChunks,
+        wanted: NDArray[np.int64],
+        ids: NDArray[np.int64],
+        tally: RecoveryStatistics,
+    ) -> PackedBlock | None:
         """The brick of these samples, if both sides have it whole and nothing before it is lost."""
         info = self.identity.header.streams[place]
-        whole = info.is_camera and len(wanted) == len(ids) == brick_shape(info)[0]
+        whole = info.is_camera and len(wanted) == len(ids) == chunk_shape(info)[0]
         if not (self._packed and whole and wanted[0] == tally.kept and self._journal is not None):
             return None
         rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), pictures=False))
@@ -154,7 +159,7 @@ class Salvage:
             return None
         for row in rows:
             tally.keep(row.seq, row.mono_ns, row.time_ns, row.crc32)
-        return PackedBrick(info.name, [row.columns() for row in rows], tiles)
+        return PackedBlock(info.name, [row.columns() for row in rows], tiles)
 
     def _rows(
         self, place: int, wanted: NDArray[np.int64], ids: NDArray[np.int64]
@@ -294,7 +299,7 @@ class Lost:
 
 
 @dataclass
-class Tally:
+class RecoveryStatistics:
     """What became of one stream: samples kept, of those only in the journal, checksums, runs lost."""
 
     stream: str
@@ -346,7 +351,7 @@ class StoredSamples:
     def __init__(self, session: Session | None, info: StreamInfo, damage: list[str]) -> None:
         self._reader = session.stream(info.name) if session is not None else None
         self._damage = damage
-        self._step = brick_shape(info)[0] if info.is_camera else 1024
+        self._step = chunk_shape(info)[0] if info.is_camera else 1024
         self._first, self._block = -1, list[Sample]()
         self.numbers: NDArray[np.int64] = np.empty(0, np.int64)
         self._whole: NDArray[np.int64] = np.empty(0, np.int64)
@@ -437,8 +442,8 @@ class LooseChunks:
         """The picture of a row, put together from the chunks that can be read."""
         if not self._info.is_camera:
             return None
-        counts = self._picture("counts", row.seq, brick_shape(self._info), self._info.shape)
-        depth = brick_shape(self._info)[0]
+        counts = self._picture("counts", row.seq, chunk_shape(self._info), self._info.shape)
+        depth = chunk_shape(self._info)[0]
         shape = self._info.metadata_shape
         more = self._picture("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
         return row.with_bytes(counts, more).sample(self._info)

@@ -27,7 +27,7 @@ from fieldkit.sessions.layout import (
     TIME_MAP_COLUMNS,
     Column,
     SessionHeader,
-    brick_shape,
+    chunk_shape,
     encode_text,
     entry_columns,
     stream_columns,
@@ -145,7 +145,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
 
 
 def _pictures(group: h5py.Group, info: StreamInfo) -> None:
-    counts = put_bricks(group, "counts", brick_shape(info), info.shape, FILL_COUNT)
+    counts = put_frames(group, "counts", chunk_shape(info), info.shape, FILL_COUNT)
     attach(group, counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
     scaled = {"scale_factor": float(info.scale), "add_offset": float(info.offset), "units": "K"}
@@ -155,8 +155,8 @@ def _pictures(group: h5py.Group, info: StreamInfo) -> None:
     set_attributes(counts, {**({**scaled, **named} if linear else plain), **flags})
     if info.metadata_shape[0]:
         put_scale(group, "metadata_row", np.arange(info.metadata_shape[0], dtype="<i4"), units="1")
-        depth = brick_shape(info)[0]
-        rows = put_bricks(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
+        depth = chunk_shape(info)[0]
+        rows = put_frames(group, "metadata_rows", (depth, *info.metadata_shape), info.metadata_shape, None)
         set_attributes(rows, {"long_name": "rows the camera sent with the picture", "units": "1"})
         same_width = info.metadata_shape[1] == info.shape[1]
         attach(group, rows, "time", "metadata_row", *(("x",) if same_width else ()))
@@ -334,7 +334,7 @@ def put_rows(group: h5py.Group, rows: Mapping[str, NDArray[Any]]) -> None:
         group[name][:] = values
 
 
-def put_bricks(
+def put_frames(
     group: h5py.Group, name: str, bricks: tuple[int, ...], shape: tuple[int, ...], fill: int | None
 ) -> h5py.Dataset:
     """A growing dataset of pictures, empty, cut into bricks."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from fieldkit.disk import sync
 from fieldkit.model.samples import Frame, Reading, Sample
-from fieldkit.sessions.bricks import BrickWriter, PackedBrick, TableWriter
+from fieldkit.sessions.bricks import FrameWriter, PackedBlock, TableWriter
 from fieldkit.sessions.guarded import GuardedFile, write_in_place, write_new
 from fieldkit.sessions.journal import Chunk, Identity, Journal, Keeper
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
@@ -87,7 +87,7 @@ class SessionFile:
             self._tables[table].append(row)
         return []
 
-    def put_packed(self, brick: PackedBrick) -> None:
+    def put_packed(self, brick: PackedBlock) -> None:
         """Take a whole brick as another file has it; all bricks before it must be complete."""
         self._streams[brick.stream].put_packed(brick)
 
@@ -135,7 +135,7 @@ class _Stream:
     def __init__(self, group: h5py.Group, info: Any, pool: Executor) -> None:
         self._table = TableWriter(group, stream_columns(info))
         names = [name for name in ("counts", "metadata_rows") if name in group]
-        self._bricks = [BrickWriter(group[name], pool) for name in names]
+        self._bricks = [FrameWriter(group[name], pool) for name in names]
         self._raw_width = raw_width(info)
         self._waiting: list[dict[str, Any]] = []
         self._waiting_since = 0.0
@@ -160,7 +160,7 @@ class _Stream:
         self._waiting.append(row)
         return self.write(force=True) if self._bricks[0].is_full else []
 
-    def put_packed(self, brick: PackedBrick) -> None:
+    def put_packed(self, brick: PackedBlock) -> None:
         for writer in self._bricks:
             writer.copy(brick.tiles)
         self._table.append(*brick.rows)
@@ -206,7 +206,7 @@ COMPRESSORS = 2
 _LOOK_AGAIN_S = 0.01  # what is behind is so by seconds
 
 
-class BrickThread(threading.Thread):
+class FileThread(threading.Thread):
     """Writes the session file from what `offer` hands over.
 
     `failed` is called once, with the error, when the file cannot be written any more.

@@ -25,8 +25,8 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Frame, Quality, Sample
 from fieldkit.sessions.layout import (
     FILL_COUNT,
-    MOST_BRICK_BYTES,
-    brick_shape,
+    MOST_BLOCK_BYTES,
+    chunk_shape,
     exact_time_ns,
     stream_columns,
 )
@@ -95,7 +95,7 @@ class StreamReader:
         self._declared = {column.name: column for column in stream_columns(info)}
         self._columns = columns_of(group, self._declared.values(), salvage=salvage)
         self._pictures = self._open_pictures() if info.is_camera else []
-        self._depth = brick_shape(info)[0] if info.is_camera else _BLOCK_ROWS
+        self._depth = chunk_shape(info)[0] if info.is_camera else _BLOCK_ROWS
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
 
     def _open_pictures(self) -> list[h5py.Dataset]:
@@ -104,8 +104,8 @@ class StreamReader:
 
     def _brick_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
         dataset = dataset_of(self._group, name, shape, "u2")
-        brick = (brick_shape(self.info)[0], *shape)
-        if 2 * math.prod(brick) > MOST_BRICK_BYTES:
+        brick = (chunk_shape(self.info)[0], *shape)
+        if 2 * math.prod(brick) > MOST_BLOCK_BYTES:
             raise SessionError(f"{dataset.name} has pictures of {shape}, larger than any camera's")
         chunks = dataset.chunks or (math.inf,)
         if any(side > most for side, most in zip(chunks, brick, strict=False)):

@@ -38,7 +38,7 @@ from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.records import Entry, MinuteRecord, Record, RegionRecord
 from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
-from fieldkit.sessions.session_file import BrickThread
+from fieldkit.sessions.session_file import FileThread
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +104,7 @@ class SessionWriter:
         _reserve(self._folder)
         self._journal = Journal(self._folder, self._identity)
         undo.callback(self._journal.close)
-        self._bricks = BrickThread(self.path, self._journal, self._identity, self._brick_side_failed)
+        self._bricks = FileThread(self.path, self._journal, self._identity, self._brick_side_failed)
         undo.callback(self._bricks.close)
         sync(self.path.parent)
 

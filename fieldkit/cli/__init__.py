@@ -1,8 +1,8 @@
-"""The command line: ``fieldkit VERB``, one module per verb, imported only when it runs.
+"""The command line: ``fieldkit COMMAND``, one module per command, imported only when it runs.
 
-A verb's module exports `command`, made with ``cls=Verb`` (or ``cls=VerbGroup``) of
-`fieldkit.cli.common`. Its row here carries the help line, so ``fieldkit --help``
-imports no verb and none of the heavy libraries.
+A module exports `command`, made with ``cls=Command`` (or ``cls=CommandGroup``) of `fieldkit.cli.common`: it
+parses options, calls a workflow, and prints what that returned. The summaries stand here, so that
+``fieldkit --help`` imports no command and none of the heavy libraries.
 """
 
 from __future__ import annotations
@@ -13,123 +13,145 @@ from typing import Any, NamedTuple
 
 import click
 
-from fieldkit.cli.failure import explained
+from fieldkit.cli.failure import explain_failures
 
 
-class Row(NamedTuple):
-    """One verb: its name, the module that exports `command`, and its line in ``--help``."""
+class CommandEntry(NamedTuple):
+    """One command: its name, the module that exports `command`, and its line in ``--help``."""
 
     name: str
     module: str
     summary: str
 
 
-VERBS: dict[str, tuple[Row, ...]] = {
+COMMANDS: dict[str, tuple[CommandEntry, ...]] = {
     "Start": (
-        Row("demo", "fieldkit.cli.demo", "The whole experiment on simulated devices, then its report."),
-        Row("init", "fieldkit.cli.init", "Make a new campaign: a commented fieldkit.toml, folders."),
-        Row("doctor", "fieldkit.cli.doctor", "Is this computer ready? Each doubt with its remedy."),
-        Row("devices", "fieldkit.cli.devices", "What is plugged in, and the identity to configure."),
+        CommandEntry(
+            "demo", "fieldkit.cli.demo", "Run the whole experiment on simulated devices, then report."
+        ),
+        CommandEntry(
+            "init", "fieldkit.cli.init", "Create a campaign: a commented fieldkit.toml and folders."
+        ),
+        CommandEntry(
+            "doctor", "fieldkit.cli.doctor", "Check that this computer is ready; every problem has a fix."
+        ),
+        CommandEntry(
+            "devices", "fieldkit.cli.devices", "List connected instruments and the identity to configure."
+        ),
     ),
     "Plan": (
-        Row("plan", "fieldkit.cli.plan", "Best hours, kelvin per degree, possible accuracy of a day."),
-        Row("sun", "fieldkit.cli.sun", "Sun and incidence angles for places, times and facets."),
+        CommandEntry(
+            "plan", "fieldkit.cli.plan", "Show a day's best hours, sensitivity and possible accuracy."
+        ),
+        CommandEntry(
+            "sun", "fieldkit.cli.sun", "Compute sun and incidence angles for places, times, facets."
+        ),
     ),
     "Set up": (
-        Row("live", "fieldkit.cli.live", "Picture and values as they are now, without recording."),
-        Row("roi", "fieldkit.cli.roi", "Regions of the picture: add, list, check, edit, remove."),
-        Row("calibrate", "fieldkit.cli.calibrate", "Emissivity, offsets, light, scale, clock."),
+        CommandEntry("live", "fieldkit.cli.live", "Show the current frame and readings without recording."),
+        CommandEntry("roi", "fieldkit.cli.roi", "Add, list, check, edit or remove regions of the image."),
+        CommandEntry(
+            "calibrate",
+            "fieldkit.cli.calibrate",
+            "Calibrate emissivity, offsets, irradiance, surface, clock.",
+        ),
     ),
     "Record": (
-        Row("record", "fieldkit.cli.record", "Record a session; Ctrl-C stops and seals it."),
-        Row("status", "fieldkit.cli.status", "How the recording that runs is doing."),
-        Row("stop", "fieldkit.cli.stop", "Ask the recording that runs to stop and seal."),
-        Row("mark", "fieldkit.cli.mark", "Note something on the recording that runs."),
+        CommandEntry("record", "fieldkit.cli.record", "Record a session; Ctrl-C stops and seals it."),
+        CommandEntry("status", "fieldkit.cli.status", "Show how the running recording is doing."),
+        CommandEntry("stop", "fieldkit.cli.stop", "Stop and seal the running recording."),
+        CommandEntry("mark", "fieldkit.cli.mark", "Add a note to the running recording."),
     ),
     "Afterwards": (
-        Row("ls", "fieldkit.cli.ls", "The sessions of a campaign."),
-        Row("show", "fieldkit.cli.show", "One session on a page; --follow while it is recorded."),
-        Row("check", "fieldkit.cli.check", "Is everything there, and does it make sense?"),
-        Row("recover", "fieldkit.cli.recover", "Finish a session whose recording was cut off."),
-        Row("replay", "fieldkit.cli.replay", "Play a session as if live."),
-        Row("import", "fieldkit.cli.import_session", "Make a session of a recording from elsewhere."),
+        CommandEntry("ls", "fieldkit.cli.ls", "List the sessions of a campaign."),
+        CommandEntry("show", "fieldkit.cli.show", "Summarise one session; --follow while it is recorded."),
+        CommandEntry("check", "fieldkit.cli.check", "Check that a session is complete and plausible."),
+        CommandEntry("recover", "fieldkit.cli.recover", "Finish a session whose recording was interrupted."),
+        CommandEntry("replay", "fieldkit.cli.replay", "Play a session as if live."),
+        CommandEntry(
+            "import", "fieldkit.cli.import_session", "Make a session of a recording by other software."
+        ),
     ),
     "Work": (
-        Row("estimate", "fieldkit.cli.estimate", "Slopes of recorded sessions."),
-        Row("sweep", "fieldkit.cli.sweep", "Sessions estimated with many sets of parameters."),
-        Row("map", "fieldkit.cli.map", "Tilt and azimuth of every pixel: picture and arrays."),
-        Row("report", "fieldkit.cli.report", "A session as one page with figures, to open or print."),
-        Row("export", "fieldkit.cli.export", "A session as CSV, Parquet, netCDF, pictures or film."),
-        Row("study", "fieldkit.cli.study", "The paper's simulation study, its tables and figures."),
+        CommandEntry("estimate", "fieldkit.cli.estimate", "Estimate slopes of recorded sessions."),
+        CommandEntry("sweep", "fieldkit.cli.sweep", "Estimate sessions with many sets of parameters."),
+        CommandEntry("map", "fieldkit.cli.map", "Map tilt and azimuth of every pixel: image and arrays."),
+        CommandEntry("report", "fieldkit.cli.report", "Write a session's report: one page with figures."),
+        CommandEntry(
+            "export", "fieldkit.cli.export", "Export a session as CSV, Parquet, netCDF, images or video."
+        ),
+        CommandEntry(
+            "study", "fieldkit.cli.study", "Reproduce the paper's simulation study: tables and figures."
+        ),
     ),
     "Tool": (
-        Row("decode", "fieldkit.cli.decode", "What bytes of an instrument mean."),
-        Row("selftest", "fieldkit.cli.selftest", "Does a driver do what every driver must?"),
+        CommandEntry("decode", "fieldkit.cli.decode", "Decode bytes of an instrument."),
+        CommandEntry("selftest", "fieldkit.cli.selftest", "Check that a driver meets the driver contract."),
     ),
 }
-"""The verb table, by heading of ``fieldkit --help``."""
+"""All commands, by heading of ``fieldkit --help``."""
 
 
 COMMON = ("-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--no-input")
-"""Options that every verb takes (`fieldkit.cli.common`)."""
+"""Options that every command takes (`fieldkit.cli.common`)."""
 
 
 class CommandTable(click.Group):
     """A click group whose commands come from a table and are imported when they run."""
 
-    def __init__(self, table: dict[str, tuple[Row, ...]], **settings: Any) -> None:
+    def __init__(self, table: dict[str, tuple[CommandEntry, ...]], **settings: Any) -> None:
         super().__init__(**settings)
         self.table = table
-        self.rows = {row.name: row for rows in table.values() for row in rows}
+        self.entries = {entry.name: entry for entries in table.values() for entry in entries}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Every verb, in the order of the table."""
-        return list(self.rows)
+        """Every command, in the order of the table."""
+        return list(self.entries)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The verb's command, or None if there is no such verb."""
-        if cmd_name not in self.rows:
+        """The command of this name, or None."""
+        if cmd_name not in self.entries:
             return None
-        command = importlib.import_module(self.rows[cmd_name].module).command
+        command = importlib.import_module(self.entries[cmd_name].module).command
         assert isinstance(command, click.Command)
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """The options in front of the verb; for one that belongs behind it, the error says where it goes."""
+        """Parse the options before the command; common options belong after it, as the error says."""
         try:
             return super().parse_args(ctx, list(args))
         except click.NoSuchOption as error:
-            verb = next((word for word in args if word in self.rows), "VERB")
+            name = next((word for word in args if word in self.entries), "COMMAND")
             if error.option_name not in COMMON:
                 raise
             raise click.UsageError(
-                f"{error.option_name} stands behind the verb: fieldkit {verb} {error.option_name} ...", ctx
+                f"{error.option_name} goes after the command: fieldkit {name} {error.option_name} ...", ctx
             ) from None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb that was typed; for a misspelled one, name the nearest."""
-        if args[0] not in self.rows and not args[0].startswith("-"):
-            raise click.UsageError(f"there is no verb {args[0]!r}{self._nearest(args[0])}", ctx)
+        """The command that was typed; for a misspelled one, name the nearest."""
+        if args[0] not in self.entries and not args[0].startswith("-"):
+            raise click.UsageError(f"there is no command {args[0]!r}{self._nearest(args[0])}", ctx)
         return super().resolve_command(ctx, args)
 
     def _nearest(self, typed: str) -> str:
         from difflib import get_close_matches
 
-        near = get_close_matches(typed, self.rows, n=1)
+        near = get_close_matches(typed, self.entries, n=1)
         return f"; did you mean {near[0]!r}?" if near else ""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the verbs under their headings, without importing any."""
-        width = max(len(name) for name in self.rows)
-        for heading, rows in self.table.items():
+        """Write the commands under their headings, without importing any."""
+        width = max(len(name) for name in self.entries)
+        for heading, entries in self.table.items():
             with formatter.section(heading):
-                formatter.write_dl([(row.name.ljust(width), row.summary) for row in rows])
+                formatter.write_dl([(entry.name.ljust(width), entry.summary) for entry in entries])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb; what fails is explained on stderr and gives its exit code."""
-        with explained(ctx):
+        """Run the command; a failure is explained on stderr and gives its exit code."""
+        with explain_failures(ctx):
             return super().invoke(ctx)
 
 
@@ -151,8 +173,8 @@ def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None
 
 @click.group(
     cls=CommandTable,
-    table=VERBS,
-    subcommand_metavar="VERB [ARGS]...",
+    table=COMMANDS,
+    subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="fieldkit", message="%(prog)s %(version)s")

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import MOMENT, RECORD_NAME
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -75,7 +75,7 @@ def command(
     else:
         if told is not None:
             raise click.UsageError("--told is about this computer's clock now; leave the SESSION out")
-        session = meant(ctx, session)
+        session = find_session(ctx, session)
         with open_session(session) as opened:
             config, date = config_for(opened), moment(opened)
             found, how = _by_gps(opened, gps) if gps is not None else _by_sun(opened)

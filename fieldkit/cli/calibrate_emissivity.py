@@ -11,7 +11,7 @@ import click
 
 from fieldkit.calibration.emissivity import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import DURATION, RECORD_NAME
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -138,7 +138,7 @@ def command(
 
         session = record_emissivity(ctx, sample, given, settings)
         settings = ()  # the recording has them
-    work_out(meant(ctx, session), sample, given, settings)
+    work_out(find_session(ctx, session), sample, given, settings)
 
 
 def work_out(session: Path, sample: str, given: dict[str, Any], settings: Sequence[str] = ()) -> Path:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import RECORD_NAME
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
@@ -62,7 +62,7 @@ def command(
     # a file is named from the folder one stands in, not from the campaign's
     station_files = [path.resolve() for path in [Path(station or "")] if path.is_file()]
     station = str(station_files[0]) if station_files else station
-    session = meant(ctx, session)
+    session = find_session(ctx, session)
     with open_session(session) as opened:
         config = config_for(opened, settings)
         meter = one_stream(opened, "illuminance")

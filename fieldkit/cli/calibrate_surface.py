@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import RECORD_NAME
 from fieldkit.model.errors import CalibrationError, ConfigError
 
@@ -63,7 +63,7 @@ def command(
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
-    session = meant(ctx, session)
+    session = find_session(ctx, session)
     with open_session(session) as opened:
         # kappa is measured against one, whatever was configured
         config = config_for(opened, (*settings, "estimator.scale=1.0"))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import RECORD_NAME
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.units import SECOND_NS
@@ -51,7 +51,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.estimate import config_for
 
-    paths = [meant(ctx, path) for path in (before, after) if path is not None]
+    paths = [find_session(ctx, path) for path in (before, after) if path is not None]
     looks = []
     for path in paths:
         with open_session(path) as session:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
-from fieldkit.cli.session_paths import resolved
+from fieldkit.cli.session_paths import find_sessions
 from fieldkit.model.errors import FieldkitError, IntegrityError, RefusedError
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def command(
     from fieldkit.sessions.check import worst
 
     documents, failed = [], False
-    for path in resolved(ctx, paths):
+    for path in find_sessions(ctx, paths):
         findings = findings_for(path, estimates=not no_estimates)
         level = worst(findings)
         failed = failed or level == "fail" or (strict and level == "warn")

@@ -1,4 +1,4 @@
-"""What every verb shares: the common options, where words and data go, the campaign.
+"""What every command shares: the common options, printing, the campaign.
 
 stdout carries data, stderr carries messages. Human output may change from version to
 version; what ``--json`` prints carries ``"schema": 1``.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Options:
-    """What the common options of a verb say; ``@click.pass_obj`` hands it to the verb."""
+    """Values of the common options."""
 
     directory: Path | None = None
     json: bool = False
@@ -45,7 +45,7 @@ def _common_options() -> list[click.Parameter]:
         ),
         click.Option(["--json", "json"], is_flag=True, help="Print one JSON document instead of text."),
         click.Option(["-q", "--quiet"], is_flag=True, help="Print no messages, only data and errors."),
-        click.Option(["-v", "--verbose"], count=True, help="Tell more; twice for everything."),
+        click.Option(["-v", "--verbose"], count=True, help="More output; -vv for debug."),
         click.Option(
             ["--no-color"], is_flag=True, help="No colours; NO_COLOR in the environment does the same."
         ),
@@ -59,11 +59,11 @@ class Command(click.Command):
     def __init__(self, name: str | None = None, **settings: Any) -> None:
         params = [*(settings.pop("params", None) or []), *_common_options()]
         super().__init__(name, params=params, **settings)
-        # the linter wants raw docstrings, in which click's mark for "keep these lines" stays two letters
+        # docstrings are raw, so click's mark for "keep these lines" arrives as two letters
         self.help = self.help and self.help.replace("\\b\n", "\b\n")
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the verb with its own parameters; the common ones become ``ctx.obj``."""
+        """Run the command with its own parameters; the common ones become ``ctx.obj``."""
         names = [option.name for option in _common_options() if option.name]
         ctx.obj = Options(**{name: ctx.params.pop(name) for name in names})
         _configure_logging(ctx.obj)
@@ -71,7 +71,7 @@ class Command(click.Command):
 
 
 class CommandGroup(click.Group):
-    """A verb with verbs of its own, such as ``roi add``; each of them takes the common options."""
+    """A command with subcommands, such as ``roi add``; each of them takes the common options."""
 
     command_class = Command
 
@@ -83,17 +83,17 @@ set_option = click.option(
     metavar="KEY=VALUE",
     help="Use another value for a key of fieldkit.toml, e.g. --set surface.albedo=0.25.",
 )
-"""``--set KEY=VALUE`` for verbs that read the configuration; hand `settings` to `campaign`."""
+"""``--set KEY=VALUE`` for commands that read the configuration; pass `settings` to `campaign`."""
 
 
 present_option = click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )
-"""``--campaign`` for verbs that estimate recorded sessions; hand `present` to `config_for`."""
+"""``--campaign`` for commands that estimate recorded sessions; pass `present` to `config_for`."""
 
 
 def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """``-j``, ``--executor`` and ``--address`` for verbs over many sessions; hand them to `batch.workers`."""
+    """``-j``, ``--executor``, ``--address`` for commands over many sessions; pass them to `batch.workers`."""
     for option in (
         click.option(
             "--address", metavar="ADDRESS", help="Scheduler of that cluster, such as tcp://10.0.0.5:8786."
@@ -123,7 +123,7 @@ def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
 
 
 def options(ctx: click.Context | None = None) -> Options:
-    """The common options of the verb that runs; the defaults outside a command line."""
+    """The common options of the running command; the defaults outside a command line."""
     ctx = ctx or click.get_current_context(silent=True)
     found = ctx.find_object(Options) if ctx else None
     return found or Options()
@@ -155,14 +155,14 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def print_json_line(document: Mapping[str, Any]) -> None:
-    """Print one JSON object on one line, for verbs that go on printing; NaN becomes null."""
+    """Print one JSON object on one line, for commands that print many; NaN becomes null."""
     from fieldkit.workflows.json_document import to_json
 
     click.echo(_encodable(to_json(document, indent=None)))
 
 
 def _encodable(text: str) -> str:
-    """JSON as it is, or with escapes where stdout has not all of its letters: data are never replaced."""
+    """JSON as it is, or escaped where stdout's encoding lacks a letter: data are never replaced."""
     try:
         text.encode(sys.stdout.encoding or "utf-8")
     except UnicodeEncodeError:
@@ -171,14 +171,12 @@ def _encodable(text: str) -> str:
 
 
 def console(*, err: bool = False) -> Console:
-    """A rich console on stdout (or stderr), plain where it is no terminal or colours are off."""
+    """A rich console on stdout (or stderr), plain in a pipe or with colours off."""
     from rich.console import Console
 
     class Piped(Console):
         def on_broken_pipe(self) -> None:
-            raise BrokenPipeError(
-                errno.EPIPE, "closed"
-            )  # rich would exit with 1; what it means is decided in `failure`
+            raise BrokenPipeError(errno.EPIPE, "closed")  # instead of rich's exit with 1: `failure` decides
 
     found = Piped(stderr=err, no_color=options().no_color or None, highlight=False, emoji=False, markup=False)
     if not found.is_terminal:

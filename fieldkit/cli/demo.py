@@ -1,4 +1,4 @@
-"""``fieldkit demo``: the whole experiment on simulated devices, then its report."""
+"""``fieldkit demo``: run the whole experiment on simulated devices, then write its report."""
 
 from __future__ import annotations
 
@@ -40,16 +40,14 @@ PACE = 360
 
 
 @click.command(cls=common.Command)
-@click.option("--fast", is_flag=True, help="As fast as it goes; the same numbers.")
-@click.option(
-    "--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Show what trouble looks like."
-)
+@click.option("--fast", is_flag=True, help="Run as fast as possible; the numbers do not change.")
+@click.option("--fault", type=click.Choice([kind.value for kind in FaultKind]), help="Simulate a fault.")
 @click.option(
     "--out", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Campaign folder."
 )
 @click.pass_context
 def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
-    """Run the experiment on simulated devices under one measured day of weather."""
+    """Run the whole experiment on simulated devices under one measured day of weather, then report."""
     began = time.monotonic()
     config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
     _introduce(config, fault)

@@ -1,4 +1,4 @@
-"""``fieldkit devices``: what is plugged in, what it is taken for, and the identity to configure."""
+"""``fieldkit devices``: list connected instruments, their drivers, and the identity to configure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from fieldkit.cli.common import Command, options, print_json, print_table, say
 @click.command(cls=Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """What is plugged in, and the identity to write into fieldkit.toml.
+    """List connected instruments and the identity to write into fieldkit.toml.
 
-    An identity is vendor:product, with the serial number where there is one, or the USB socket; it stays the
-    same when the computer counts its ports differently.
+    An identity is vendor:product with the serial number, or with the USB socket for devices without one; it
+    does not change when the computer numbers its ports differently.
     """
     from fieldkit.drivers import registry
     from fieldkit.drivers.discovery import plugged_in
@@ -32,7 +32,7 @@ def command(ctx: click.Context) -> None:
         ]
         print_table(["identity", "at", "what", "driver", "remark"], rows)
     else:
-        say("nothing is plugged in that fieldkit can see")
+        say("no instrument is plugged in")
     click.echo()
     print_table(["driver", "for"], [[one.name, one.title] for one in drivers])
     for problem in problems:

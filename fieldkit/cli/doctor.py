@@ -1,4 +1,4 @@
-"""``fieldkit doctor``: is this computer ready for a day in the field? One line each, with its fix."""
+"""``fieldkit doctor``: check that this computer is ready for a day in the field."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ Check = Callable[[click.Context], Iterator[Fact]]
 )
 @click.pass_context
 def command(ctx: click.Context, udev: bool) -> None:
-    r"""Check permissions, drivers, clock, disk, power and configuration, and say what to do.
+    r"""Check that this computer is ready to record; every problem comes with a fix.
+
+    Checks permissions, drivers, clock, disk, power and configuration.
 
     \b
     fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rules
@@ -59,7 +61,7 @@ def command(ctx: click.Context, udev: bool) -> None:
 
 
 def rules(ctx: click.Context) -> str:
-    """The udev rules, and a name for each instrument of the campaign whose identity tells it apart."""
+    """The udev rules, with a name for each instrument of the campaign that has a serial number."""
     text = files("fieldkit").joinpath("data/70-fieldkit.rules").read_text(encoding="utf-8")
     return text + "".join(_name_rule(device) for device in _devices(ctx))
 
@@ -97,11 +99,11 @@ def _clock(ctx: click.Context) -> Iterator[Fact]:
     if time.time() < RELEASED_S:
         now = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
         yield Fact(
-            "fail", "clock", f"it says {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
+            "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
         )
     synchronised = _synchronised()
     if synchronised is None:
-        yield Fact("warn", "clock", "nothing tells whether it is synchronised", "sudo apt install chrony")
+        yield Fact("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
     elif synchronised:
         yield Fact("ok", "clock", "synchronised")
     else:
@@ -109,15 +111,15 @@ def _clock(ctx: click.Context) -> Iterator[Fact]:
 
 
 def _synchronised() -> bool | None:
-    """What timedatectl says of the system clock; None where there is no such program."""
+    """Whether the system clock is synchronised, by timedatectl; None without that program."""
     try:
-        answer = subprocess.run(
+        status = subprocess.run(
             ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
             capture_output=True, text=True, timeout=5, check=True,
         )  # fmt: skip
     except (OSError, subprocess.SubprocessError):
         return None
-    return answer.stdout.strip() == "yes"
+    return status.stdout.strip() == "yes"
 
 
 def _disk(ctx: click.Context) -> Iterator[Fact]:
@@ -166,18 +168,18 @@ def _configuration(ctx: click.Context) -> Iterator[Fact]:
 
 
 def _calibrations(config: Config) -> Iterator[Fact]:
-    """Which calibration records are in use, and whether they are too old; no instrument is opened here."""
+    """Which calibration records are active, and whether they are too old; no instrument is opened here."""
     from fieldkit.calibration.calibration_record import doubts_of_date
 
     for key, record in config.calibrations().items():
-        if said := doubts_of_date(record, datetime.now(UTC)):
-            yield Fact("warn", key, "; ".join(said), f"fieldkit calibrate {record.kind}")
+        if issues := doubts_of_date(record, datetime.now(UTC)):
+            yield Fact("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
         else:
             yield Fact("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
 
 def _configured(device: DeviceSettings) -> Iterator[Fact]:
-    """Whether an instrument of the configuration is there, and what is missing in what is said of it."""
+    """Whether a configured instrument is present, and what its configuration lacks."""
     from fieldkit.drivers import registry
 
     driver = registry.get(device.driver)
@@ -189,7 +191,7 @@ def _configured(device: DeviceSettings) -> Iterator[Fact]:
     elif device.port.startswith("/") and not Path(device.port).exists():
         yield Fact("fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there")
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
-        text = "the end of the meter's range is not known, so an overflow cannot be seen"
+        text = "the meter's range is not configured, so an overflow cannot be detected"
         yield Fact(
             "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
         )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import resolved
+from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, SITE
 from fieldkit.model.errors import ConfigError, NoAnswerError
@@ -70,7 +70,7 @@ def command(
             raise click.UsageError("--campaign and workers are for sessions; a table takes --site and --set")
         _estimate_table(sessions[0], site, reference, settings)
         return
-    _estimate_sessions(resolved(ctx, sessions), out, (kind, address, jobs), settings, present=present)
+    _estimate_sessions(find_sessions(ctx, sessions), out, (kind, address, jobs), settings, present=present)
 
 
 def _estimate_sessions(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json
-from fieldkit.cli.session_paths import newest
+from fieldkit.cli.session_paths import latest_session
 from fieldkit.model.errors import ConfigError, IncompleteError, IntegrityError, StorageError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def command(
             f"--stream {stream}: --to {kind} writes every stream, each into a file of its own",
             fix="leave out --stream",
         )
-    path = newest(ctx, session)
+    path = latest_session(ctx, session)
     folder = out or _default_folder(path)
     with open_session(path) as opened:
         try:

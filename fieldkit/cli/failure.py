@@ -22,21 +22,21 @@ from fieldkit.model.errors import FieldkitError, StorageError
 UNEXPECTED = 1
 STOPPED = 130
 PLAIN = "fieldkit.plain"
-"""Name of the way in which letters are printed that an encoding lacks."""
+"""Codec error handler that replaces letters an encoding lacks."""
 _LETTERS = {"±": "+-", "°": "deg", "²": "2", "–": "-", "×": "x", "µ": "u", "…": "...", "“": '"', "”": '"'}
 _BROKEN = (errno.EPIPE, errno.ENOSPC)
 _OTHER_PLACE = "send it to another disk"
 
 
 @contextmanager
-def explained(ctx: click.Context) -> Iterator[None]:
-    """Turn exceptions of a verb into messages on stderr and an exit code.
+def explain_failures(ctx: click.Context) -> Iterator[None]:
+    """Turn exceptions of a command into messages on stderr and an exit code.
 
     `FieldkitError` gives its own code, Ctrl-C 130, anything unexpected 1. Errors in what was
-    typed (`click.ClickException`, code 2) are left to click. A reader that closed the pipe had
-    enough, as ``head`` has: 0; output that its disk does not take is an error of storage: 6.
+    typed (`click.ClickException`, code 2) are left to click. A pipe closed by its reader, such as ``head``,
+    is a success: 0; output that cannot be written is an error of storage: 6.
     """
-    _print_whatever_the_terminal_has()
+    _replace_missing_letters()
     try:
         yield
         sys.stdout.flush()
@@ -53,12 +53,12 @@ def explained(ctx: click.Context) -> Iterator[None]:
             if not isinstance(error, BrokenPipeError):
                 explain(StorageError(f"the output cannot be written: {error.strerror}", fix=_OTHER_PLACE))
             ctx.exit(0 if isinstance(error, BrokenPipeError) else StorageError.exit_code)
-        _tell_unexpected(error, ctx.invoked_subcommand or "fieldkit")
+        _report_unexpected(error, ctx.invoked_subcommand or "fieldkit")
         ctx.exit(UNEXPECTED)
 
 
-def _print_whatever_the_terminal_has() -> None:
-    """Let no character end a verb that the terminal's encoding lacks, such as ± where LANG is C."""
+def _replace_missing_letters() -> None:
+    """Replace characters missing from the terminal's encoding, such as ± under LANG=C, instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=PLAIN)
@@ -74,9 +74,9 @@ codecs.register_error(PLAIN, _plain)
 
 
 def _stdout_is_broken() -> bool:
-    """Whether it is stdout that takes no more; then what is left in it goes nowhere, at the exit as well.
+    """Whether stdout cannot be written any more; its remaining output is then discarded, also at exit.
 
-    A line is tried: after an error Python forgets what it could not write.
+    Writes a line to find out: after an error Python drops the bytes it could not write.
     """
     try:
         os.write(sys.stdout.fileno(), b"\n")
@@ -93,19 +93,19 @@ def explain(error: FieldkitError) -> None:
         click.echo("  fix: " + error.fix.replace("\n", "\n       "), err=True)
 
 
-def _tell_unexpected(error: Exception, verb: str) -> None:
-    click.echo(f"error: {verb} failed unexpectedly: {type(error).__name__}: {error}", err=True)
+def _report_unexpected(error: Exception, command: str) -> None:
+    click.echo(f"error: {command} failed unexpectedly: {type(error).__name__}: {error}", err=True)
     try:
-        log = _write_log(error, verb)
+        log = _write_log(error, command)
     except OSError:
         import traceback
 
         traceback.print_exception(error)
     else:
-        click.echo(f"  this is a mistake in fieldkit; the details are in {log}", err=True)
+        click.echo(f"  this is a bug in fieldkit; details are in {log}", err=True)
 
 
-def _write_log(error: Exception, verb: str) -> Path:
+def _write_log(error: Exception, command: str) -> Path:
     import platform
     import time
     import traceback
@@ -116,7 +116,7 @@ def _write_log(error: Exception, verb: str) -> Path:
 
     folder = platformdirs.user_state_path("fieldkit") / "log"
     folder.mkdir(parents=True, exist_ok=True)
-    log = folder / f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{verb}.log"
+    log = folder / f"{time.strftime('%Y%m%dT%H%M%SZ', time.gmtime())}-{command}.log"
     header = (
         f"fieldkit {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n"
     )

@@ -20,7 +20,7 @@ from fieldkit.drivers.cameras.flir_file import FlirFrame
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, DecodeError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import Foreign, flag_bunched, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
 
 SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
 _COPY = "copy it from the camera again; what was cut short cannot be read"
@@ -58,7 +58,7 @@ def files_in(source: Path) -> list[Path]:
     return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
-def read_flir(source: Path, name: str) -> Foreign:
+def read_flir(source: Path, name: str) -> ImportedRecording:
     """The pictures of a file or folder as a camera stream, in order of time; counts and constants as stored.
 
     Each file is read twice, once for its stamps, never kept whole, and taken as far as it is not damaged.
@@ -78,7 +78,7 @@ def read_flir(source: Path, name: str) -> Foreign:
         serial_number=first.serial_number, settings=flir_file.settings(first),
     )  # fmt: skip
     said = "times are the camera's own clock; the emissivity set in the camera was not applied"
-    return Foreign((info,), samples, ((Severity.INFO, said), *damages, *remarks))
+    return ImportedRecording((info,), samples, ((Severity.INFO, said), *damages, *remarks))
 
 
 def _looked_through(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:

@@ -22,7 +22,7 @@ from fieldkit.model.samples import Severity
 if TYPE_CHECKING:
     from fieldkit.config import Config
     from fieldkit.model.site import Site
-    from fieldkit.sessions.formats.imported import Foreign
+    from fieldkit.sessions.formats.imported import ImportedRecording
     from fieldkit.sessions.layout import SessionHeader
     from fieldkit.sessions.reader import Session
     from fieldkit.sessions.seal import SealReport
@@ -96,14 +96,14 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | 
     Regions of the campaign are taken along; draw them before or after (fieldkit roi).
     """
     from fieldkit.cli.import_sources import AUTO, read_source
-    from fieldkit.sessions.formats.imported import write_foreign
+    from fieldkit.sessions.formats.imported import write_imported
 
     if given["offset"] == AUTO and given["into"] is None:
         raise click.UsageError("--offset auto needs the session to align with: --into SESSION")
     if given["into"] is not None:
-        from fieldkit.cli.session_paths import meant
+        from fieldkit.cli.session_paths import find_session
 
-        _tell(ctx, *_merge(source, out, {**given, "into": meant(ctx, given["into"])}))
+        _tell(ctx, *_merge(source, out, {**given, "into": find_session(ctx, given["into"])}))
         return
     foreign = read_source(source, given)
     config = _campaign_or_none(ctx)
@@ -111,11 +111,13 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, site: Site | 
     header = _header(foreign, place, config, given["title"] or source.name)
     path = out or _default_path(config, foreign, source)
     path.parent.mkdir(parents=True, exist_ok=True)
-    report = write_foreign(path, header, foreign, str(source))
+    report = write_imported(path, header, foreign, str(source))
     _tell(ctx, report, foreign)
 
 
-def _placed(foreign: Foreign, site: Site | None, config: Config | None) -> tuple[Site, Foreign]:
+def _placed(
+    foreign: ImportedRecording, site: Site | None, config: Config | None
+) -> tuple[Site, ImportedRecording]:
     """Where it was recorded, and the recording with a warning where that is only the campaign's word."""
     place = site or foreign.site
     if place is not None:
@@ -140,7 +142,7 @@ def _of_the_paper(site: Site) -> str:
     return " (the paper's, which fieldkit init writes unless told another)" if is_default else ""
 
 
-def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealReport, Foreign]:
+def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealReport, ImportedRecording]:
     """A new session beside the old one, with the streams of SOURCE in it."""
     from fieldkit.cli.import_sources import AUTO, read_source
     from fieldkit.sessions.formats.merged import aligned, cut_to, merge
@@ -157,7 +159,7 @@ def _merge(source: Path, out: Path | None, given: dict[str, Any]) -> tuple[SealR
         return merge(session, foreign, path, str(source)), foreign
 
 
-def _another_light(session: Session, foreign: Foreign) -> Foreign:
+def _another_light(session: Session, foreign: ImportedRecording) -> ImportedRecording:
     """The recording, with a warning where slopes will take their light from it instead of the session."""
     from fieldkit.estimation.instruments import sunlight_source
     from fieldkit.estimation.settings import EstimatorSettings
@@ -175,7 +177,7 @@ def _another_light(session: Session, foreign: Foreign) -> Foreign:
     return replace(foreign, remarks=(*foreign.remarks, (Severity.WARNING, said)))
 
 
-def _far(foreign: Foreign, site: Site) -> Foreign:
+def _far(foreign: ImportedRecording, site: Site) -> ImportedRecording:
     """The recording, with a warning where it was made at another place than the session."""
     if foreign.site is None:
         return foreign
@@ -188,7 +190,7 @@ def _far(foreign: Foreign, site: Site) -> Foreign:
     return replace(foreign, remarks=(*foreign.remarks, (Severity.WARNING, said)))
 
 
-def _tell(ctx: click.Context, report: SealReport, foreign: Foreign) -> None:
+def _tell(ctx: click.Context, report: SealReport, foreign: ImportedRecording) -> None:
     if options(ctx).json:
         remarks = [text for _, text in foreign.remarks]
         print_json({"session": str(report.path), "samples": report.counts, "remarks": remarks})
@@ -215,7 +217,7 @@ def _campaign_or_none(ctx: click.Context) -> Config | None:
         return None
 
 
-def _header(foreign: Foreign, site: Site, config: Config | None, title: str) -> SessionHeader:
+def _header(foreign: ImportedRecording, site: Site, config: Config | None, title: str) -> SessionHeader:
     from fieldkit.sessions.layout import SessionHeader
 
     regions = config.regions if config else ()
@@ -223,7 +225,7 @@ def _header(foreign: Foreign, site: Site, config: Config | None, title: str) -> 
     return SessionHeader(title, site, foreign.streams, regions, command_line=line)
 
 
-def _default_path(config: Config | None, foreign: Foreign, source: Path) -> Path:
+def _default_path(config: Config | None, foreign: ImportedRecording, source: Path) -> Path:
     first = next(iter(foreign.samples))
     stamp = datetime.fromtimestamp(first.time_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
     word = source.name.split(".")[0]

@@ -12,14 +12,14 @@ from fieldkit.model.durations import parse_offset
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.sessions.formats.imported import Foreign
+    from fieldkit.sessions.formats.imported import ImportedRecording
     from fieldkit.sessions.formats.stills import Scale
 
 TABLES = (".csv", ".txt", ".tsv", ".dat")
 AUTO = "auto"
 
 
-def read_source(source: Path, given: dict[str, Any]) -> Foreign:
+def read_source(source: Path, given: dict[str, Any]) -> ImportedRecording:
     """SOURCE as streams and samples; `given` by the names of the options. Raises `ConfigError`."""
     for is_kind, read in _KINDS:
         if is_kind(source):
@@ -47,7 +47,7 @@ def _is_stills(source: Path) -> bool:
     return source.is_dir() or source.suffix.lower() in SUFFIXES
 
 
-def _stills(source: Path, given: dict[str, Any]) -> Foreign:
+def _stills(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.sessions.formats.stills import read_stills
 
     return read_stills(
@@ -56,7 +56,7 @@ def _stills(source: Path, given: dict[str, Any]) -> Foreign:
     )  # fmt: skip
 
 
-def _flir(source: Path, given: dict[str, Any]) -> Foreign:
+def _flir(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.cli.import_flir import read_flir
 
     return read_flir(source, given["name"] or "camera")
@@ -68,7 +68,7 @@ def _is_station(source: Path) -> bool:
     return is_station_file(source)
 
 
-def _station(source: Path, given: dict[str, Any]) -> Foreign:
+def _station(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.sessions.formats.stations import read_station
 
     return read_station(source, given["name"] or "station")
@@ -80,7 +80,7 @@ def _is_jma(source: Path) -> bool:
     return is_radiation_table(source) or is_obsdl(source)
 
 
-def _jma(source: Path, given: dict[str, Any]) -> Foreign:
+def _jma(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.sessions.formats.jma import is_radiation_table, read_obsdl, read_radiation_table
 
     read = read_radiation_table if is_radiation_table(source) else read_obsdl
@@ -93,13 +93,13 @@ def _is_purethermal(source: Path) -> bool:
     return is_purethermal(source)
 
 
-def _purethermal(source: Path, given: dict[str, Any]) -> Foreign:
+def _purethermal(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.sessions.formats.purethermal import read_purethermal
 
     return read_purethermal(source, given["name"] or "camera")
 
 
-def _table(source: Path, given: dict[str, Any]) -> Foreign:
+def _table(source: Path, given: dict[str, Any]) -> ImportedRecording:
     from fieldkit.sessions.formats.logs import LogColumns, read_log
 
     return read_log(

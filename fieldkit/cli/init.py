@@ -1,4 +1,4 @@
-"""``fieldkit init``: a new campaign folder."""
+"""``fieldkit init``: create a campaign folder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GITIGNORE = (
 def command(
     ctx: click.Context, folder: Path, site: Site | None, timezone: str | None, simulated: bool, schema: bool
 ) -> None:
-    """Make a campaign in DIR: a commented fieldkit.toml, folders, .gitignore."""
+    """Create a campaign in DIR: a commented fieldkit.toml, folders, .gitignore."""
     if schema:
         _print_schema()
         return
@@ -38,7 +38,7 @@ def command(
     from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
 
     if simulated and (site or timezone):
-        raise click.UsageError("--simulated brings its own site: leave --site and --timezone away")
+        raise click.UsageError("--simulated brings its own site: omit --site and --timezone")
     folder = (options(ctx).directory or Path()) / folder
     given = SIMULATED if simulated else {"site": _site_table(site, timezone) or PAPER_SITE}
     text = campaign_toml(given)

@@ -1,4 +1,4 @@
-"""``fieldkit live``: the picture and all values as they are now, without recording."""
+"""``fieldkit live``: show the current frame and readings without recording."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ if TYPE_CHECKING:
 
 @click.command(cls=common.Command)
 @click.option(
-    "--png", type=click.Path(path_type=Path), metavar="FILE", help="Write one picture with regions and end."
+    "--png", type=click.Path(path_type=Path), metavar="FILE", help="Write one image with regions, then exit."
 )
-@click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="How long: 3h, 90m, 45s.")
+@click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
 @click.option(
-    "--theme", type=click.Choice(["dark", "paper"]), default="dark", help="paper: readable in the sun."
+    "--theme",
+    type=click.Choice(["dark", "paper"]),
+    default="dark",
+    help="Colours; paper is readable in sunlight.",
 )
 @common.set_option
 @click.pass_context
@@ -32,7 +35,7 @@ def command(
     theme: Literal["dark", "paper"],
     settings: tuple[str, ...],
 ) -> None:
-    """Show what the campaign's instruments see now, without recording; Ctrl-C ends it."""
+    """Show the current frame and readings without recording; Ctrl-C ends it."""
     from fieldkit.workflows.preview import LivePreview, missing_instruments, write_png
     from fieldkit.workflows.record import open_instruments
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import newest, resolved
+from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.model.errors import IntegrityError, NoAnswerError, StorageError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def command(
     (netCDF) has the arrays with state and 90 % region of every pixel. Both are replaced whole with
     --follow, so a picture viewer or a browser may keep them open; the recording does not notice.
     """
-    paths = resolved(ctx, sessions) if sessions else [newest(ctx, None)]
+    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     if len(paths) > 1:
         from fieldkit.cli.map_many import map_many
 

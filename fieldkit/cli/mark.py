@@ -1,4 +1,4 @@
-"""``fieldkit mark``: note something on the recording that runs."""
+"""``fieldkit mark``: add a note to the running recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.views import formatting
-from fieldkit.workflows.running import session_in_progress, silence
+from fieldkit.workflows.running import session_in_progress, unresponsive_recorder
 
 CLOCKS_DIFFER = timedelta(minutes=5)
 """A clock time this little ahead is now by somebody's watch; one further ahead was yesterday."""
@@ -24,18 +24,18 @@ FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
 @click.command(cls=Command)
 @click.argument("text", type=WORDS)
 @click.option(
-    "-k", "--kind", default="", type=WORDS, metavar="WORD", help="One word to sort by, such as cloud."
+    "-k", "--kind", default="", type=WORDS, metavar="WORD", help="Label to filter by, such as cloud."
 )
 @click.option(
-    "--at", metavar="TIME", help="When it happened: -30s, -5m, 12:31 (the site's zone), or ISO 8601."
+    "--at", metavar="TIME", help="Time of the event: -30s, -5m, 12:31 (the site's zone), or ISO 8601."
 )
-@click.option("--from", "start", metavar="TIME", help="When it began; needs --to.")
-@click.option("--to", "end", metavar="TIME", help="When it ended; needs --from.")
+@click.option("--from", "start", metavar="TIME", help="Start of an interval; needs --to.")
+@click.option("--to", "end", metavar="TIME", help="End of an interval; needs --from.")
 @click.pass_context
 def command(
     ctx: click.Context, text: str, kind: str, at: str | None, start: str | None, end: str | None
 ) -> None:
-    r"""Note TEXT on the recording that runs; it is an event of the session.
+    r"""Add the note TEXT to the running recording, as an event of its session.
 
     \b
     fieldkit mark "wind picks up"
@@ -63,7 +63,7 @@ def command(
         raise StorageError(f"the mark could not be written beside {session}: {error.strerror}") from error
     if options(ctx).json:
         print_json({"session": str(session), "text": text, "kind": kind, "at": mark.at, "to": mark.to})
-    if (silent := silence(session)) is not None:
+    if (silent := unresponsive_recorder(session)) is not None:
         say(f"warning: {silent.at(config.site)}; the mark waits for it beside {session.name}: {text}")
     else:
         say(f"marked in {session.name}: {text}")

@@ -1,4 +1,4 @@
-"""``fieldkit record``: preflight, then a session until the planned end or Ctrl-C."""
+"""``fieldkit record``: record a session until the planned end or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -26,12 +26,17 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=common.Command)
-@click.option("--name", default="", metavar="NAME", help="Goes into the file's name.")
-@click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="How long: 3h, 90m, 45s.")
-@click.option("--until", type=TIME_OF_DAY, metavar="HH:MM", help="When to stop, in the site's time zone.")
+@click.option("--name", default="", metavar="NAME", help="Part of the file name.")
+@click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
+@click.option(
+    "--until", type=TIME_OF_DAY, metavar="HH:MM", help="Time of day to stop, in the site's time zone."
+)
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
 @click.option(
-    "--theme", type=click.Choice(["dark", "paper"]), default="dark", help="paper: readable in the sun."
+    "--theme",
+    type=click.Choice(["dark", "paper"]),
+    default="dark",
+    help="Colours; paper is readable in sunlight.",
 )
 @common.set_option
 @click.pass_context

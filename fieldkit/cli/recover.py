@@ -1,4 +1,4 @@
-"""``fieldkit recover``: finish a session whose recording did not come to its end."""
+"""``fieldkit recover``: finish a session whose recording was interrupted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
-from fieldkit.cli.session_paths import is_interrupted, meant, recordings_folder, sessions_in
+from fieldkit.cli.session_paths import find_session, is_interrupted, recordings_folder, sessions_in
 from fieldkit.model.errors import FieldkitError, IntegrityError
 
 if TYPE_CHECKING:
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 @click.command(cls=Command)
 @click.argument("paths", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--tidy", is_flag=True, help="Delete the files as crashes left them (NAME.h5.crashed).")
+@click.option("--tidy", is_flag=True, help="Delete files kept from crashes (NAME.h5.crashed).")
 @click.pass_context
 def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     """Finish interrupted sessions from their journals; without PATHS, all of the campaign.
 
-    It may be killed and run again; a finished session is left as it is. Exit code 7 where samples are lost.
+    Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if samples are lost.
     """
     from fieldkit.recorder.marks import left_marks, marks_folder
     from fieldkit.sessions.recovery import recover
 
     folder = recordings_folder(ctx)
-    named = [meant(ctx, path) for path in paths]
+    named = [find_session(ctx, path) for path in paths]
     found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
     if not found:
         say(f"no interrupted session in {folder}: nothing to recover")

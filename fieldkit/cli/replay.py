@@ -1,4 +1,4 @@
-"""``fieldkit replay``: a session played as if live, through the same estimator."""
+"""``fieldkit replay``: play a session as if live, through the same estimator."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import meant, report_interrupted
+from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
@@ -27,7 +27,10 @@ from fieldkit.workflows.estimate import as_document, config_for, estimates_of, e
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )
 @click.option(
-    "--theme", type=click.Choice(["dark", "paper"]), default="dark", help="paper: readable in the sun."
+    "--theme",
+    type=click.Choice(["dark", "paper"]),
+    default="dark",
+    help="Colours; paper is readable in sunlight.",
 )
 @common.set_option
 @click.pass_context
@@ -36,7 +39,7 @@ def command(
 ) -> None:
     """Play a SESSION as if live; --speed max gives its slopes at once."""
     factor = parse_speed(speed)
-    session = meant(ctx, session)
+    session = find_session(ctx, session)
     report_interrupted([session])
     with open_session(session) as opened:
         config = config_for(opened, settings)
@@ -112,5 +115,5 @@ def parse_speed(text: str) -> float:
     except ValueError:
         speed = math.nan
     if not speed > 0:
-        raise click.UsageError(f"{text!r} is no speed; write a positive number or max")
+        raise click.UsageError(f"{text!r} is not a valid speed; use a positive number or max")
     return speed

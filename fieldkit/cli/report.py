@@ -10,7 +10,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.failure import explain
-from fieldkit.cli.session_paths import newest, resolved
+from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.model.errors import SessionError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def command(
     from fieldkit.workflows.report import ReportOptions, report
 
     sessions, settings, as_now = recalled(sessions, settings)
-    paths = resolved(ctx, sessions) if sessions else [newest(ctx, None)]
+    paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     made = report(paths, out, ReportOptions(sd, settings, present or as_now), notify=common.say_warning)
     _print(made)
     if show:

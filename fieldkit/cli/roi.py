@@ -1,4 +1,4 @@
-"""``fieldkit roi``: the regions of the picture, kept in ``fieldkit.toml``."""
+"""``fieldkit roi``: the regions of the image, kept in ``fieldkit.toml``."""
 
 from __future__ import annotations
 
@@ -8,35 +8,39 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import CommandGroup, options, print_json, print_table, say
-from fieldkit.cli.session_paths import meant
+from fieldkit.cli.session_paths import find_session
 from fieldkit.cli.types import OR_RECORD, RECT, XY
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
     from fieldkit.config import Config, Mistake
     from fieldkit.model.site import Region
-    from fieldkit.workflows.regions import Look, Picture
+    from fieldkit.workflows.regions import Picture, RegionInspection
 
 Point = tuple[float, float]
 
-_TILT = click.option("--tilt", type=click.FloatRange(0, 90), help="Inclinometer, degrees from horizontal.")
+_TILT = click.option(
+    "--tilt", type=click.FloatRange(0, 90), help="Tilt by inclinometer, degrees from horizontal."
+)
 _AZIMUTH = click.option(
-    "--azimuth", type=click.FloatRange(0, 360), help="Compass, degrees from north, clockwise."
+    "--azimuth", type=click.FloatRange(0, 360), help="Azimuth by compass, degrees from north, clockwise."
 )
 _EMISSIVITY = click.option(
-    "--emissivity", type=OR_RECORD, help="In the camera's band, or a record of calibrate emissivity."
+    "--emissivity",
+    type=OR_RECORD,
+    help="Emissivity in the camera's band, or a record of calibrate emissivity.",
 )
 _OFFSET = click.option(
     "--offset",
     type=OR_RECORD,
     metavar="K|@NAME",
-    help="How much too warm the camera sees it, or a record of calibrate uniformity.",
+    help="Temperature offset of the camera there, or a record of calibrate uniformity.",
 )
 
 
 @click.group(cls=CommandGroup)
 def command() -> None:
-    """Regions of the picture: the beds, and the flat reference among them.
+    """Manage the regions of the image: targets, and the flat reference.
 
     Pixels count from 0 at the top left, x to the right, y down.
     """
@@ -46,8 +50,10 @@ def command() -> None:
 @click.argument("name")
 @click.argument("more", nargs=-1, type=XY, metavar="[X,Y]...")
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
-@click.option("--rect", type=RECT, help="A rectangle: left, top, width, height.")
-@click.option("--reference/--target", help="The flat bed, or one whose slope is wanted [default: target].")
+@click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
+@click.option(
+    "--reference/--target", help="Flat reference, or target whose slope is estimated [default: target]."
+)
 @_TILT
 @_AZIMUTH
 @_EMISSIVITY
@@ -109,10 +115,10 @@ def edit(
     emissivity: float | str | None,
     offset: float | str | None,
 ) -> None:
-    """Change the region NAME in fieldkit.toml: smaller, or with what was measured since.
+    """Change the region NAME in fieldkit.toml: its size or its measured properties.
 
-    Sessions keep the regions they were recorded with; estimate, report and map take
-    the new ones with --campaign.
+    Sessions keep the regions they were recorded with; with --campaign, estimate, report and map use the
+    new ones.
     """
     from fieldkit.config.edit import change_region
 
@@ -120,7 +126,7 @@ def edit(
     if shrink is not None:
         changes["points_px"] = _shrunk_points(_read(ctx)[0], name, shrink)
     if not changes:
-        raise click.UsageError("say what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
+        raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = _file(ctx)
     change_region(file, name, changes)
     if options(ctx).json:
@@ -133,7 +139,7 @@ def edit(
 @click.argument("name")
 @click.pass_context
 def remove(ctx: click.Context, name: str) -> None:
-    """Take the region NAME out of fieldkit.toml."""
+    """Remove the region NAME from fieldkit.toml."""
     from fieldkit.config.edit import remove_region
 
     file = _file(ctx)
@@ -162,24 +168,32 @@ def list_(ctx: click.Context) -> None:
     "session",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Look at the pictures of this session.",
+    help="Check against the frames of this session.",
 )
 @click.pass_context
 def check(ctx: click.Context, session: Path | None) -> None:
-    """Check size, overlap and place of every region; with --on also its spread and edge.
+    """Check size, overlap and position of every region; with --on also temperature spread and edges.
 
-    Exit code 3 if a region cannot be used.
+    Exit code 3 if a region is unusable.
     """
     from fieldkit.workflows.regions import mean_picture
 
     config, mistakes = _read(ctx)
-    looks = _looks(config, mean_picture(meant(ctx, session)) if session else None)
+    inspections = _inspections(config, mean_picture(find_session(ctx, session)) if session else None)
     remarks = [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
-    failed = bool(remarks) or any(look.level == "FAIL" for look in looks)
+    failed = bool(remarks) or any(inspection.level == "FAIL" for inspection in inspections)
     if options(ctx).json:
-        print_json({"regions": [look.document() for look in looks], "mistakes": remarks, "ok": not failed})
+        print_json(
+            {
+                "regions": [inspection.document() for inspection in inspections],
+                "mistakes": remarks,
+                "ok": not failed,
+            }
+        )
     else:
-        print_table(("name", "tilt/azimuth", "pixels", "spread", ""), [look.row() for look in looks])
+        print_table(
+            ("name", "tilt/azimuth", "pixels", "spread", ""), [inspection.row() for inspection in inspections]
+        )
         for remark in remarks:
             click.echo(f"FAIL: {remark}")
     ctx.exit(ConfigError.exit_code if failed else 0)
@@ -201,7 +215,7 @@ def _read(ctx: click.Context) -> tuple[Config, list[tuple[str, Mistake]]]:
     return config, mistakes
 
 
-def _looks(config: Config, picture: Picture | None = None) -> list[Look]:
+def _inspections(config: Config, picture: Picture | None = None) -> list[RegionInspection]:
     """What is found about each region, in the picture or one of the size the campaign states."""
     from fieldkit.workflows.regions import check_regions
 
@@ -219,10 +233,10 @@ def _tell_failures(file: Path, name: str) -> None:
     from fieldkit.config import read_config
 
     config, _ = read_config(file)
-    for look in _looks(config) if config else ():
-        if look.region.name == name and look.level != "ok":
-            said = "; ".join(look.failures + look.warnings)
-            say(f"  {name}: {look.pixels} px; {said}; see fieldkit roi check")
+    for inspection in _inspections(config) if config else ():
+        if inspection.region.name == name and inspection.level != "ok":
+            said = "; ".join(inspection.failures + inspection.warnings)
+            say(f"  {name}: {inspection.pixels} px; {said}; see fieldkit roi check")
 
 
 def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:

@@ -1,4 +1,4 @@
-"""``fieldkit selftest DRIVER``: does a driver, ours or a plug-in's, do what every driver must?"""
+"""``fieldkit selftest DRIVER``: check that a driver, built in or a plug-in, meets the driver contract."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from fieldkit.model.errors import DeviceError
 FAILED = DeviceError.exit_code
 
 
-class Hands:
-    """The user, who pulls the cable when asked."""
+class CablePrompts:
+    """Ask the user to pull the cable and to put it back."""
 
     def unplug(self) -> None:
-        """Ask for it."""
+        """Ask for the cable to be pulled."""
         say("pull the instrument's cable now")
 
     def plug(self) -> None:
-        """Ask for it."""
+        """Ask for the cable to be put back."""
         say("put the cable back")
 
 
 @click.command(cls=Command)
 @click.argument("driver")
-@click.option("--port", default="", help="Port of the instrument to try.")
+@click.option("--port", default="", help="Port of the instrument to test.")
 @click.option(
-    "--identity", default="", help="Identity of the instrument to try, as `fieldkit devices` shows it."
+    "--identity", default="", help="Identity of the instrument to test, as `fieldkit devices` shows it."
 )
 @click.option("--unplug", is_flag=True, help="Also ask for the cable to be pulled and put back.")
-@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="An option of the driver.")
+@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="Driver option.")
 @click.pass_context
 def command(
     ctx: click.Context, driver: str, port: str, identity: str, unplug: bool, pairs: tuple[str, ...]
 ) -> None:
-    """Run the conformance suite on a driver; with an instrument at hand, on that too."""
+    """Check that a driver meets the driver contract; with --port or --identity, on an instrument too."""
     from fieldkit.drivers import registry
     from fieldkit.drivers.conformance import check_driver, settings_for
     from fieldkit.model.clock import HostClock
@@ -45,7 +45,7 @@ def command(
     found = registry.get(driver)
     given = dict(parse_option(pair) for pair in pairs)
     instrument = settings_for(found, port, identity, given)
-    outcomes = list(check_driver(found, HostClock(), instrument, Hands() if unplug else None))
+    outcomes = list(check_driver(found, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)
     if options(ctx).json:
         print_json({"driver": driver, "passed": passed, "checks": [asdict(one) for one in outcomes]})

@@ -58,7 +58,7 @@ def report_interrupted(paths: Iterable[Path]) -> None:
             say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {named}")
 
 
-def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+def find_sessions(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     """The sessions meant by files and folders; the campaign's own where none is named.
 
     Tells of those that are interrupted. Raises `SessionError` where a path does not exist or there is no
@@ -69,7 +69,7 @@ def resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     return found
 
 
-def newest(ctx: click.Context, path: Path | None) -> Path:
+def latest_session(ctx: click.Context, path: Path | None) -> Path:
     """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
     found = max(_resolved(ctx, [path] if path else []), key=_age)
     report_interrupted([found])
@@ -88,7 +88,7 @@ def _age(path: Path) -> tuple[int, int, str]:
         return 0, written_ns, path.name
 
 
-def meant(ctx: click.Context, given: Path) -> Path:
+def find_session(ctx: click.Context, given: Path) -> Path:
     """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
 
     Raises `SessionError` where there is neither.
@@ -102,7 +102,7 @@ def meant(ctx: click.Context, given: Path) -> Path:
 def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for given in paths or [recordings_folder(ctx)]:
-        path = meant(ctx, given)
+        path = find_session(ctx, given)
         if path.is_dir():
             inside = path / "recordings" if (path / "recordings").is_dir() else path
             found.extend(sessions_in(inside))

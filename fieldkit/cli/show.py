@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, print_json_line, say
 from fieldkit.cli.ls import duration, iso_time, local_time
-from fieldkit.cli.session_paths import newest
+from fieldkit.cli.session_paths import latest_session
 from fieldkit.model.radiation import measured
 from fieldkit.views.formatting import by_time, said
 
@@ -36,7 +36,7 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     """
     from fieldkit.sessions.reader import open_session
 
-    path = newest(ctx, session)
+    path = latest_session(ctx, session)
     with open_session(path) as opened:
         document = describe(opened)
         if options(ctx).json and not follow:

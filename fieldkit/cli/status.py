@@ -1,4 +1,4 @@
-"""``fieldkit status``: how the recording that runs is doing, and what it finds."""
+"""``fieldkit status``: show how the running recording is doing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fieldkit.model.errors import RefusedError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.views import formatting
 from fieldkit.workflows.estimate import as_document, config_for, estimator_for
-from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, silence
+from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, unresponsive_recorder
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -31,14 +31,14 @@ LAST_EVENTS = 5
 @click.command(cls=common.Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """Show how the recording that runs is doing: slopes, temperatures, streams, disk, last events."""
+    """Show how the running recording is doing: slopes, temperatures, streams, disk, last events."""
     from fieldkit.sessions.reader import open_session
 
     config = common.campaign(ctx)
     path = session_in_progress(config.recordings)
     if path is None:
         raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
-    silent = silence(path)
+    silent = unresponsive_recorder(path)
     with open_session(path) as session:
         latest = latest_of(session)
         if common.options().json:

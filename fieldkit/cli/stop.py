@@ -1,4 +1,4 @@
-"""``fieldkit stop``: ask the recording that runs to stop and seal."""
+"""``fieldkit stop``: stop and seal the running recording."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fieldkit.cli.session_paths import is_interrupted
 from fieldkit.model.errors import RefusedError, SessionError
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked, owner
-from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, silence
+from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, unresponsive_recorder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,7 +28,7 @@ PATIENCE_S = 60.0
 @click.command(cls=common.Command)
 @click.pass_context
 def command(ctx: click.Context) -> None:
-    """Ask the recording that runs to stop and seal, and wait until it has."""
+    """Stop and seal the running recording, and wait until it has ended."""
     path = _stopped(common.campaign(ctx))
     if is_interrupted(path):
         raise SessionError(
@@ -49,7 +49,7 @@ def _stopped(config: Config) -> Path:
     os.kill(pid, signal.SIGTERM)
     deadline, silent = time.monotonic() + PATIENCE_S, None
     while is_locked(journal_path(path)):
-        if silent is None and (silent := silence(path)) is not None:
+        if silent is None and (silent := unresponsive_recorder(path)) is not None:
             _tell(silent, pid, config)
         if time.monotonic() > deadline:
             raise RefusedError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import resolved
+from fieldkit.cli.session_paths import find_sessions
 
 if TYPE_CHECKING:
     from fieldkit.workflows.sweep import Grid, Ranking
@@ -53,7 +53,7 @@ def command(
     from fieldkit.workflows.sweep import Summary, names_of, read_grid, runs_of
 
     grid = read_grid(settings)
-    paths = resolved(ctx, sessions)
+    paths = find_sessions(ctx, sessions)
     base = batch.base_of(out or _default(paths[0]))
     sources, failures = batch.look_at(paths, present=present)
     runs = runs_of(sources, grid)

@@ -32,7 +32,7 @@ Level = Literal["ok", "warn", "FAIL"]
 
 
 @dataclass
-class Look:
+class RegionInspection:
     """What was found about one region; `spread_k` and `edge_k` are NaN without a picture.
 
     `edge_k` is how much the outer two pixels differ from the inside, in kelvin.
@@ -76,24 +76,28 @@ def slope_text(region: Region) -> str:
 
 def check_regions(
     regions: Sequence[Region], shape: tuple[int, ...] | None, picture: Picture | None = None
-) -> list[Look]:
+) -> list[RegionInspection]:
     """Look at each region in a picture of `shape` (rows, cols); `picture` holds kelvin of that shape.
 
     Without a shape the regions are only checked against each other.
     """
     rows, cols = shape or _around(regions)
     masks = [region.mask((rows, cols)) for region in regions]
-    looks = [Look(region, int(mask.sum())) for region, mask in zip(regions, masks, strict=True)]
-    for number, (look, mask) in enumerate(zip(looks, masks, strict=True)):
-        _check_size(look, rows, cols)
-        for other, its_mask in zip(looks[:number], masks[:number], strict=True):
+    inspections = [
+        RegionInspection(region, int(mask.sum())) for region, mask in zip(regions, masks, strict=True)
+    ]
+    for number, (inspection, mask) in enumerate(zip(inspections, masks, strict=True)):
+        _check_size(inspection, rows, cols)
+        for other, its_mask in zip(inspections[:number], masks[:number], strict=True):
             if shared := int((mask & its_mask).sum()):
-                look.failures.append(f"shares {shared} px with {other.region.name}")
-        if shape is not None and look.pixels > MOST_OF_PICTURE * rows * cols:
-            look.warnings.append(f"covers {look.pixels / (rows * cols):.0%} of the picture, not one bed")
-        if picture is not None and look.pixels:
-            _check_evenness(look, mask, picture)
-    return looks
+                inspection.failures.append(f"shares {shared} px with {other.region.name}")
+        if shape is not None and inspection.pixels > MOST_OF_PICTURE * rows * cols:
+            inspection.warnings.append(
+                f"covers {inspection.pixels / (rows * cols):.0%} of the picture, not one bed"
+            )
+        if picture is not None and inspection.pixels:
+            _check_evenness(inspection, mask, picture)
+    return inspections
 
 
 def mean_picture(path: Path) -> Picture:
@@ -127,25 +131,25 @@ def _around(regions: Sequence[Region]) -> tuple[int, int]:
     return math.ceil(max(y for _, y in corners)) + 1, math.ceil(max(x for x, _ in corners)) + 1
 
 
-def _check_size(look: Look, rows: int, cols: int) -> None:
-    if not look.region.is_within((rows, cols)):
-        look.failures.append(f"outside the picture of {cols} x {rows} pixels")
-    elif look.pixels < MIN_PIXELS:
-        look.failures.append(f"too small, needs {MIN_PIXELS} px")
-    if look.region.crosses_itself:
-        look.failures.append("its outline crosses itself: give the corners in their order around it")
+def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
+    if not inspection.region.is_within((rows, cols)):
+        inspection.failures.append(f"outside the picture of {cols} x {rows} pixels")
+    elif inspection.pixels < MIN_PIXELS:
+        inspection.failures.append(f"too small, needs {MIN_PIXELS} px")
+    if inspection.region.crosses_itself:
+        inspection.failures.append("its outline crosses itself: give the corners in their order around it")
 
 
-def _check_evenness(look: Look, mask: NDArray[np.bool_], picture: Picture) -> None:
+def _check_evenness(inspection: RegionInspection, mask: NDArray[np.bool_], picture: Picture) -> None:
     """Spread of the region, and whether its rim sees something else than its inside."""
-    look.spread_k = float(picture[mask].std())
-    look.edge_k = _edge_k(look.region, picture)
-    if abs(look.edge_k) > UNEVEN_EDGE_K:
-        name, pixels = look.region.name, _pixels_to_shrink(look.region, picture)
+    inspection.spread_k = float(picture[mask].std())
+    inspection.edge_k = _edge_k(inspection.region, picture)
+    if abs(inspection.edge_k) > UNEVEN_EDGE_K:
+        name, pixels = inspection.region.name, _pixels_to_shrink(inspection.region, picture)
         advice = (
             f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
         )
-        look.warnings.append(f"edge pixels differ by {look.edge_k:+.1f} K: fieldkit {advice}")
+        inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: fieldkit {advice}")
 
 
 def _edge_k(region: Region, picture: Picture) -> float:

@@ -43,7 +43,7 @@ class UnresponsiveRecorder:
         return f"process {self.pid} has written nothing {since}: it is sealing, its disk is slow, or it hangs"
 
 
-def silence(session: Path) -> UnresponsiveRecorder | None:
+def unresponsive_recorder(session: Path) -> UnresponsiveRecorder | None:
     """Whether the recorder of a session in progress does not respond; None where it does, or has ended."""
     pid = owner(journal_path(session))
     if pid is None:

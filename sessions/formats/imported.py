@@ -30,7 +30,7 @@ from fieldkit.sessions.writer import SessionWriter
 
 
 @dataclass(frozen=True, slots=True)
-class Foreign:
+class ImportedRecording:
     """A recording of another program: its streams, its samples in order of time, remarks on it.
 
     `site` is where it was made, if the recording itself knows.
@@ -78,7 +78,7 @@ class StampedClock:
         """Nothing to do: the writer reads back what it was not handed."""
 
 
-def write_foreign(path: Path, header: SessionHeader, foreign: Foreign, source: str) -> SealReport:
+def write_imported(path: Path, header: SessionHeader, foreign: ImportedRecording, source: str) -> SealReport:
     """Write a foreign recording as a session and seal it; `source` names the files it came from.
 
     Raises `ConfigError` where it has no samples, `StorageError`, `RefusedError`.

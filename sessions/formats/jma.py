@@ -20,7 +20,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.formats.imported import Foreign, utc_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, utc_ns
 
 JST = timezone(timedelta(hours=9), "JST")
 
@@ -111,7 +111,7 @@ def is_obsdl(path: Path) -> bool:
         return False
 
 
-def read_obsdl(path: Path, name: str) -> Foreign:
+def read_obsdl(path: Path, name: str) -> ImportedRecording:
     """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure`` (of the station),
     ``NAME-sea-level-pressure``.
 
@@ -126,7 +126,7 @@ def read_obsdl(path: Path, name: str) -> Foreign:
         raise not_understood(path, str(error)) from error
 
 
-def _obsdl(path: Path, rows: list[list[str]], name: str) -> Foreign:
+def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     at = next((n for n, row in enumerate(rows) if row[0].startswith(_SPLIT[0])), None)
     if at is None:
         raise not_understood(path, f"no row names the items, beginning with {_SPLIT[0]}")
@@ -154,7 +154,7 @@ def _is_hourly(names: Sequence[str]) -> bool:
 
 def _foreign(
     path: Path, name: str, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
-) -> Foreign:
+) -> ImportedRecording:
     streams, readings = [], []
     for word in dict.fromkeys(item.kind.word for item in items):
         ours = [item for item in items if item.kind.word == word]
@@ -166,7 +166,7 @@ def _foreign(
                 Reading(info.name, time_ns, time_ns, tuple(_value(item, row, step) for item in ours))
             )
     readings.sort(key=lambda reading: reading.time_ns)
-    return Foreign(tuple(streams), readings, tuple(_remarks(path, items, body, step)))
+    return ImportedRecording(tuple(streams), readings, tuple(_remarks(path, items, body, step)))
 
 
 def _stream(name: str, kind: _Kind, labels: tuple[str, ...], step: timedelta) -> StreamInfo:
@@ -304,7 +304,7 @@ def is_radiation_table(path: Path) -> bool:
     return _NAME.fullmatch(path.name) is not None
 
 
-def read_radiation_table(path: Path, name: str) -> Foreign:
+def read_radiation_table(path: Path, name: str) -> ImportedRecording:
     """A table as a stream ``NAME-direct``, ``NAME-diffuse`` or ``NAME-longwave-down`` in W/m².
 
     Raises `ConfigError` where the file is not laid out as the agency says.
@@ -324,7 +324,7 @@ def read_radiation_table(path: Path, name: str) -> Foreign:
         vendor=VENDOR, model=f"station {named[4]}",
     )  # fmt: skip
     said = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
-    return Foreign((info,), readings, ((Severity.INFO, said),))
+    return ImportedRecording((info,), readings, ((Severity.INFO, said),))
 
 
 def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, list[float]]]) -> list[Reading]:

@@ -23,7 +23,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, how_to_state, named
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.formats.imported import Foreign, parse_times_ns, plausible_ns, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, parse_times_ns, plausible_ns, usual_rate_hz
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
 
@@ -72,7 +72,7 @@ def read_log(
     path: Path, name: str, *, zone: tzinfo | None = None, time_format: str | None = None,
     offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
     measures: str = "",
-) -> Foreign:  # fmt: skip
+) -> ImportedRecording:  # fmt: skip
     """A table as a stream for each quantity in it; `offset_ns` is added to its times.
 
     The streams are called `name`, or `name` and the quantity where there are several. Cells without a number
@@ -108,7 +108,7 @@ def read_log(
         *_warnings(*_without_value(rows, meant), unknown, rate_hz if table.averages else 0.0),
         *chain.from_iterable(map(_unmeasured, infos)),
     ]
-    return Foreign(infos, ordered, ((Severity.INFO, said), *warnings))
+    return ImportedRecording(infos, ordered, ((Severity.INFO, said), *warnings))
 
 
 class _Column(NamedTuple):

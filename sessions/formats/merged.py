@@ -14,7 +14,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.formats.imported import Foreign, StampedClock
+from fieldkit.sessions.formats.imported import ImportedRecording, StampedClock
 from fieldkit.sessions.reader import Session
 from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
@@ -38,7 +38,7 @@ class _Cut:
                 yield one
 
 
-def cut_to(session: Session, foreign: Foreign) -> Foreign:
+def cut_to(session: Session, foreign: ImportedRecording) -> ImportedRecording:
     """What of a recording belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in foreign.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
@@ -52,7 +52,7 @@ def cut_to(session: Session, foreign: Foreign) -> Foreign:
     return replace(foreign, samples=kept, remarks=(*foreign.remarks, (Severity.INFO, said)))
 
 
-def merge(session: Session, foreign: Foreign, path: Path, source: str) -> SealReport:
+def merge(session: Session, foreign: ImportedRecording, path: Path, source: str) -> SealReport:
     """Write `session` with the streams of `foreign` as a new session at `path`, and seal it.
 
     Raises `ConfigError` where a stream of that name is there, or the times do not meet, `SessionError`
@@ -112,7 +112,7 @@ def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
 _ZONE_S = 1500.0
 
 
-def aligned(session: Session, foreign: Foreign) -> Foreign:
+def aligned(session: Session, foreign: ImportedRecording) -> ImportedRecording:
     """The log with its times moved onto the session's curves of the same quantity; a remark says how far.
 
     Raises `NoAnswerError` where no stream of the session determines the offset.
@@ -128,7 +128,7 @@ def aligned(session: Session, foreign: Foreign) -> Foreign:
     remarks = [*foreign.remarks, (Severity.INFO, said)]
     if abs(found.offset_s) > _ZONE_S:
         remarks.append((Severity.WARNING, "that is no clock's drift: is --zone right, or summer time?"))
-    return Foreign(foreign.streams, moved, tuple(remarks), foreign.site)
+    return ImportedRecording(foreign.streams, moved, tuple(remarks), foreign.site)
 
 
 def _best_stream(

@@ -21,7 +21,7 @@ import numpy as np
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Severity
-from fieldkit.sessions.formats.imported import Foreign, flag_bunched, plausible_ns
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, plausible_ns
 
 SIGNATURE = b"PTY16V1\n"
 _RECORD = struct.Struct("<Qdq")
@@ -40,7 +40,7 @@ def is_purethermal(path: Path) -> bool:
         return False
 
 
-def read_purethermal(path: Path, name: str = "camera") -> Foreign:
+def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
     """A recording as a camera stream; a last frame that is cut off is left out and told.
 
     It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
@@ -72,7 +72,7 @@ def read_purethermal(path: Path, name: str = "camera") -> Foreign:
         name, "brightness_temperature", "K", shape, scale,
         rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
     )  # fmt: skip
-    return Foreign((info,), flagged, (*remarks, *bunches))
+    return ImportedRecording((info,), flagged, (*remarks, *bunches))
 
 
 def _frames(path: Path, name: str) -> Iterator[Frame]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import Foreign, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, usual_rate_hz
 from fieldkit.weather import Weather, half_step_ns, read_station_file
 
 _COLUMNS = {
@@ -24,7 +24,7 @@ _COLUMNS = {
 }
 
 
-def read_station(path: Path, name: str) -> Foreign:
+def read_station(path: Path, name: str) -> ImportedRecording:
     """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of means.
 
     What was never measured is no stream. Raises `ConfigError`.
@@ -39,7 +39,7 @@ def read_station(path: Path, name: str) -> Foreign:
     ]
     minutes = half_step_ns(weather.time_ns) / 30e9
     said = f"{weather.source}: {weather.time_ns.size} means of {minutes:g} min, stamped in their middle"
-    return Foreign(streams, readings, ((Severity.INFO, said),), weather.site)
+    return ImportedRecording(streams, readings, ((Severity.INFO, said),), weather.site)
 
 
 def _stream(name: str, key: str, weather: Weather) -> StreamInfo:

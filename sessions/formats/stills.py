@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Frame, Quality, Severity
-from fieldkit.sessions.formats.imported import Foreign, flag_bunched, parse_times_ns, usual_rate_hz
+from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, parse_times_ns, usual_rate_hz
 from fieldkit.sessions.formats.tiff import claimed_pixels, read_tags
 
 SUFFIXES = (".tif", ".tiff", ".irg")
@@ -54,7 +54,7 @@ def pictures_in(source: Path) -> list[Path]:
 def read_stills(
     source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, name: str = "camera",
-) -> Foreign:  # fmt: skip
+) -> ImportedRecording:  # fmt: skip
     """The pictures of a folder, or one, as a camera stream, in order of time.
 
     `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
@@ -83,7 +83,7 @@ def read_stills(
         known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
     )  # fmt: skip
     flagged, bunches = flag_bunched(lambda: _frames(ordered, time_ns, info), time_ns)
-    return Foreign((info,), flagged, (*remarks, *bunches))
+    return ImportedRecording((info,), flagged, (*remarks, *bunches))
 
 
 def _stamps(

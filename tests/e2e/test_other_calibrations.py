@@ -28,7 +28,7 @@ import pytest
 from fieldkit.calibration.emissivity import MIN_PAIRS
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Sample
-from fieldkit.sessions.formats.imported import Foreign, write_foreign
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.weather import packaged
 from tests.harness.calibration_days import (
@@ -332,7 +332,7 @@ def uniform(source: Path, to: Path, offsets_k: dict[str, float], hours_later: fl
             at = start + later_ns + number * 1_300_000_000
             counts = np.round(kelvin / 0.01).astype(np.uint16)
             samples.append(frame._replace(time_ns=at, mono_ns=at, counts=counts))
-    write_foreign(to, header, Foreign(header.streams, samples), str(source))
+    write_imported(to, header, ImportedRecording(header.streams, samples), str(source))
     return to
 
 

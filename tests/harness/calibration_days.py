@@ -14,7 +14,7 @@ from fieldkit.cli import main
 from fieldkit.cli.demo import mean_tilt_error_deg
 from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
-from fieldkit.sessions.formats.imported import Foreign, write_foreign
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
 
@@ -47,7 +47,7 @@ def rewritten(source: Path, to: Path, change: Callable[[Sample], Sample]) -> Pat
         header = session.header
         samples = sorted((change(one) for one in session.samples()), key=lambda one: one.time_ns)
     clockless = (one._replace(mono_ns=one.time_ns) for one in samples)
-    write_foreign(to, header, Foreign(header.streams, list(clockless)), str(source))
+    write_imported(to, header, ImportedRecording(header.streams, list(clockless)), str(source))
     return to
 
 

@@ -18,7 +18,7 @@ from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.digests import ROOT, object_digest, object_paths
-from fieldkit.sessions.layout import BRICK_NAMES
+from fieldkit.sessions.layout import FRAME_DATASETS
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -119,7 +119,7 @@ def failures(path: Path, data: bytes) -> list[str]:
 def _spans(file: h5py.File, name: str) -> Iterator[Span]:
     """Where the values of a dataset lie, rows that are not in use left out; none of packed pictures."""
     node = file[name]
-    if not isinstance(node, h5py.Dataset) or name.rsplit("/", 1)[-1] in BRICK_NAMES:
+    if not isinstance(node, h5py.Dataset) or name.rsplit("/", 1)[-1] in FRAME_DATASETS:
         return
     if node.chunks is None:
         yield Span(name, node.id.get_offset(), node.id.get_offset() + node.id.get_storage_size())

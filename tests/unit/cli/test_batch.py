@@ -1,4 +1,4 @@
-"""What the verbs over many sessions share."""
+"""What the commands over many sessions share."""
 
 from __future__ import annotations
 

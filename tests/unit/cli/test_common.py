@@ -11,26 +11,26 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import CommandTable, Row, common
+from fieldkit.cli import CommandEntry, CommandTable, common
 from fieldkit.cli.common import Command
 
 
 @pytest.fixture
 def run(monkeypatch):
-    """Runs a function as a verb with the given arguments."""
+    """Runs a function as a command with the given arguments."""
 
     def go(function, *arguments: str):
         module = ModuleType("fieldkit_test_verb")
         module.command = click.command(cls=Command)(function)
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = CommandTable({"Test": (Row("test", module.__name__, "Test."),)}, name="fieldkit")
+        table = CommandTable({"Test": (CommandEntry("test", module.__name__, "Test."),)}, name="fieldkit")
         return CliRunner().invoke(table, ["test", *arguments])
 
     yield go
     logging.basicConfig(force=True, level=logging.WARNING)
 
 
-def test_the_common_options_reach_the_verb(run, tmp_path):
+def test_the_common_options_reach_the_command(run, tmp_path):
     seen = []
     arguments = ["-C", str(tmp_path), "--json", "-q", "-vv", "--no-color", "--no-input"]
     run(click.pass_obj(seen.append), *arguments)

@@ -1,4 +1,4 @@
-"""What the user sees and the shell gets when a verb fails."""
+"""What the user sees and the shell gets when a command fails."""
 
 import sys
 from types import ModuleType
@@ -7,14 +7,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import CommandTable, Row
+from fieldkit.cli import CommandEntry, CommandTable
 from fieldkit.cli.common import Command
 from fieldkit.model import errors
 
 
 @pytest.fixture
 def run(monkeypatch, tmp_path):
-    """Runs a verb that raises what it is given."""
+    """Runs a command that raises what it is given."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
     def go(error: BaseException):
@@ -25,7 +25,7 @@ def run(monkeypatch, tmp_path):
         module = ModuleType("fieldkit_failing_verb")
         module.command = command
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        table = CommandTable({"Test": (Row("fail", module.__name__, "Fails."),)}, name="fieldkit")
+        table = CommandTable({"Test": (CommandEntry("fail", module.__name__, "Fails."),)}, name="fieldkit")
         return CliRunner().invoke(table, ["fail"])
 
     return go

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from fieldkit.cli import VERBS, CommandTable, Row, main
+from fieldkit.cli import COMMANDS, CommandEntry, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
-VERB_NAMES = [row.name for rows in VERBS.values() for row in rows]
+COMMAND_NAMES = [row.name for rows in COMMANDS.values() for row in rows]
 
 
 def loaded_by(*arguments: str) -> set[str]:
@@ -28,7 +28,7 @@ def loaded_by(*arguments: str) -> set[str]:
 
 
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("--cite",)])
-def test_what_needs_no_verb_loads_nothing_heavy(arguments):
+def test_what_needs_no_command_loads_nothing_heavy(arguments):
     assert loaded_by(*arguments) == set()
 
 
@@ -50,25 +50,25 @@ def test_cite_names_everybody_and_every_title_of_the_citation_file():
     assert all(title in told for title in re.findall(r'title: "(.+)"', cited))
 
 
-def test_help_names_every_verb_under_its_heading():
+def test_help_names_every_command_under_its_heading():
     out = CliRunner().invoke(main, ["--help"]).output
-    for heading, rows in VERBS.items():
+    for heading, rows in COMMANDS.items():
         assert f"\n{heading}:\n" in out
         assert all(f"  {row.name} " in out for row in rows)
 
 
-@pytest.mark.parametrize("name", VERB_NAMES)
-def test_every_verb_takes_the_common_options(name):
+@pytest.mark.parametrize("name", COMMAND_NAMES)
+def test_every_command_takes_the_common_options(name):
     command = main.get_command(main.make_context("fieldkit", ["--help"], resilient_parsing=True), name)
     assert isinstance(command, Command | CommandGroup)
-    for verb in command.commands.values() if isinstance(command, CommandGroup) else [command]:
-        options = {option for parameter in verb.params for option in parameter.opts}
+    for one in command.commands.values() if isinstance(command, CommandGroup) else [command]:
+        options = {option for parameter in one.params for option in parameter.opts}
         assert {"-C", "--json", "-q", "--quiet", "-v", "--verbose", "--no-color", "--no-input"} <= options
-        assert verb.help
+        assert one.help
 
 
-@pytest.mark.parametrize("name", VERB_NAMES)
-def test_every_verb_prints_its_help(name):
+@pytest.mark.parametrize("name", COMMAND_NAMES)
+def test_every_command_prints_its_help(name):
     result = CliRunner().invoke(main, [name, "--help"])
     assert result.exit_code == 0
     assert f"Usage: fieldkit {name}" in result.output.replace("main", "fieldkit", 1)
@@ -78,10 +78,10 @@ def test_python_m_fieldkit_is_fieldkit():
     out = subprocess.run(
         [sys.executable, "-m", "fieldkit", "--help"], capture_output=True, text=True, check=True
     ).stdout
-    assert out.startswith("Usage: fieldkit [OPTIONS] VERB")
+    assert out.startswith("Usage: fieldkit [OPTIONS] COMMAND")
 
 
-def test_a_misspelled_verb_names_the_nearest_and_exits_2():
+def test_a_misspelled_command_names_the_nearest_and_exits_2():
     result = CliRunner().invoke(main, ["ini"])
     assert result.exit_code == 2
     assert "did you mean 'init'?" in result.stderr
@@ -91,15 +91,15 @@ def test_an_unknown_option_exits_2():
     assert CliRunner().invoke(main, ["init", "--nonsense"]).exit_code == 2
 
 
-def test_a_verb_is_imported_only_when_it_runs():
+def test_a_command_is_imported_only_when_it_runs():
     table = CommandTable(
-        {"Start": (Row("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x"
+        {"Start": (CommandEntry("broken", "fieldkit.no_such_module", "Cannot be imported."),)}, name="x"
     )
     assert "Cannot be imported." in CliRunner().invoke(table, ["--help"]).output
 
 
 @pytest.mark.parametrize("option", ["-C", "--json", "--quiet"])
-def test_an_option_of_the_verb_in_front_of_it_is_told_its_place(option):
+def test_a_common_option_before_the_command_is_rejected_with_its_place(option):
     found = CliRunner().invoke(main, [option, ".", "ls"])
     assert found.exit_code == 2
-    assert f"{option} stands behind the verb: fieldkit ls {option}" in found.stderr
+    assert f"{option} goes after the command: fieldkit ls {option}" in found.stderr

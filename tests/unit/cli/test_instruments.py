@@ -1,4 +1,4 @@
-"""The verbs about instruments: devices, doctor, decode, selftest."""
+"""The commands about instruments: devices, doctor, decode, selftest."""
 
 import json
 from datetime import UTC, datetime

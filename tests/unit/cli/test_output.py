@@ -1,4 +1,4 @@
-"""Where the output of a verb goes: a pipe that closes, a full disk, a terminal with few letters."""
+"""Where the output of a command goes: a pipe that closes, a full disk, a terminal with few letters."""
 
 import json
 import subprocess
@@ -30,7 +30,7 @@ def test_output_that_does_not_fit_its_disk_is_an_error_of_storage(words):
         said = process.communicate(timeout=60)[1].decode()
     assert process.returncode == 6
     assert "error: the output cannot be written: No space left on device" in said
-    assert "mistake in fieldkit" not in said
+    assert "bug in fieldkit" not in said
 
 
 def test_a_terminal_with_ascii_alone_shows_everything_in_letters_it_has(monkeypatch):

@@ -131,7 +131,7 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (("b15",), 2, "say what to change"),
+        (("b15",), 2, "give what to change"),
         (("b16", "--shrink", "2"), 3, "there are b15"),
         (("b15", "--shrink", "16"), 3, "nothing of region 'b15' is 16 px inside its edge"),
         (("b15", "--tilt", "15"), 3, "also needs azimuth_deg"),
@@ -174,8 +174,8 @@ def test_check_looks_at_the_pictures_of_a_session(roi, tmp_path, scale, code):
     if code:
         assert "no good picture with temperatures" in result.stderr
     else:
-        (look,) = json.loads(result.stdout)["regions"]
-        assert (look["level"], look["spread_k"], look["edge_k"]) == ("ok", 0.0, 0.0)
+        (inspection,) = json.loads(result.stdout)["regions"]
+        assert (inspection["level"], inspection["spread_k"], inspection["edge_k"]) == ("ok", 0.0, 0.0)
 
 
 def region(name: str, *corners: tuple[float, float]) -> Region:
@@ -193,19 +193,19 @@ def test_a_region_below_100_pixels_is_too_small():
 
 
 def test_a_region_outside_the_picture_fails():
-    (look,) = check_regions([square("a", 155, 20)], (120, 160))
-    assert look.failures == ["outside the picture of 160 x 120 pixels"]
+    (inspection,) = check_regions([square("a", 155, 20)], (120, 160))
+    assert inspection.failures == ["outside the picture of 160 x 120 pixels"]
 
 
 def test_regions_that_overlap_are_told_with_the_pixels_they_share():
-    looks = check_regions([square("a", 0, 20), square("b", 15, 20)], (120, 160))
-    assert [look.level for look in looks] == ["ok", "FAIL"]
-    assert looks[1].failures == ["shares 100 px with a"]
+    inspections = check_regions([square("a", 0, 20), square("b", 15, 20)], (120, 160))
+    assert [inspection.level for inspection in inspections] == ["ok", "FAIL"]
+    assert inspections[1].failures == ["shares 100 px with a"]
 
 
 def test_without_a_picture_size_regions_are_checked_against_each_other():
-    looks = check_regions([square("a", 0, 20), square("b", 500, 20)], None)
-    assert [look.level for look in looks] == ["ok", "ok"]
+    inspections = check_regions([square("a", 0, 20), square("b", 500, 20)], None)
+    assert [inspection.level for inspection in inspections] == ["ok", "ok"]
     assert check_regions([], None) == []
 
 
@@ -246,9 +246,9 @@ def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path
 
 def test_a_region_over_the_whole_picture_is_doubted():
     whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
-    (look,) = check_regions([whole], (120, 160))
-    assert look.level == "warn"
-    assert look.warnings == ["covers 100% of the picture, not one bed"]
+    (inspection,) = check_regions([whole], (120, 160))
+    assert inspection.level == "warn"
+    assert inspection.warnings == ["covers 100% of the picture, not one bed"]
 
 
 def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import owner
-from fieldkit.workflows.running import silence
+from fieldkit.workflows.running import unresponsive_recorder
 
 RECORDING = """
 import os, signal, sys, time
@@ -90,7 +90,7 @@ def stopped(recording):
     path = recording("close")
     pid = owner(journal_path(path))
     os.kill(pid, signal.SIGSTOP)
-    while not silence(path):  # the kernel stops it when it runs next
+    while not unresponsive_recorder(path):  # the kernel stops it when it runs next
         time.sleep(0.01)
     return path, pid
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.sessions.bricks import BrickWriter, TableWriter, pack, strategy_for, unpack
+from fieldkit.sessions.bricks import FrameWriter, TableWriter, pack, strategy_for, unpack
 from fieldkit.sessions.formats.purethermal import read_purethermal
-from fieldkit.sessions.layout import Column, brick_shape
-from fieldkit.sessions.schema import put_bricks
+from fieldkit.sessions.layout import Column, chunk_shape
+from fieldkit.sessions.schema import put_frames
 from tests.shared_data import shared
 
 
@@ -26,8 +26,8 @@ def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> 
     info = camera(512, 640, 30.0)
     frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
-        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
-        writer = BrickWriter(dataset, pool)
+        dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
+        writer = FrameWriter(dataset, pool)
         for number, one in enumerate(frames, 1):
             writer.put(one)
             if writer.is_full or number == len(frames):
@@ -37,10 +37,10 @@ def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> 
 
 def test_brick_shapes_of_the_known_cameras() -> None:
     # The first and last are those the format description was measured with.
-    assert brick_shape(camera(120, 160, 9.0)) == (9, 60, 80)
-    assert brick_shape(camera(192, 256, 25.0)) == (25, 64, 64)
-    assert brick_shape(camera(512, 640, 30.0)) == (30, 64, 80)
-    assert brick_shape(camera(13, 521, 1.0)) == (8, 13, 521)
+    assert chunk_shape(camera(120, 160, 9.0)) == (9, 60, 80)
+    assert chunk_shape(camera(192, 256, 25.0)) == (25, 64, 64)
+    assert chunk_shape(camera(512, 640, 30.0)) == (30, 64, 80)
+    assert chunk_shape(camera(13, 521, 1.0)) == (8, 13, 521)
 
 
 @pytest.mark.parametrize("strategy", [zlib.Z_DEFAULT_STRATEGY, zlib.Z_RLE])
@@ -67,8 +67,8 @@ def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
     frames = [sample.counts for sample in read_purethermal(source).samples]
     info = camera(120, 160, 9.0)
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
-        dataset = put_bricks(file, "counts", brick_shape(info), info.shape, 65535)
-        writer, size = BrickWriter(dataset, pool), 0
+        dataset = put_frames(file, "counts", chunk_shape(info), info.shape, 65535)
+        writer, size = FrameWriter(dataset, pool), 0
         for one in frames[: len(frames) // writer.depth * writer.depth]:
             writer.put(one)
             if writer.is_full:
@@ -84,7 +84,7 @@ def test_hdf5_reads_bricks_and_their_places_are_told(tmp_path: Path) -> None:
             "counts", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(9, 60, 80), fillvalue=65535,
             shuffle=True, compression="gzip", compression_opts=1,
         )  # fmt: skip
-        writer = BrickWriter(dataset, pool)
+        writer = FrameWriter(dataset, pool)
         chunks = []
         for number, frame in enumerate(frames):
             writer.put(frame)

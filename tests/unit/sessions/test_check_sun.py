@@ -12,7 +12,7 @@ from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.site import Site
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import Finding, check
-from fieldkit.sessions.formats.imported import Foreign, write_foreign
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
 
@@ -37,7 +37,7 @@ def session(path: Path, time_ns: np.ndarray, lux: np.ndarray) -> Path:
         Reading("lux", at, at, (value,)) for at, value in zip(time_ns.tolist(), lux.tolist(), strict=True)
     ]
     header = SessionHeader("light", SITE, (LUX,))
-    write_foreign(path, header, Foreign((LUX,), readings), "a test")
+    write_imported(path, header, ImportedRecording((LUX,), readings), "a test")
     return path
 
 
@@ -81,7 +81,9 @@ def test_minute_means_count_every_usable_reading_once(tmp_path: Path) -> None:
                 quality=Quality.OVERRANGE if value == 5000.0 else Quality.GOOD)
         for s, value in values.items()
     ]  # fmt: skip
-    write_foreign(tmp_path / "a.h5", SessionHeader("l", SITE, (LUX,)), Foreign((LUX,), readings), "a test")
+    write_imported(
+        tmp_path / "a.h5", SessionHeader("l", SITE, (LUX,)), ImportedRecording((LUX,), readings), "a test"
+    )
     with open_session(tmp_path / "a.h5") as opened:
         time_ns, means = minute_means(opened, "lux")
     assert means.tolist() == [30.0, 8.0]

@@ -13,7 +13,7 @@ import pytest
 
 from fieldkit.sessions.check import check, worst
 from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.guarded import write_in_place
 from fieldkit.sessions.reader import open_session
@@ -144,7 +144,7 @@ def test_recovered_and_merged_sessions_are_sealed_the_same_way(path: Path, tmp_p
     logger = replace(header().streams[1], name="logger")
     with open_session(path) as session:
         readings = [sample(logger, n, time_ns=session.start_ns + n) for n in range(3)]
-        merge(session, Foreign((logger,), readings), tmp_path / "m.h5", "log.csv")
+        merge(session, ImportedRecording((logger,), readings), tmp_path / "m.h5", "log.csv")
     assert failed(tmp_path / "m.h5") == []
 
 

@@ -17,7 +17,7 @@ from fieldkit.sessions import session_file
 from fieldkit.sessions.journal import Identity, Journal, Keeper, SyncThread, wal_of
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
-from fieldkit.sessions.session_file import BrickThread
+from fieldkit.sessions.session_file import FileThread
 from tests.harness.recording import START_NS, header, same, sample
 
 HEADER = header((24, 32))
@@ -175,7 +175,7 @@ def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     parts = [part for part, _ in journal.full_parts]
     assert len(parts) > 2
-    bricks = BrickThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
+    bricks = FileThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
     bricks._shorten_journal()
     assert all(part.exists() for part in parts)  # the file has nothing yet
     bricks._catch_up(journal.full_parts[0][1])

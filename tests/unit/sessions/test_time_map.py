@@ -11,7 +11,7 @@ from fieldkit.model.errors import SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health
 from fieldkit.sessions.check import check
 from fieldkit.sessions.clock_correction import apply_time_map, changing_path
-from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
 from fieldkit.sessions.layout import RECOVERED
 from fieldkit.sessions.reader import open_session
@@ -91,7 +91,7 @@ def test_log_beside_a_corrected_session_keeps_its_own_times(path: Path, tmp_path
         logged_ns = [*pictures_ns, pictures_ns[2] + 300 * S]  # the last while the computer slept
         log = replace(LUX, name="logger")
         readings = [sample(log, n, time_ns, time_ns) for n, time_ns in enumerate(sorted(logged_ns))]
-        merge(session, Foreign((log,), readings), tmp_path / "b.h5", "log.csv")
+        merge(session, ImportedRecording((log,), readings), tmp_path / "b.h5", "log.csv")
     with open_session(tmp_path / "b.h5") as session:
         read_us = [one.time_ns // 1000 for one in session.samples("logger")]  # as they are stored
         assert read_us == [time_ns // 1000 for time_ns in sorted(logged_ns)]
@@ -111,6 +111,6 @@ def test_log_is_not_put_beside_a_session_whose_journal_holds_more(tmp_path: Path
     log = replace(LUX, name="logger")
     with open_session(tmp_path / "a.h5") as session:
         with pytest.raises(SessionError, match="is interrupted") as refused:
-            merge(session, Foreign((log,), [sample(log, 0)]), tmp_path / "b.h5", "log.csv")
+            merge(session, ImportedRecording((log,), [sample(log, 0)]), tmp_path / "b.h5", "log.csv")
         assert "fieldkit recover" in (refused.value.fix or "")
     assert not (tmp_path / "b.h5").exists()

@@ -29,7 +29,7 @@ HEAVY = (
     "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.workflows.estimate",
 )  # fmt: skip
 ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
-VERBS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
+COMMANDS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
 
 
 class Agent:
@@ -43,7 +43,7 @@ class Agent:
         """Import what the verbs will need, and find the day's suns, once for all of their forks."""
         rooms = [importlib.import_module(f"fieldkit.{room}") for room in ROOMS]
         inside = (m.name for room in rooms for m in pkgutil.iter_modules(room.__path__, f"{room.__name__}."))
-        verbs = (f"fieldkit.cli.{verb}" for verb in VERBS)
+        verbs = (f"fieldkit.cli.{verb}" for verb in COMMANDS)
         for name in (*HEAVY, *inside, *verbs):
             with contextlib.suppress(ImportError):  # needs an extra the guest lacks, such as matplotlib
                 importlib.import_module(name)

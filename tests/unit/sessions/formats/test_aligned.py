@@ -11,7 +11,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.sessions.formats.imported import Foreign, write_foreign
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import Curve, aligned, best_offset
 from fieldkit.sessions.layout import SessionHeader
@@ -98,12 +98,12 @@ def session(tmp_path: Path):
     stamps = [(START_NS + n * 10**9, float(kelvin)) for n, kelvin in enumerate(wandering(SECONDS))]
     samples = [Reading("thermometer", ns, ns, (kelvin, kelvin + 1)) for ns, kelvin in stamps]
     path = tmp_path / "a.h5"
-    write_foreign(path, SessionHeader("t", Site(0, 0), (info,)), Foreign((info,), samples), "here")
+    write_imported(path, SessionHeader("t", Site(0, 0), (info,)), ImportedRecording((info,), samples), "here")
     with open_session(path) as opened:
         yield opened
 
 
-def log(tmp_path: Path, offset_s: float) -> Foreign:
+def log(tmp_path: Path, offset_s: float) -> ImportedRecording:
     times = np.arange(100.0, 2900.0, 5.0)
     shown = zip(START_NS / 1e9 + times - offset_s, wandering(times) - 273.15, strict=True)
     rows = [f"{stamp:.3f},{celsius:.4f}" for stamp, celsius in shown]
@@ -134,7 +134,7 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
         Frame("camera", START_NS + n * 10**9, START_NS + n * 10**9, np.full((4, 6), count), empty)
         for n, count in zip(stamps, counts, strict=True)
     ]
-    write_foreign(tmp_path / "a.h5", head, Foreign((info,), frames), "here")
+    write_imported(tmp_path / "a.h5", head, ImportedRecording((info,), frames), "here")
     with open_session(tmp_path / "a.h5") as session:
         moved = aligned(session, log(tmp_path, -20.0))
     assert "found on region b05 of camera" in moved.remarks[-1][1]

@@ -16,7 +16,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import EventKind, Frame, Quality, Severity
 from fieldkit.model.site import Site
-from fieldkit.sessions.formats.imported import bunched, flag_bunched, parse_times_ns, write_foreign
+from fieldkit.sessions.formats.imported import bunched, flag_bunched, parse_times_ns, write_imported
 from fieldkit.sessions.formats.purethermal import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.layout import SessionHeader
@@ -38,7 +38,9 @@ def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
     """Expected numbers: the README beside the recording."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
     foreign = read_purethermal(source)
-    report = write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    report = write_imported(
+        tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name
+    )
     assert report.counts == {"camera": 82}
     with open_session(tmp_path / "a.h5") as session:
         frames = [frame for frame in session.samples("camera") if isinstance(frame, Frame)]
@@ -175,13 +177,13 @@ def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     (folder / "20260512T010001.tif").write_bytes(b"not a picture")
     foreign = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     with pytest.raises(ConfigError):
-        write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
+        write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
 
 
 def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
     foreign = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
-    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "a.gz")
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "a.gz")
     with open_session(tmp_path / "a.h5") as session:
         assert session.events()[0].kind is EventKind.IMPORTED
         assert session.events()[0].text == "imported from a.gz"
@@ -224,7 +226,7 @@ def test_flir_files_keep_their_law(tmp_path: Path) -> None:
 
     source = shared("data/frames/flir_file/frame_000000_le.fff")
     foreign = read_flir(source, "camera")
-    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
     with open_session(tmp_path / "a.h5") as session:
         counts = session.raw("camera")[0]
         assert (counts.min(), counts.max()) == (17899, 19192)
@@ -246,7 +248,7 @@ def test_flir_sequence_keeps_every_picture_and_the_cameras_times(tmp_path: Path)
     source = tmp_path / "a.seq"
     source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
     foreign = read_flir(source, "camera")
-    write_foreign(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name)
     with open_session(tmp_path / "a.h5") as session:
         assert np.array_equal(session.raw("camera")[:], np.array(pictures))
         expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]

@@ -10,7 +10,7 @@ import pytest
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.logs import LogColumns, read_log, read_table
 
 DENVER = ZoneInfo("America/Denver")
@@ -41,7 +41,7 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def readings(foreign: Foreign) -> list[Reading]:
+def readings(foreign: ImportedRecording) -> list[Reading]:
     return [one for one in foreign.samples if isinstance(one, Reading)]
 
 

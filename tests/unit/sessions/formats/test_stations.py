@@ -10,7 +10,7 @@ import pytest
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.sessions.formats.imported import Foreign
+from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.weather import STATIONS
@@ -18,7 +18,7 @@ from tests.harness import foreign_files
 from tests.shared_data import shared
 
 
-def readings(foreign: Foreign, stream: str) -> list[Reading]:
+def readings(foreign: ImportedRecording, stream: str) -> list[Reading]:
     return [one for one in foreign.samples if isinstance(one, Reading) and one.stream == stream]
 
 
