@@ -14,7 +14,7 @@ from fieldkit.cli.common import Command, options, print_json, print_json_line, s
 from fieldkit.cli.ls import duration, iso_time, local_time
 from fieldkit.cli.session_paths import latest_session
 from fieldkit.model.radiation import measured
-from fieldkit.views.formatting import by_time, said
+from fieldkit.views.formatting import by_time, event_text
 
 if TYPE_CHECKING:
     from fieldkit.model.samples import Event
@@ -121,7 +121,7 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
     for slope, told in zip(slopes, document["slopes"], strict=True):
         click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {told['at']}")
     for one, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
-        click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {said(event)}".rstrip())
+        click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {event_text(event)}".rstrip())
 
 
 def _slope(slope: SlopeEstimate) -> str:

@@ -103,13 +103,13 @@ def second_branch(estimate: SlopeEstimate) -> str:
     return f"{estimate.second_tilt_deg:.1f}°/{number(estimate.second_azimuth_deg)}°"
 
 
-def told(event: Event) -> str:
+def event_line(event: Event) -> str:
     """An event's text with its severity in front, for output without colour; a mark is named as one."""
     mark = "mark " if event.kind is EventKind.MARK else ""
-    return _LOUDNESS.get(event.severity, "warning: ") + mark + said(event)
+    return _LOUDNESS.get(event.severity, "warning: ") + mark + event_text(event)
 
 
-def said(event: Event) -> str:
+def event_text(event: Event) -> str:
     """An event's text; of a mark with its kind and how long it lasted: ``cloud, 3 min: over the ridge``."""
     label, end_ns = str(event.data.get("label", "")), int(event.data.get("end_ns", 0))
     lasted = duration((end_ns - event.time_ns) / 1e9) if end_ns else ""

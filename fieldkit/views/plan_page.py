@@ -13,7 +13,8 @@ import numpy as np
 from fieldkit.estimation.day_plan import RISING_DEG, WEAK_K_PER_DEG, DayPlan, label
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.views import formatting, html, plotting
+from fieldkit.views import formatting, plotting
+from fieldkit.views.html import Figure, Table, render
 
 FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
@@ -165,34 +166,21 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
 
 
 def page(plan: DayPlan, site: Site, title: str, light: str) -> str:
-    """The whole page: where and when, in short, warnings, charts, table, checklist."""
+    """The whole page: where and when, in short, warnings, chart, table, checklist."""
     beds = ", ".join(label(facet) for facet in plan.facets)
-    over_day = html.table(COLUMNS, rows(plan, site), caption=f"Beds side by side: {beds}.")
-    return html.page(
-        title,
-        html.element("h1", title),
-        html.paragraph(heading(plan, site, light), class_="facts"),
-        html.section("In short", html.bullets(summary(plan, site))),
-        html.section("Beware", html.bullets(warnings(plan, site) or ["nothing special"])),
-        html.section("Over the day", _charts(plan, site), over_day),
-        html.section("Checklist", html.bullets(CHECKLIST)),
+    return render(
+        "plan.html",
+        title=title,
+        heading=heading(plan, site, light),
+        summary=summary(plan, site),
+        warnings=warnings(plan, site),
+        chart=_chart(plan, site) if plotting.available() else None,
+        over_day=Table(COLUMNS, rows(plan, site), f"Beds side by side: {beds}."),
     )
 
 
-CHECKLIST = (
-    "Clock set and checked: one minute is a quarter of a degree of sun.",
-    "Reference level, every bed's tilt and azimuth written down, beds dry and of one sand.",
-    "Illuminometer on the level, nothing shading it, its range above 130 klx.",
-    "Camera out of the sun, within 40° of each bed's normal, warmed up for 20 minutes.",
-    "Uniform picture (cardboard over all beds) before the first and after the last minute.",
-    "Recording from one hour before the window: sand remembers.",
-)  # fmt: skip
-
-
-def _charts(plan: DayPlan, site: Site) -> html.Html:
-    if not plotting.available():
-        return html.paragraph("Charts need matplotlib: pip install 'fieldkit[lab]'.")
-    return html.figure(
+def _chart(plan: DayPlan, site: Site) -> Figure:
+    return Figure(
         _drawn(plan, site),
         "Above, what one degree of tilt is worth; below, the best one can do with one window.",
         "kelvin per degree and Cramér–Rao bound of the tilt over the day, one line per bed",

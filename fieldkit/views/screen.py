@@ -354,7 +354,7 @@ def _events(latest: Latest, count: int) -> RenderableType:
 def _event(event: Event, latest: Latest) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(formatting.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
-    return text.append(formatting.told(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
+    return text.append(formatting.event_line(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
 
 
 def _progress(latest: Latest) -> RenderableType:

@@ -148,7 +148,7 @@ class PlainView:
             log.exception("the plain lines ended")
 
     def _event(self, event: Event) -> str:
-        return f" {self._when(event.time_ns, seconds=True)}  {formatting.told(event)}"
+        return f" {self._when(event.time_ns, seconds=True)}  {formatting.event_line(event)}"
 
     def _minute(self, minute: Minute) -> str:
         light = f"S {formatting.number(minute.dni_w_m2)} W/m² ({minute.irradiance_model})"

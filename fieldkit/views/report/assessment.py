@@ -11,7 +11,7 @@ from fieldkit.estimation.statistics import mean_absolute_error
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import CERTAIN, is_certain
 from fieldkit.views import formatting
-from fieldkit.views.report.series import Bed, Series
+from fieldkit.views.report.series import Series, TargetSeries
 
 _COUNTED = {
     EventKind.LOST: ("device lost", "devices lost"),
@@ -27,19 +27,19 @@ _COUNTED = {
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """One sentence on the slopes, and the doubts one by one."""
+class Assessment:
+    """One sentence on the slopes, and the warnings one by one."""
 
     headline: str
-    doubts: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
-def verdict(columns: Series, events: Sequence[Event], state: str) -> Verdict:
+def assess(columns: Series, events: Sequence[Event], state: str) -> Assessment:
     """The verdict on minutes and events of a session in `state`."""
-    return Verdict(_headline(columns), (*_doubts_of_slopes(columns), *_doubts_of_recording(events, state)))
+    return Assessment(_headline(columns), (*_slope_warnings(columns), *_recording_warnings(events, state)))
 
 
-def bed_error(bed: Bed) -> float:
+def bed_error(bed: TargetSeries) -> float:
     """Mean absolute tilt error of a bed over its answers, degrees; NaN where the tilt was not given."""
     return mean_absolute_error(bed.estimated_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
 
@@ -59,7 +59,7 @@ def _headline(columns: Series) -> str:
         return f"No slope was found on any of {len(columns.beds)} beds."
     found = _found(len(certain), len(columns.beds))
     if doubtful := [bed for bed in answered if bed not in certain]:
-        found += f" Uncertain: {', '.join(map(_doubtful, doubtful))}."
+        found += f" Uncertain: {', '.join(map(_with_second_branch, doubtful))}."
     errors = {bed.region.name: bed_error(bed) for bed in answered if np.isfinite(bed_error(bed))}
     if not errors:
         return f"{found} No true tilts were given to compare with."
@@ -74,7 +74,7 @@ def _found(certain: int, total: int) -> str:
     return f"Slopes were found on {_of(certain, total)}."
 
 
-def _doubtful(bed: Bed) -> str:
+def _with_second_branch(bed: TargetSeries) -> str:
     answer = bed.final_estimate
     assert answer is not None
     second = formatting.second_branch(answer)
@@ -87,25 +87,25 @@ def _of(some: int, total: int) -> str:
     return f"all {total} beds" if some == total else f"{some} of {total} beds"
 
 
-def _doubts_of_slopes(columns: Series) -> list[str]:
-    doubts = []
+def _slope_warnings(columns: Series) -> list[str]:
+    warnings = []
     for bed in columns.beds:
         last = bed.last
         if last is not None and last.state not in CERTAIN:
             reason = f" ({last.reason})" if last.reason else ""
-            doubts.append(f"{bed.region.name} ended as: {formatting.state(last)}{reason}.")
+            warnings.append(f"{bed.region.name} ended as: {formatting.state(last)}{reason}.")
     minutes = int(columns.cloudy.sum())
     if minutes:
-        doubts.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")
-    return doubts
+        warnings.append(f"Clouds or changing light in {minutes} of {columns.time_ns.size} minutes.")
+    return warnings
 
 
-def _doubts_of_recording(events: Sequence[Event], state: str) -> list[str]:
-    doubts = []
+def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
+    warnings = []
     if state not in ("sealed", "recovered"):
-        doubts.append(f"The session is {state}, not sealed: more may follow, or run fieldkit recover.")
+        warnings.append(f"The session is {state}, not sealed: more may follow, or run fieldkit recover.")
     for kind, (one, many) in _COUNTED.items():
         count = sum(event.kind is kind for event in events)
         if count:
-            doubts.append(f"{count} {one if count == 1 else many} while recording; see Events.")
-    return doubts
+            warnings.append(f"{count} {one if count == 1 else many} while recording; see Events.")
+    return warnings

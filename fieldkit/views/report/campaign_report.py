@@ -20,12 +20,11 @@ from fieldkit.estimation.statistics import (
 )
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, paper_figures, plotting
-from fieldkit.views.html import Html, element, figure, page, paragraph, section, table
+from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
 from fieldkit.views.report.recording import sha256, versions
-from fieldkit.views.report.report_data import LAB_HINT
 from fieldkit.views.report.results import SPAN_S, sd_words
-from fieldkit.views.report.series import Bed, FloatArray, Series, modelled_temperature
+from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
 
 
 @dataclass(frozen=True)
@@ -52,20 +51,21 @@ def write_campaign_report(
 
     Raises `OSError` if the file cannot be written.
     """
-    text = page(
-        f"{title}: fieldkit report",
-        element("h1", title),
-        paragraph(f"{len(parts)} sessions", class_="facts"),
-        paragraph(_verdict(parts), class_="verdict"),
-        _beds(parts, sd),
-        _as_in_the_paper(parts, sd),
-        _error_budget(parts),
-        _provenance(parts, command_line),
+    page = render(
+        "campaign_report.html",
+        title=title,
+        session_count=len(parts),
+        headline=_headline(parts),
+        beds=_beds(parts, sd),
+        comparison=_paper_figures(parts, sd) if plotting.available() else None,
+        budget=_error_budget(parts),
+        sessions=Table(("session", "SHA-256"), [(part.path.name, code(sha256(part.path))) for part in parts]),
+        provenance=_provenance(command_line),
     )
-    path.write_text(text, encoding="utf-8")
+    path.write_text(page, encoding="utf-8")
 
 
-def _verdict(parts: Sequence[Part]) -> str:
+def _headline(parts: Sequence[Part]) -> str:
     beds = [bed for part in parts for bed in part.columns.beds]
     estimated = np.concatenate([np.empty(0), *(bed.estimated_tilt_deg for bed in beds)])
     truth = np.concatenate([np.empty(0), *(_truth(bed) for bed in beds)])
@@ -78,21 +78,21 @@ def _verdict(parts: Sequence[Part]) -> str:
     return f"{found}, of which {uncertain} are uncertain: {formatting.UNCERTAIN_MEANS}."
 
 
-def _truth(bed: Bed) -> FloatArray:
+def _truth(bed: TargetSeries) -> FloatArray:
     return np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
 
 
-def _beds(parts: Sequence[Part], sd: SdKind) -> Html:
+def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
     caption = (
         f"MAE and SD over the n minutes with an answer; SD {sd_words(sd)}. RMSE: measured surface "
         "temperature against eq. (7), the reference standing in for air and sky."
     )
     columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
-    return section("Beds", table(columns, rows, caption=caption))
+    return Table(columns, rows, caption)
 
 
-def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
+def _row(part: Part, bed: TargetSeries, sd: SdKind) -> list[object]:
     mae = mean_absolute_error(bed.estimated_tilt_deg, _truth(bed))
     scatter = sd_of_absolute_error(bed.estimated_tilt_deg, _truth(bed), sd)
     modelled = modelled_temperature(part.columns, bed, part.settings.surface)
@@ -100,7 +100,7 @@ def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
     return [
         part.day,
         part.path.stem,
-        element("strong", bed.region.name),
+        strong(bed.region.name),
         formatting.given_slope(bed.region),
         f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
         int(np.isfinite(bed.estimated_tilt_deg).sum()),
@@ -110,17 +110,14 @@ def _row(part: Part, bed: Bed, sd: SdKind) -> list[object]:
     ]
 
 
-def _as_in_the_paper(parts: Sequence[Part], sd: SdKind) -> Html:
+def _paper_figures(parts: Sequence[Part], sd: SdKind) -> list[Figure]:
+    drawn = []
     measured, modelled = _temperatures(parts)
-    heading = "As in the paper"
-    if not plotting.available():
-        return section(heading, paragraph(element("em", LAB_HINT)))
-    drawn: list[Html] = []
     if measured:
         everything = np.concatenate(list(measured.values())), np.concatenate(list(modelled.values()))
         rmse = root_mean_square_error(*everything)
         drawn.append(
-            figure(
+            Figure(
                 paper_figures.measured_against_modelled(measured, modelled, rmse),
                 f"As the paper's Fig. 12, a colour for each day. RMSE {rmse:.2f} K (the paper: 1.83 K).",
                 f"Measured against modelled surface temperature of all days, RMSE {rmse:.2f} kelvin.",
@@ -129,18 +126,18 @@ def _as_in_the_paper(parts: Sequence[Part], sd: SdKind) -> Html:
     errors = _errors_by_tilt(parts, sd)
     if any(errors.values()):
         drawn.append(
-            figure(
+            Figure(
                 paper_figures.errors_over_local_time(errors, _zone(parts[0])),
                 "As the paper's Fig. 13: absolute tilt error over local time, a line for each given tilt, "
                 f"means over {SPAN_S / 60:.0f} min of all days. Bars: one SD, {sd_words(sd)}.",
                 "Absolute tilt error of each given tilt against local time.",
             )
         )
-    return section(heading, element("div", *drawn, class_="figures"))
+    return drawn
 
 
 def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSpan]]:
-    """Errors per stretch of the local day for each given tilt, all days and beds of it together."""
+    """Errors per interval of the local day for each given tilt, all days and beds of it together."""
     times: dict[float, list[NDArray[np.int64]]] = {}
     wrong: dict[float, list[FloatArray]] = {}
     for part in parts:
@@ -156,7 +153,7 @@ def _errors_by_tilt(parts: Sequence[Part], sd: SdKind) -> dict[str, list[ErrorSp
     }
 
 
-def _error_budget(parts: Sequence[Part]) -> Html | str:
+def _error_budget(parts: Sequence[Part]) -> Table | None:
     """What each cause costs the beds of each given tilt, all days together."""
     found: dict[float, list[ErrorBudget]] = {}
     for part in parts:
@@ -165,11 +162,11 @@ def _error_budget(parts: Sequence[Part]) -> Html | str:
                 of_bed = budget(part.columns, bed, part.settings)
                 found.setdefault(bed.region.tilt_deg, []).append(of_bed)
     if not found:
-        return ""
+        return None
     by_tilt = [pooled(f"{tilt:g}°", found[tilt]) for tilt in sorted(found)]
     columns = ("cause", *(one.name for one in by_tilt))
     caption = f"Degrees of tilt by given tilt, medians over each session and then over sessions, {READING}"
-    return section("Error budget", table(columns, cause_rows(by_tilt), caption=caption))
+    return Table(columns, cause_rows(by_tilt), caption)
 
 
 def _zone(part: Part) -> str:
@@ -194,10 +191,6 @@ def _temperatures(parts: Sequence[Part]) -> tuple[dict[str, FloatArray], dict[st
     )
 
 
-def _provenance(parts: Sequence[Part], command_line: str) -> Html:
-    rows = [(part.path.name, element("code", sha256(part.path))) for part in parts]
-    made = [
-        ("report by", element("code", command_line or formatting.UNKNOWN)),
-        ("versions", ", ".join(versions())),
-    ]
-    return section("Provenance", table(("session", "SHA-256"), rows), table(("", ""), made))
+def _provenance(command_line: str) -> Table:
+    rows = [("report by", code(command_line or formatting.UNKNOWN)), ("versions", ", ".join(versions()))]
+    return Table(("", ""), rows)

@@ -21,10 +21,10 @@ from fieldkit.physics.energy_balance import emitted_longwave
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
 from fieldkit.views import formatting
-from fieldkit.views.html import Html, bullets, paragraph, section, table
+from fieldkit.views.html import Table
 from fieldkit.views.report.assessment import mean_error
-from fieldkit.views.report.report_data import Material
-from fieldkit.views.report.series import Bed, Series
+from fieldkit.views.report.report_data import ReportData
+from fieldkit.views.report.series import Series, TargetSeries
 
 FloatArray = NDArray[np.float64]
 
@@ -37,21 +37,26 @@ READING = (
 """How the table is to be read."""
 
 
-def error_budget(material: Material) -> Html | str:
-    """The section; nothing without beds or without irradiance."""
-    if not material.columns.beds or not np.isfinite(material.columns.irradiance_w_m2).any():
-        return ""
-    budgets = [budget(material.columns, bed, material.settings) for bed in material.columns.beds]
-    return section(
-        "Error budget",
-        paragraph(_left_out_words(material, budgets)),
-        table(
-            ("cause", *(found.name for found in budgets)),
-            cause_rows(budgets),
-            caption=f"Degrees of tilt, medians over the session, {READING}",
-        ),
-        bullets(_advice(budgets)),
+@dataclass(frozen=True, slots=True)
+class BudgetSection:
+    """The error budget as a report shows it: what the model omits, a table of causes, and advice."""
+
+    summary: str
+    causes: Table
+    advice: Sequence[str]
+
+
+def error_budget(data: ReportData) -> BudgetSection | None:
+    """The section of a session; None without beds or without irradiance."""
+    if not data.columns.beds or not np.isfinite(data.columns.irradiance_w_m2).any():
+        return None
+    budgets = [budget(data.columns, bed, data.settings) for bed in data.columns.beds]
+    causes = Table(
+        ("cause", *(one.name for one in budgets)),
+        cause_rows(budgets),
+        f"Degrees of tilt, medians over the session, {READING}",
     )
+    return BudgetSection(_omitted_words(data, budgets), causes, _advice(budgets))
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
@@ -61,7 +66,7 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
         ("left out: light from the ground", lambda b: b.reflected_w_m2),
         ("left out: long wave of sky and ground", lambda b: b.longwave_w_m2),
         ("left out: heat stored in the sand", lambda b: b.storage_w_m2),
-        ("all that is left out", lambda b: b.left_out_w_m2),
+        ("all that is left out", lambda b: b.omitted_w_m2),
     ]
     found: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
     found.append(["half the likelihood region", *(f"±{formatting.number(b.noise_deg, 1)}°" for b in budgets)])
@@ -99,9 +104,9 @@ def _degrees(found: ErrorBudget, term_w_m2: float) -> str:
     return f"{degrees:+.1f}° ({term_w_m2:+.0f} W/m²)"
 
 
-def _left_out_words(material: Material, budgets: Sequence[ErrorBudget]) -> str:
-    settings, slab = material.settings, material.settings.slab
-    costs = [abs(found.degrees(found.left_out_w_m2)) for found in budgets]
+def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
+    settings, slab = data.settings, data.settings.slab
+    costs = [abs(found.degrees(found.omitted_w_m2)) for found in budgets]
     known = [cost for cost in costs if np.isfinite(cost)]
     cost = formatting.number(float(np.mean(known)) if known else float("nan"), 1)
     left_out = (
@@ -114,9 +119,9 @@ def _left_out_words(material: Material, budgets: Sequence[ErrorBudget]) -> str:
     )
     if settings.model == "full":
         return left_out + " These slopes were estimated with the full model, which has them."
-    if material.full is None:
+    if data.full is None:
         return left_out
-    with_full, without = mean_error(material.full), mean_error(material.columns)
+    with_full, without = mean_error(data.full), mean_error(data.columns)
     if not np.isfinite(with_full):
         return left_out
     return (
@@ -163,7 +168,7 @@ class ErrorBudget:
     factor_sd: float = 0.0
 
     @property
-    def left_out_w_m2(self) -> float:
+    def omitted_w_m2(self) -> float:
         """Sum of the four terms; they partly cancel."""
         return self.diffuse_w_m2 + self.reflected_w_m2 + self.longwave_w_m2 + self.storage_w_m2
 
@@ -180,7 +185,7 @@ class ErrorBudget:
         return relative * self.tilt_deg
 
 
-def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> ErrorBudget:
+def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
     """The budget of one bed at its given slope, or at the estimated one where none was given."""
     tilt, azimuth = _slope(bed)
     cos_tilt = float(np.cos(np.radians(tilt)))
@@ -208,7 +213,7 @@ def budget(columns: Series, bed: Bed, settings: EstimatorSettings) -> ErrorBudge
         _median(-_stored(columns, bed, settings)) / absorbing,
         _median(light * _per_degree(columns, tilt, azimuth)),
         _median(bed.kelvin_per_degree),
-        _median(np.where(bed.is_answer, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
+        _median(np.where(bed.is_estimate, (bed.tilt_high_deg - bed.tilt_low_deg) / 2, np.nan)),
         tilt,
         _median(_of_emissivity(columns, bed, settings)),
         settings.factor_sd,
@@ -223,7 +228,7 @@ def pooled(name: str, budgets: Sequence[ErrorBudget]) -> ErrorBudget:
     )
 
 
-def _slope(bed: Bed) -> tuple[float, float]:
+def _slope(bed: TargetSeries) -> tuple[float, float]:
     given = (bed.region.tilt_deg, bed.region.azimuth_deg)
     estimated = (_median(bed.estimated_tilt_deg), _median(bed.azimuth_deg))
     return given if np.isfinite(given).all() else estimated
@@ -244,7 +249,7 @@ def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> 
     return emissivity * (daylight.longwave_on_facet(down, ground, cos_tilt) - down)
 
 
-def _of_emissivity(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:
+def _of_emissivity(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> FloatArray:
     """Standard uncertainty of bed minus reference by their emissivities, kelvin."""
     if not columns.references:
         return np.zeros(columns.time_ns.size)
@@ -252,7 +257,7 @@ def _of_emissivity(columns: Series, bed: Bed, settings: EstimatorSettings) -> Fl
     return difference_k(*seen, bed.region, columns.references[0], settings)
 
 
-def _stored(columns: Series, bed: Bed, settings: EstimatorSettings) -> FloatArray:
+def _stored(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> FloatArray:
     """Heat that goes into the bed's sand beyond what goes into the reference's, W/m2."""
     difference = columns.temperature_k[bed.region.name] - columns.reference_k
     known = np.isfinite(difference)

@@ -1,8 +1,8 @@
-"""What a report is made from, gathered once and handed to every section."""
+"""What a report is made from, gathered once; each section takes its part of it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,20 +11,19 @@ from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Event, EventKind, Frame
 from fieldkit.model.site import Region, Site
 from fieldkit.views import formatting
+from fieldkit.views.html import Figure
 from fieldkit.views.report.series import Series
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session
 
-LAB_HINT = "Figures need matplotlib: pip install 'fieldkit[lab]', then write the report again."
-
 
 @dataclass(frozen=True)
-class Material:
+class ReportData:
     """A session, its minutes as columns, the settings they were estimated with, and its events.
 
-    `site`, `regions` and `config_toml` are the estimator's: an imported session has none of its own. `full`
-    are the same minutes estimated with the full surface model, None if that was not done.
+    `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
+    own. `full` holds the same minutes estimated with the full surface model, or None.
     """
 
     session: Session
@@ -38,24 +37,28 @@ class Material:
     full: Series | None
     command_line: str
     config_toml: str
-    figures: bool
+    can_draw: bool
 
     def events_of(self, *kinds: EventKind) -> list[Event]:
         """Events of some kinds, in order."""
         return [event for event in self.events if event.kind in kinds]
 
-    def when(self, time_ns: int, *, seconds: bool = False) -> str:
+    def clock_time(self, time_ns: int, *, seconds: bool = False) -> str:
         """A time of day at the site."""
         return formatting.clock_time(time_ns, self.site, seconds=seconds)
 
+    def drawn(self, draw: Callable[[ReportData], Iterator[Figure]]) -> list[Figure] | None:
+        """The figures that `draw` yields; None without matplotlib."""
+        return list(draw(self)) if self.can_draw else None
+
     @property
     def zone(self) -> str:
-        """The zone in force at the start."""
+        """The time zone at the start, with its offset."""
         return formatting.zone_name(self.session.start_ns, self.site)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of the contact probes, of all thermometers in their order."""
+        """Names of the contact probes of all thermometers, in their order."""
         meters = [info for info in self.session.streams.values() if info.quantity == "temperature"]
         return tuple(
             info.channels[i] if i < len(info.channels) else str(i + 1)

@@ -1,12 +1,13 @@
-"""Sections with the results: the beds, their slopes over time, the paper's Figs. 12 and 13."""
+"""The results of a report: slopes of the beds, their figures over time, and the paper's Figs. 12 and 13."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.estimation.settings import PAPER_SCALE_SD
+from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.estimation.statistics import (
     SdKind,
     errors_over_time,
@@ -16,17 +17,17 @@ from fieldkit.estimation.statistics import (
 )
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting, paper_figures
-from fieldkit.views.html import Html, element, figure, paragraph, section, table
+from fieldkit.views.html import Figure, Table, strong
 from fieldkit.views.report import session_figures
-from fieldkit.views.report.report_data import LAB_HINT, Material
-from fieldkit.views.report.series import Bed, FloatArray, Series, modelled_temperature
+from fieldkit.views.report.report_data import ReportData
+from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
 
 SPAN_S = 1200.0
+"""Length of the means in Fig. 13."""
 
 
-def beds(material: Material) -> Html:
-    """The final table: what each bed is, what was found, how far off it was."""
-    rows = [_bed_row(bed, material) for bed in material.columns.beds]
+def slopes(data: ReportData) -> Table:
+    """The final table: each bed with its slope, the uncertainty, and the error against the given slope."""
     columns = (
         "bed",
         "given",
@@ -42,35 +43,38 @@ def beds(material: Material) -> Html:
     )
     caption = (
         "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
-        f"region ({likelihood_words(material)}); noise is the same by noise alone. Uncertain: "
-        f"{formatting.UNCERTAIN_MEANS}. Error is against "
-        "the given tilt. MAE and SD are over the n minutes with an answer; slopes held over a cloud count "
-        f"for nothing. SD {sd_words(material.sd)}."
+        f"region ({likelihood_words(data.settings)}); noise is the same by noise alone. Uncertain: "
+        f"{formatting.UNCERTAIN_MEANS}. Error is against the given tilt. MAE and SD are over the n minutes "
+        f"with an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}."
     )
-    doubt = paragraph(f"{formatting.PAPER_LEAVES_OUT[0].upper()}{formatting.PAPER_LEAVES_OUT[1:]}.")
-    paper = [doubt] if (material.settings.model, material.settings.azimuth) == ("paper", "free") else []
-    return section("Result", table(columns, rows, caption=caption), *paper)
+    return Table(columns, [_slope_row(bed, data.sd) for bed in data.columns.beds], caption)
 
 
-def likelihood_words(material: Material) -> str:
-    """What the likelihood region covers."""
-    settings = material.settings
+def caveat(settings: EstimatorSettings) -> str:
+    """What the paper's model omits, as one sentence; empty with other settings."""
+    if (settings.model, settings.azimuth) != ("paper", "free"):
+        return ""
+    return f"{formatting.PAPER_LEAVES_OUT[0].upper()}{formatting.PAPER_LEAVES_OUT[1:]}."
+
+
+def likelihood_words(settings: EstimatorSettings) -> str:
+    """Which uncertainties the likelihood region covers."""
     parts = [f"noise of {settings.noise_k:g} K"]
     if settings.offset_sd_k > 0:
         parts.append(f"an offset between regions of {settings.offset_sd_k:g} K")
-    sds = {settings.emissivity_sd, *settings.own_emissivity_sd.values()} - {0.0}
-    parts += [f"an emissivity of ±{sd:.3f}" for sd in sorted(sds)]
-    doubts = {
+    emissivity_sds = {settings.emissivity_sd, *settings.own_emissivity_sd.values()} - {0.0}
+    parts += [f"an emissivity of ±{sd:.3f}" for sd in sorted(emissivity_sds)]
+    relative_sds = {
         "an irradiance scale": settings.scale_sd,
         "a light meter's factor": settings.factor_sd,
         "an exchange with the air": settings.exchange_sd,
     }
     if settings.model == "full":
-        doubts |= {
+        relative_sds |= {
             "a conductivity of the sand": settings.conductivity_sd,
             "its heat capacity": settings.capacity_sd,
         }
-    parts += [f"{name} good to {sd:.0%}" for name, sd in doubts.items() if sd > 0]
+    parts += [f"{name} good to {sd:.0%}" for name, sd in relative_sds.items() if sd > 0]
     if settings.model == "paper":
         parts.append(f"and {PAPER_SCALE_SD:.0%} of scale for what the paper's model leaves out")
     return "covers " + ", ".join(parts)
@@ -83,74 +87,69 @@ def sd_words(sd: SdKind) -> str:
     return "the ordinary standard deviation of the absolute error"
 
 
-def _bed_row(bed: Bed, material: Material) -> list[object]:
-    answer, last = bed.final_estimate, bed.last
+def _slope_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
+    final = bed.final_estimate
     truth = np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
     mae = mean_absolute_error(bed.estimated_tilt_deg, truth)
-    sd = sd_of_absolute_error(bed.estimated_tilt_deg, truth, material.sd)
-    found = _found(answer) if answer else [formatting.UNKNOWN] * 5
-    error = answer.tilt_deg - bed.region.tilt_deg if answer else float("nan")
-    counted = int(np.isfinite(bed.estimated_tilt_deg).sum())
+    sd = sd_of_absolute_error(bed.estimated_tilt_deg, truth, sd_kind)
+    error = final.tilt_deg - bed.region.tilt_deg if final else float("nan")
     return [
-        element("strong", bed.region.name),
+        strong(bed.region.name),
         formatting.given_slope(bed.region),
-        *found,
+        *(_slope_cells(final) if final else [formatting.UNKNOWN] * 5),
         f"{error:+.1f}" if np.isfinite(error) else formatting.UNKNOWN,
         f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
-        counted,
-        _state(answer, last),
+        int(np.isfinite(bed.estimated_tilt_deg).sum()),
+        _state(final, bed.last),
     ]
 
 
-def _state(answer: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
-    """The state of the slope that is shown, and of the last minute where that has another."""
+def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
+    """The state of the slope that is shown, and of the last minute if it differs."""
     if last is None:
         return "no estimate"
     ended = formatting.state(last, second=False)
-    shown = formatting.state(answer, second=False) if answer else ended
+    shown = formatting.state(final, second=False) if final else ended
     return shown if shown == ended else f"{shown}; ended as: {ended}"
 
 
-def _found(answer: SlopeEstimate) -> list[object]:
+def _slope_cells(estimate: SlopeEstimate) -> list[object]:
     return [
-        formatting.tilt(answer),
-        formatting.noise(answer),
-        formatting.azimuth(answer),
-        formatting.second_branch(answer) or formatting.UNKNOWN,
-        formatting.number(answer.kelvin_per_degree, 2),
+        formatting.tilt(estimate),
+        formatting.noise(estimate),
+        formatting.azimuth(estimate),
+        formatting.second_branch(estimate) or formatting.UNKNOWN,
+        formatting.number(estimate.kelvin_per_degree, 2),
     ]
 
 
-def over_time(material: Material) -> Html:
+# ---------------------------------------------------------------------- over time
+
+
+def time_figures(data: ReportData) -> Iterator[Figure]:
     """Slopes, temperatures and light over the session."""
-    if not material.columns.time_ns.size:
-        return section("Over the session", paragraph("No minute was recorded."))
-    return section("Over the session", *_drawn(material, _time_figures))
-
-
-def _time_figures(material: Material) -> Iterator[Html]:
-    columns, site = material.columns, material.site
+    columns, site = data.columns, data.site
     clouds = " Grey: cloud or changing light." if columns.cloudy.any() else ""
     if columns.beds:
-        yield figure(
+        yield Figure(
             session_figures.tilts(columns, site),
             "Tilt of each bed. Shaded: 90 % likelihood region; dashed: the given tilt; crosses: not to be "
             f"relied on (held, shaded, no intersection); ticks at the foot: no slope.{clouds}",
-            f"Tilt against local time. {_last_words(columns)}",
+            f"Tilt against local time. {_final_tilts(columns)}",
         )
-    if material.settings.azimuth == "free" and columns.beds:
-        yield figure(
+    if data.settings.azimuth == "free" and columns.beds:
+        yield Figure(
             session_figures.azimuths(columns, site),
             "Azimuth of each bed's normal with its likelihood region; a region over all 360° means that "
-            "the data do not tell. Dashed: the given azimuth.",
+            "the data do not determine it. Dashed: the given azimuth.",
             "Azimuth of each bed against local time.",
         )
-    yield figure(
-        session_figures.temperatures(columns, material.channels, site),
+    yield Figure(
+        session_figures.temperatures(columns, data.channels, site),
         f"Surface temperature of the regions (camera) and contact probes (marks).{clouds}",
         f"Surface temperatures against local time of {', '.join(r.name for r in columns.regions)}.",
     )
-    yield figure(
+    yield Figure(
         session_figures.irradiance(columns, site),
         f"Above: illuminance as measured. Below: direct normal irradiance by the model "
         f"“{columns.irradiance_model}”.{clouds}",
@@ -158,30 +157,40 @@ def _time_figures(material: Material) -> Iterator[Html]:
     )
 
 
-def _last_words(columns: Series) -> str:
+def _final_tilts(columns: Series) -> str:
     ends = [(bed.region.name, bed.final_estimate) for bed in columns.beds]
-    return " ".join(f"{name} ends at {formatting.tilt(answer)}°." for name, answer in ends if answer)
+    return " ".join(f"{name} ends at {formatting.tilt(final)}°." for name, final in ends if final)
 
 
-def against_the_paper(material: Material) -> Html | str:
-    """Figs. 12 and 13 of the paper for this session; nothing where no bed's slope was given."""
-    columns = material.columns
-    modelled = {
-        bed.region.name: modelled_temperature(columns, bed, material.settings.surface) for bed in columns.beds
+# ---------------------------------------------------------------------- as in the paper
+
+
+@dataclass(frozen=True, slots=True)
+class PaperComparison:
+    """Figs. 12 and 13 of the paper for this session; `figures` is None without matplotlib."""
+
+    summary: str
+    figures: list[Figure] | None
+
+
+def paper_comparison(data: ReportData) -> PaperComparison | None:
+    """The paper's evaluation applied to this session; None if no bed's slope was given."""
+    columns = data.columns
+    by_model = {
+        bed.region.name: modelled_temperature(columns, bed, data.settings.surface) for bed in columns.beds
     }
-    known = {name: kelvin for name, kelvin in modelled.items() if np.isfinite(kelvin).any()}
-    with_truth = [bed for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
-    if not known and not with_truth:
-        return ""
-    rmse = rmse_of(columns, known)
-    text = paragraph(
-        f"Measured against modelled surface temperature: RMSE {formatting.number(rmse, 2)} K over "
-        f"{len(known)} beds (the paper reports 1.83 K for its own)."
+    modelled = {name: kelvin for name, kelvin in by_model.items() if np.isfinite(kelvin).any()}
+    if not modelled and not any(np.isfinite(bed.region.tilt_deg) for bed in columns.beds):
+        return None
+    rmse_k = temperature_rmse_k(columns, modelled)
+    summary = (
+        f"Measured against modelled surface temperature: RMSE {formatting.number(rmse_k, 2)} K over "
+        f"{len(modelled)} beds (the paper reports 1.83 K for its own)."
     )
-    return section("As in the paper", text, *_drawn(material, lambda m: _paper_figures(m, known, rmse)))
+    return PaperComparison(summary, data.drawn(lambda data: _paper_figures(data, modelled, rmse_k)))
 
 
-def rmse_of(columns: Series, modelled_k: dict[str, FloatArray]) -> float:
+def temperature_rmse_k(columns: Series, modelled_k: Mapping[str, FloatArray]) -> float:
     """RMSE over all beds and minutes of measured against modelled surface temperature, kelvin."""
     if not modelled_k:
         return float("nan")
@@ -189,38 +198,32 @@ def rmse_of(columns: Series, modelled_k: dict[str, FloatArray]) -> float:
     return root_mean_square_error(measured, np.concatenate(list(modelled_k.values())))
 
 
-def _paper_figures(material: Material, modelled: dict[str, FloatArray], rmse: float) -> Iterator[Html]:
-    columns = material.columns
+def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k: float) -> Iterator[Figure]:
+    columns = data.columns
     if modelled:
         measured = {name: columns.temperature_k[name] for name in modelled}
-        yield figure(
-            paper_figures.measured_against_modelled(measured, modelled, rmse),
+        yield Figure(
+            paper_figures.measured_against_modelled(measured, modelled, rmse_k),
             f"As the paper's Fig. 12: measured surface temperature against eq. (7) with this session's "
-            f"parameters. RMSE {rmse:.2f} K. Air temperature and long wave are not measured; the reference "
+            f"parameters. RMSE {rmse_k:.2f} K. Air temperature and long wave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",
-            f"Measured against modelled surface temperature, RMSE {rmse:.2f} kelvin.",
+            f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
         )
     errors = {
         bed.region.name: errors_over_time(
-            columns.of_day_ns(material.site),
+            columns.of_day_ns(data.site),
             bed.estimated_tilt_deg,
             bed.region.tilt_deg,
             span_s=SPAN_S,
-            kind=material.sd,
+            kind=data.sd,
         )
         for bed in columns.beds
         if np.isfinite(bed.region.tilt_deg)
     }
     if any(errors.values()):
-        yield figure(
-            paper_figures.errors_over_local_time(errors, material.zone),
+        yield Figure(
+            paper_figures.errors_over_local_time(errors, data.zone),
             f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
-            f"Bars: one SD, {sd_words(material.sd)}.",
+            f"Bars: one SD, {sd_words(data.sd)}.",
             "Absolute tilt error of each bed against local time.",
         )
-
-
-def _drawn(material: Material, draw: Callable[[Material], Iterator[Html]]) -> list[Html]:
-    if not material.figures:
-        return [paragraph(element("em", LAB_HINT))]
-    return [element("div", *draw(material), class_="figures")]

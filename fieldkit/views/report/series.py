@@ -32,7 +32,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Bed:
+class TargetSeries:
     """Estimates of one target, one per minute; angles in degrees, NaN where there is none."""
 
     region: Region
@@ -44,12 +44,12 @@ class Bed:
     azimuth_low_deg: FloatArray
     azimuth_high_deg: FloatArray
     kelvin_per_degree: FloatArray
-    is_answer: BoolArray
+    is_estimate: BoolArray
 
     @property
     def estimated_tilt_deg(self) -> FloatArray:
         """Tilt where it was worked out at that minute, NaN elsewhere (also where one is held)."""
-        return np.where(self.is_answer, self.tilt_deg, np.nan)
+        return np.where(self.is_estimate, self.tilt_deg, np.nan)
 
     @property
     def uncertain(self) -> int:
@@ -59,8 +59,8 @@ class Bed:
     @property
     def final_estimate(self) -> SlopeEstimate | None:
         """The slope that stands for the session, or None where none was found."""
-        answer = final_estimate(estimate for estimate in self.estimates if estimate is not None)
-        return answer if answer is not None and answer.state in WITH_SLOPE else None
+        final = final_estimate(estimate for estimate in self.estimates if estimate is not None)
+        return final if final is not None and final.state in WITH_SLOPE else None
 
     @property
     def last(self) -> SlopeEstimate | None:
@@ -82,7 +82,7 @@ class Series:
     flags: NDArray[np.int64]
     temperature_k: Mapping[str, FloatArray]
     contact_k: FloatArray  # (n, channels)
-    beds: tuple[Bed, ...]
+    beds: tuple[TargetSeries, ...]
     regions: tuple[Region, ...]
 
     @property
@@ -147,7 +147,7 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
     )
 
 
-def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
+def _bed(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
     found = tuple(
         next((estimate for estimate in minute.estimates if estimate.region == region.name), None)
         for minute in minutes
@@ -156,7 +156,7 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
     def column(name: str) -> FloatArray:
         return np.array([np.nan if e is None else getattr(e, name) for e in found], np.float64)
 
-    return Bed(
+    return TargetSeries(
         region,
         found,
         tilt_deg=column("tilt_deg"),
@@ -166,11 +166,11 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> Bed:
         azimuth_low_deg=column("azimuth_low_deg"),
         azimuth_high_deg=column("azimuth_high_deg"),
         kelvin_per_degree=column("kelvin_per_degree"),
-        is_answer=np.array([e is not None and e.state in SOLVED for e in found], np.bool_),
+        is_estimate=np.array([e is not None and e.state in SOLVED for e in found], np.bool_),
     )
 
 
-def modelled_temperature(columns: Series, bed: Bed, parameters: SurfaceParameters) -> FloatArray:
+def modelled_temperature(columns: Series, bed: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
     """What eq. (7) says the surface temperature of a bed of known slope should be, kelvin, shape (n,).
 
     Air temperature and the sky's long wave are not measured; both enter eq. (7) in the same

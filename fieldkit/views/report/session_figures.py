@@ -11,7 +11,7 @@ from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.slope import SOLVED
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.views import formatting, plotting
-from fieldkit.views.report.series import Bed, FloatArray, Series
+from fieldkit.views.report.series import FloatArray, Series, TargetSeries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def tilts(columns: Series, site: Site) -> str:
             bed.tilt_high_deg,
             plotting.colour(index),
         )
-        _doubts(axes, columns, bed, bed.tilt_deg)
+        _unreliable(axes, columns, bed, bed.tilt_deg)
         if np.isfinite(bed.region.tilt_deg):
             axes.axhline(bed.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
         axes.set_ylabel(f"{bed.region.name} tilt, °")
@@ -84,7 +84,7 @@ def azimuths(columns: Series, site: Site) -> str:
         low = middle - (bed.azimuth_deg - bed.azimuth_low_deg) % 360.0
         high = middle + (bed.azimuth_high_deg - bed.azimuth_deg) % 360.0
         _band(axes, columns, middle, low, high, plotting.colour(index))
-        _doubts(axes, columns, bed, middle)
+        _unreliable(axes, columns, bed, middle)
         if np.isfinite(bed.region.azimuth_deg):
             axes.axhline(bed.region.azimuth_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
         half = _half_range(np.concatenate([low, high]) - centre)
@@ -112,7 +112,7 @@ def _band(
     axes.plot(days, middle, color=colour, linewidth=1.6)
 
 
-def _doubts(axes: Axes, columns: Series, bed: Bed, values: FloatArray) -> None:
+def _unreliable(axes: Axes, columns: Series, bed: TargetSeries, values: FloatArray) -> None:
     """Mark minutes that are no answer: crosses where there is a value, ticks at the foot where none is."""
     doubtful = np.array([e is not None and e.state not in SOLVED for e in bed.estimates], np.bool_)
     days, known = plotting.days(columns.time_ns), np.isfinite(values)
@@ -160,7 +160,7 @@ def _local_axis(axes: Axes, site: Site, time_ns: Sequence[int]) -> None:
         axes.set_xlabel(f"local time ({formatting.zone_name(min(time_ns), site)})")
 
 
-def _centre_of(bed: Bed) -> float:
+def _centre_of(bed: TargetSeries) -> float:
     if np.isfinite(bed.region.azimuth_deg):
         return float(bed.region.azimuth_deg)
     known = bed.azimuth_deg[np.isfinite(bed.azimuth_deg)]

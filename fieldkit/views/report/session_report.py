@@ -1,4 +1,4 @@
-"""Puts the report of a session together and writes it."""
+"""The report of one session: gathers its data and renders the page."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from fieldkit.estimation.statistics import SdKind
 from fieldkit.model.samples import Frame
 from fieldkit.model.site import Region, Site
 from fieldkit.views import formatting, plotting
-from fieldkit.views.html import Html, bullets, element, page, paragraph
-from fieldkit.views.report import error_budget, recording, results
-from fieldkit.views.report.assessment import verdict
-from fieldkit.views.report.report_data import Material
+from fieldkit.views.html import render
+from fieldkit.views.report import recording, results
+from fieldkit.views.report.assessment import assess
+from fieldkit.views.report.error_budget import error_budget
+from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import series
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def write_report(
     command_line: str = "",
     config_toml: str | None = None,
 ) -> None:
-    """Write the report of a session as one HTML file that holds all it needs.
+    """Write the report of a session as one self-contained HTML file.
 
     Parameters
     ----------
@@ -45,18 +46,17 @@ def write_report(
     session
         An open session.
     minutes, settings
-        What the estimator made of its samples, and how.
+        The estimator's minutes and the settings that gave them.
     site, regions
         Those the estimator used, where they are not the session's own.
     sd
         Standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
     frame
-        The picture to show, None if there is none.
+        The frame to show, None if there is none.
     full_minutes
-        The same samples estimated with the full surface model: says what leaving terms out
-        costs.
+        The same samples estimated with the full surface model, to show what the omitted terms cost.
     command_line
-        What was typed, for the provenance.
+        The command that was typed, for the provenance.
     config_toml
         The configuration used, where it is not the session's own.
 
@@ -66,7 +66,7 @@ def write_report(
         If the file cannot be written.
     """
     regions = tuple(session.regions if regions is None else regions)
-    material = Material(
+    data = ReportData(
         session=session,
         site=site or session.site,
         regions=regions,
@@ -78,40 +78,38 @@ def write_report(
         full=None if full_minutes is None else series(full_minutes, regions),
         command_line=command_line,
         config_toml=session.config_toml if config_toml is None else config_toml,
-        figures=plotting.available(),
+        can_draw=plotting.available(),
     )
-    path.write_text(_page(material), encoding="utf-8")
+    path.write_text(_page(data), encoding="utf-8")
 
 
-def _page(material: Material) -> str:
-    title = material.session.header.title or material.session.path.stem
-    return page(
-        f"{title}: fieldkit report",
-        _header(material, title),
-        results.beds(material),
-        recording.seen(material),
-        results.over_time(material),
-        results.against_the_paper(material),
-        error_budget.error_budget(material),
-        recording.events(material),
-        recording.streams(material),
-        recording.clock(material),
-        recording.provenance(material),
+def _page(data: ReportData) -> str:
+    return render(
+        "session_report.html",
+        title=data.session.header.title or data.session.path.stem,
+        facts=_facts(data),
+        description=data.session.header.description,
+        assessment=assess(data.columns, data.events, data.session.state),
+        slopes=results.slopes(data),
+        caveat=results.caveat(data.settings),
+        frame=recording.frame_image(data),
+        regions=recording.regions(data),
+        has_minutes=bool(data.columns.time_ns.size),
+        time_figures=data.drawn(results.time_figures) if data.columns.time_ns.size else None,
+        comparison=results.paper_comparison(data),
+        budget=error_budget(data),
+        events=recording.events(data),
+        streams=recording.streams(data),
+        clock=recording.clock(data),
+        provenance=recording.provenance(data),
+        config_toml=data.config_toml,
     )
 
 
-def _header(material: Material, title: str) -> Html:
-    session = material.session
-    found = verdict(material.columns, material.events, session.state)
-    start = formatting.local_time(session.start_ns, material.site)
-    zone = formatting.zone_name(session.start_ns, material.site)
+def _facts(data: ReportData) -> str:
+    """Place and time of the session in one line."""
+    session = data.session
+    start = formatting.local_time(session.start_ns, data.site)
     lasted = formatting.duration((session.end_ns - session.start_ns) / 1e9)
-    when = f"{start:%Y-%m-%d %H:%M} to {material.when(session.end_ns)} ({zone}), {lasted}"
-    return element(
-        "header",
-        element("h1", title),
-        paragraph(f"{formatting.place(material.site)} · {when}", class_="facts"),
-        paragraph(session.header.description, class_="facts") if session.header.description else "",
-        paragraph(found.headline, class_="verdict doubt" if found.doubts else "verdict"),
-        bullets(found.doubts) if found.doubts else paragraph("Nothing went wrong while recording."),
-    )
+    when = f"{start:%Y-%m-%d %H:%M} to {data.clock_time(session.end_ns)} ({data.zone}), {lasted}"
+    return f"{formatting.place(data.site)} · {when}"

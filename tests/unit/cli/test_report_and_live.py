@@ -86,7 +86,7 @@ def test_report_with_other_settings_than_recorded(session, tmp_path):
 def test_report_shows_the_configuration_it_was_made_with(session, tmp_path):
     out = tmp_path / "white.html"
     assert fieldkit("report", session, "-o", out, "--set", "surface.albedo=0.35").exit_code == 0
-    shown = out.read_text(encoding="utf-8").split("Configuration in force")[1]
+    shown = out.read_text(encoding="utf-8").split("Active configuration")[1]
     assert "\nalbedo = 0.35\n" in shown.split("[surface]")[1].split("[")[0]
 
 

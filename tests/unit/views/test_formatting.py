@@ -129,7 +129,7 @@ def test_what_inclinometer_and_compass_said(tilt, azimuth, said):
 
 def test_bad_events_say_so_without_colour():
     event = Event(EventKind.DISK, 0, 0, "disk full", severity=Severity.ERROR)
-    assert formatting.told(event) == "ERROR: disk full"
+    assert formatting.event_line(event) == "ERROR: disk full"
 
 
 @pytest.mark.parametrize(

@@ -81,14 +81,14 @@ def test_the_terms_add_up_to_what_eq_6_gets_wrong(make_minute, tilt_deg, azimuth
     warm, base = middle.temperature_k["bed"], middle.temperature_k["flat"]
     by_eq_6 = alpha * (warm**4 - base**4) + beta * (warm - base)
     direct = columns.direct_on(tilt_deg, azimuth_deg)[1] - columns.direct_on(0.0, 0.0)[1]
-    assert found.left_out_w_m2 == pytest.approx(by_eq_6 - direct, abs=0.02 * abs(by_eq_6) + 0.3)
+    assert found.omitted_w_m2 == pytest.approx(by_eq_6 - direct, abs=0.02 * abs(by_eq_6) + 0.3)
 
 
 def test_a_flat_bed_leaves_nothing_out(make_minute):
     bed = Region("bed", RegionKind.TARGET, CORNERS, 0.0, 180.0)
     minutes = [minute_of(make_minute, bed, NOON_NS + step * 60_000_000_000) for step in range(2)]
     columns = series(minutes, (FLAT, bed))
-    assert budget(columns, columns.beds[0], SETTINGS).left_out_w_m2 == pytest.approx(0.0, abs=1e-6)
+    assert budget(columns, columns.beds[0], SETTINGS).omitted_w_m2 == pytest.approx(0.0, abs=1e-6)
 
 
 def test_measured_sky_takes_the_place_of_the_assumed_one(make_minute):

@@ -15,8 +15,8 @@ from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.views import plotting
 from fieldkit.views.report import write_report
-from fieldkit.views.report.assessment import verdict
-from fieldkit.views.report.results import rmse_of
+from fieldkit.views.report.assessment import assess
+from fieldkit.views.report.results import temperature_rmse_k
 from fieldkit.views.report.series import modelled_temperature, series
 
 
@@ -100,7 +100,7 @@ def test_results_in_the_papers_world_are_right(written, minutes, regions, settin
     for bed in columns.beds:
         assert bed.final_estimate.tilt_deg == pytest.approx(bed.region.tilt_deg, abs=0.15)  # counts of 0.01 K
     modelled = {bed.region.name: modelled_temperature(columns, bed, settings.surface) for bed in columns.beds}
-    assert rmse_of(columns, modelled) < 0.02
+    assert temperature_rmse_k(columns, modelled) < 0.02
     assert "RMSE 0.0" in Page(written()).text
 
 
@@ -149,7 +149,7 @@ def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, mon
 def test_a_session_without_minutes_still_has_its_report(written):
     page = Page(written(minutes=[], frame=None))
     assert "No slope was found on any of 2 beds" in page.text
-    assert "No picture without doubts was recorded" in page.text
+    assert "No unflagged frame was recorded" in page.text
 
 
 def test_the_same_session_gives_the_same_bytes(written):
@@ -175,21 +175,21 @@ def test_full_model_says_that_it_has_the_terms(written, settings):
 
 
 def test_verdict_names_the_worst_bed(make_minute, regions):
-    found = verdict(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
+    found = assess(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
     assert found.headline == (
         "Slopes were found on 1 of 2 beds. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
         "Mean tilt error 2.5°; worst bed b15 with 4.0°."
     )
-    assert found.doubts == ("b25 ended as: not resolved, or 43.3°/181°.",)
+    assert found.warnings == ("b25 ended as: not resolved, or 43.3°/181°.",)
 
 
 def test_a_headline_over_wide_regions_does_not_say_that_slopes_were_found(make_minute, regions):
     minute = make_minute(0, tilt_deg=30.4, state=SlopeState.UNCERTAIN)
     wide = replace(minute.estimates[0], tilt_low_deg=14.1, tilt_high_deg=46.9)
     held = replace(wide, region="b25", state=SlopeState.HELD_CLOUD)
-    found = verdict(series([replace(minute, estimates=(wide, held))], regions), [], "sealed")
+    found = assess(series([replace(minute, estimates=(wide, held))], regions), [], "sealed")
     assert found.headline.startswith("No slope is certain. Uncertain: b15 30.4 ±16.5°, b25 30.4 ±16.5°.")
-    assert found.doubts[0] == "b15 ended as: uncertain."
+    assert found.warnings[0] == "b15 ended as: uncertain."
 
 
 def test_the_state_beside_a_slope_is_its_own_and_how_the_bed_ended_too(written, minutes):
@@ -202,19 +202,19 @@ def test_the_state_beside_a_slope_is_its_own_and_how_the_bed_ended_too(written, 
 
 def test_verdict_without_truth_says_so(make_minute, regions):
     unknown = tuple(replace(region, tilt_deg=float("nan")) for region in regions)
-    assert "No true tilts" in verdict(series([make_minute(0)], unknown), [], "sealed").headline
+    assert "No true tilts" in assess(series([make_minute(0)], unknown), [], "sealed").headline
 
 
 def test_verdict_without_slopes_is_plain(make_minute, regions):
     held = make_minute(0, estimates=())
-    assert verdict(series([held], regions), [], "sealed").headline == "No slope was found on any of 2 beds."
+    assert assess(series([held], regions), [], "sealed").headline == "No slope was found on any of 2 beds."
 
 
 def test_verdict_counts_troubles_and_names_an_unsealed_session(make_minute, regions):
     lost = [Event(EventKind.LOST, 0, 0, "lost"), Event(EventKind.LOST, 1, 1, "lost")]
-    doubts = verdict(series([make_minute(0, state=SlopeState.OK)], regions), lost, "interrupted").doubts
-    assert "2 devices lost while recording; see Events." in doubts
-    assert any("interrupted" in doubt for doubt in doubts)
+    warnings = assess(series([make_minute(0, state=SlopeState.OK)], regions), lost, "interrupted").warnings
+    assert "2 devices lost while recording; see Events." in warnings
+    assert any("interrupted" in warning for warning in warnings)
 
 
 def test_default_settings_are_accepted(written):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
 from fieldkit.model.samples import Quality
@@ -21,7 +19,7 @@ def cell(regions):
     def of(minutes, name: str, sd: str = "usual") -> object:
         bed = series(minutes, regions).beds[0]
         assert bed.region.tilt_deg == 15.0
-        return results._bed_row(bed, SimpleNamespace(sd=sd))[COLUMNS[name]]
+        return results._slope_row(bed, sd)[COLUMNS[name]]
 
     return of
 
