@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from benchmarks.estimation_outdoors import noisy, regions
 from benchmarks.result import Result
-from fieldkit.estimation.balance import rows
-from fieldkit.estimation.bins import History
+from fieldkit.estimation.balance import least_squares_rows
+from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.site import Site
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.slab import Slab
@@ -94,7 +94,9 @@ def day(name: str, beds: list[tuple[float, float]], random: np.random.Generator)
 def with_known_bed(history: History, settings: EstimatorSettings) -> EstimatorSettings:
     """The settings with the scale that the first bed asks for, whose slope is known."""
     first = len(history) - MINUTES
-    made = rows(history, first, np.array([0]), np.array([1]), VERTICAL[np.newaxis], settings)
+    flat = Region("flat", RegionKind.REFERENCE, ((0.0, 0.0),), 0.0, 0.0)
+    known = Region("known", RegionKind.TARGET, ((0.0, 0.0),))
+    made = least_squares_rows(history, first, RegionColumns((flat, known)), settings)
     scale = scale_from_known_bed(
         made.design,
         made.y[:, 0],

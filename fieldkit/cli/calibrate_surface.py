@@ -107,7 +107,7 @@ def rows_of(estimator: Estimator) -> tuple[Rows, History]:
         estimator.settings,
     )
     true = remove_offsets(history, field.regions, settings)
-    rows = balance.rows(true, 0, field.references, field.targets, field.reference_normals, settings)
+    rows = balance.least_squares_rows(true, 0, field, settings)
     doubtful = sum(int(Quality[name]) for name in CLOUDY)
     return replace(rows, y=np.where((history.flags & doubtful)[:, np.newaxis] == 0, rows.y, np.nan)), history
 

@@ -1,19 +1,19 @@
-"""From minute bins to rows ``y = n . u + error``: the surface model, paper's or full.
+"""From minute bins to least-squares rows ``y = n . u + error``: the surface model, paper's or full.
 
-Both models say that heat leaving a bed, less that leaving the reference, is sunlight that
-depends on the normal *linearly*. The paper's eq. (6) has the direct beam alone. The full
-model (`sky` and `slab` of the physics) adds diffuse light (isotropic, or Hay and Davies),
-light and long wave from flat ground around, and heat conducted into the layer. Since a
-facet sees ``(1 + n_z) / 2`` of the sky, all of it is ``n . v`` plus what is the same for every
-normal, with
+Heat lost by a target less heat lost by the reference equals the difference in absorbed sunlight, which is
+*linear* in the unit normal n. The paper's eq. (6) counts the direct beam alone. The full model adds diffuse
+light (isotropic, or after Hay and Davies), light and longwave from level ground around, and heat conducted
+into the layer. A facet sees ``(1 + n_z) / 2`` of the sky, so all of it is ``n . v`` plus a term common to all
+normals:
 
     v = (1 - A) (S + D A_i / s_z) s  +  z k
     k = (1 - A) (D (1 - A_i) - A_g G) / 2  -  e (L_g - L) / 2
 
-(A_i = S / S_0 the circumsolar share, A_g the ground's albedo, L_g its long wave). So the
-same least squares solves both, with an effective lamp ``u = v / V``.
+(s: towards the sun, S: DNI, D: DHI, G: GHI, A: albedo, A_i = S / S_0: circumsolar share, A_g: the ground's
+albedo, e: broadband emissivity, L: downward longwave, L_g: longwave of the ground.) The same least squares
+therefore solves both models; the design vector is u = v / V, where V is the beam's part of v.
 
-Temperatures in kelvin, fluxes in W/m2 of heat, minutes in rows, regions in columns.
+Temperatures in kelvin, heat fluxes in W/m2, minute bins in rows, regions in columns.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import History
+from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
@@ -35,23 +35,34 @@ from fieldkit.physics.slab import Slab, conducted_flux
 MINUTE_S = 60.0
 SMOOTHED_MINUTES = 5
 UNSTEADY = 0.1
-"""Relative change of the light from minute to minute that doubles the variance of a row."""
-# quadratic through five minutes: row i gives the smoothed value at the i-th of them
+"""Relative change of DNI from minute to minute that doubles the variance of a row."""
+# least-squares parabola through five minutes: row i gives the smoothed value at the i-th of them
 _PARABOLAS = np.vander(np.arange(SMOOTHED_MINUTES) - SMOOTHED_MINUTES // 2, 3).astype(np.float64)
 _SMOOTHER: FloatArray = _PARABOLAS @ np.linalg.pinv(_PARABOLAS)
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of the least squares for the minutes (n,) of a window and the targets (m,).
+    """Least-squares rows: minute bins (n,) of a window by targets (m,); NaN where a bin has no value.
 
-    `design` (n, 3); `y` (n, m), measured cosine of incidence; `sigma` (n, m), its standard
-    deviation by the stated noise; `per_kelvin` (n, m), how y grows with the target's
-    temperature; `per_w_m2` (n,), how it grows with a difference of sunlight on the bed;
-    `systematics` (p, n, m), how it moves with one standard deviation of each thing that is only
-    known so well: offset between regions and its drift, exchange with the air, with the full model
-    conductivity and heat capacity of the layer, and emissivities with a stated uncertainty.
-    `reference` (3,) is the mean normal of the references. NaN where a minute says nothing.
+    Attributes
+    ----------
+    design
+        Design vectors u, shape (n, 3). [-]
+    y
+        Measured cosine of incidence, (n, m). [-]
+    sigma
+        Standard deviation of `y` by the stated noise, (n, m). [-]
+    per_kelvin
+        Derivative of `y` by the target's temperature, (n, m). [1/K]
+    per_w_m2
+        Derivative of `y` by the difference of incident sunlight, (n,). [m2/W]
+    systematics
+        Change of `y` for one standard uncertainty of each systematic effect, (p, n, m): offset between
+        regions, its drift, exchange with the air; for the full model conductivity and heat capacity of the
+        layer; then every emissivity with a stated uncertainty. [-]
+    reference
+        Mean unit normal of the references, (3,). [-]
     """
 
     design: FloatArray
@@ -63,67 +74,64 @@ class Rows:
     reference: FloatArray
 
 
-def rows(
+def least_squares_rows(
     history: History,
     first: int,
-    references: NDArray[np.int64],
-    targets: NDArray[np.int64],
-    normals: FloatArray,
+    columns: RegionColumns,
     settings: EstimatorSettings,
-    moved_k: Iterable[FloatArray] = (),
+    shifted_k: Iterable[FloatArray] = (),
 ) -> Rows:
-    """Rows of the minutes from index `first` of the history on.
+    """Rows of the minute bins from index `first` of the history on.
 
     Parameters
     ----------
     history
-        Bins from the start of the session: conduction remembers what was before the window.
+        Minute bins from the start of the session: conduction depends on what was before the window.
     first
-        Index of the window's first minute.
-    references, targets
-        Columns of the regions. References that were never measured are left out; several
-        are averaged.
-    normals
-        Unit normals of the references, shape (len(references), 3).
+        Index of the window's first minute bin.
+    columns
+        References and targets. References that were never measured are excluded; several are averaged.
     settings
         Surface, model and noise.
-    moved_k
-        Temperatures (n, regions) were one thing that shifts them a standard uncertainty higher, for each.
+    shifted_k
+        For each uncertain emissivity the temperatures (n, regions) one standard uncertainty further. [K]
+
+    References ---------- Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for
+    Planetary Exploration Rovers", eq. (6); for the full model see the module's equation.
     """
-    kept = np.isfinite(history.temperature_k[first:, references]).any(axis=0)
-    kept |= not kept.any()  # none measured: all of them, whose mean is NaN without a warning
-    base = history.temperature_k[:, references[kept]]
-    warm = history.temperature_k[:, targets]
-    heat = _lost(warm, settings) - np.mean(_lost(base, settings), axis=1, keepdims=True)
-    beam, ground = _lamp(history, np.mean(base, axis=1), settings)
-    design = history.sun + (ground / beam)[:, np.newaxis] * VERTICAL
-    reference = normals[kept].mean(axis=0)
-    steepness, rise = _lost_per_kelvin(warm, settings), np.zeros_like(warm)
-    over = warm - np.mean(base, axis=1, keepdims=True)
-    exchange = settings.surface.exchange_w_m2_k * settings.exchange_sd * _trend(over, first)
-    drift = settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean()) / 60.0
-    systematics = [settings.offset_sd_k * steepness, drift[:, np.newaxis] * steepness, exchange]
-    amplification = np.zeros(1)
+    references = _measured_references(history, first, columns)
+    target_k = history.temperature_k[:, columns.targets]
+    reference_k = history.temperature_k[:, columns.references[references]]
+    over_k = target_k - np.mean(reference_k, axis=1, keepdims=True)
+    heat = _heat_difference(target_k, reference_k, settings)
+    beam, vertical = _absorbed_light(history, np.mean(reference_k, axis=1), settings)
+    design = history.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
+    reference = columns.reference_normals[references].mean(axis=0)
+    steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
+    systematics = _offset_drift_exchange(history, first, over_k, steepness, settings)
+    kernel = np.zeros(1)
     if settings.model == "full":
-        rise = conducted(history.minute, over, settings.slab)
-        systematics += [conducted(history.minute, over, slab) - rise for slab in _doubtful_slabs(settings)]
-        amplification = _smoothed_kernel(settings.slab)
-    for moved in moved_k:
-        other, other_base = moved[:, targets], moved[:, references[kept]]
-        shift = _lost(other, settings) - np.mean(_lost(other_base, settings), axis=1, keepdims=True) - heat
+        storage_flux = conducted(history.minute, over_k, settings.slab)
+        systematics += [
+            conducted(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
+        ]
+        kernel = _smoothed_kernel(settings.slab)
+    for shifted in shifted_k:
+        other_k, other_reference_k = shifted[:, columns.targets], shifted[:, columns.references[references]]
+        shift = _heat_difference(other_k, other_reference_k, settings) - heat
         if settings.model == "full":
-            further = other - np.mean(other_base, axis=1, keepdims=True)
-            shift += conducted(history.minute, further, settings.slab) - rise
+            further_k = other_k - np.mean(other_reference_k, axis=1, keepdims=True)
+            shift += conducted(history.minute, further_k, settings.slab) - storage_flux
         systematics.append(shift)
     scale = (beam * settings.scale)[:, np.newaxis]
-    noise = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(kept.sum())))
-    direct = steepness + amplification[0]
-    loud = np.sqrt(direct**2 + np.sum(amplification[1:] ** 2))
+    # the difference has the target's noise and that of the references' mean
+    noise_k = settings.noise_k * np.sqrt(1.0 + 1.0 / max(1, int(references.sum())))
+    noise_gain = np.sqrt((steepness + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))
     window = slice(first, None)
     return Rows(
         design[window],
-        ((heat + rise) / scale + (design @ reference)[:, np.newaxis])[window],
-        (noise * loud * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
+        ((heat + storage_flux) / scale + (design @ reference)[:, np.newaxis])[window],
+        (noise_k * noise_gain * _unsteadiness(history.dni_w_m2)[:, np.newaxis] / scale)[window],
         (steepness / scale)[window],
         ((1.0 - settings.surface.albedo) / scale[:, 0])[window],
         (np.stack(systematics) / scale)[:, window],
@@ -131,11 +139,30 @@ def rows(
     )
 
 
-def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:
-    """How much less a minute says when the light changes within it (n,): 1 when steady.
+def _measured_references(history: History, first: int, columns: RegionColumns) -> NDArray[np.bool_]:
+    """Which references have any temperature in the window; all if none has, so that their mean is NaN."""
+    measured = np.isfinite(history.temperature_k[first:, columns.references]).any(axis=0)
+    return np.asarray(measured | ~measured.any())
 
-    A tenth more or less than a neighbouring minute doubles the variance: means over a
-    minute no longer tell when the light came, and the ground answers to that.
+
+def _offset_drift_exchange(
+    history: History, first: int, over_k: FloatArray, steepness: FloatArray, settings: EstimatorSettings
+) -> list[FloatArray]:
+    """Heat (n, m) for one standard uncertainty of offset, drift and exchange with the air, W/m2."""
+    drift = settings.drift_sd_k_per_h * (history.minute - history.minute[first:].mean()) / 60.0
+    exchange_sd = settings.surface.exchange_w_m2_k * settings.exchange_sd
+    return [
+        settings.offset_sd_k * steepness,
+        drift[:, np.newaxis] * steepness,
+        exchange_sd * _trend(over_k, first),
+    ]
+
+
+def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:
+    """Factor on sigma for light that changes within a minute bin (n,): 1 when steady.
+
+    A tenth more or less than a neighbouring minute doubles the variance: a mean over the minute no longer
+    shows when the light came, and the surface responds to that.
     """
     change = np.abs(np.diff(dni_w_m2, prepend=np.nan, append=np.nan))
     largest = np.fmax(change[:-1], change[1:])
@@ -143,51 +170,60 @@ def _unsteadiness(dni_w_m2: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(1.0 + (relative / UNSTEADY) ** 2))
 
 
-def _lost(temperature_k: FloatArray, settings: EstimatorSettings) -> FloatArray:
-    """Heat a surface gives off by radiation and air, less what all surfaces share, W/m2."""
+def _heat_difference(
+    target_k: FloatArray, reference_k: FloatArray, settings: EstimatorSettings
+) -> FloatArray:
+    """Heat that targets (n, m) lose more than the mean of the references (n, r), W/m2."""
+    loss = _heat_loss(target_k, settings)
+    return np.asarray(loss - np.mean(_heat_loss(reference_k, settings), axis=1, keepdims=True))
+
+
+def _heat_loss(temperature_k: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Heat a surface loses by radiation and to the air, without the terms common to all surfaces, W/m2."""
     surface = settings.surface
     emitted = surface.emissivity_broadband * STEFAN_BOLTZMANN * temperature_k**4
     return np.asarray(emitted + surface.exchange_w_m2_k * temperature_k)
 
 
-def _lost_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings) -> FloatArray:
+def _heat_loss_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings) -> FloatArray:
     surface = settings.surface
     emitted = 4.0 * surface.emissivity_broadband * STEFAN_BOLTZMANN * temperature_k**3
     return np.asarray(emitted + surface.exchange_w_m2_k)
 
 
-def _lamp(
+def _absorbed_light(
     history: History, reference_k: FloatArray, settings: EstimatorSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Absorbed light along the sun vector (n,) and along the vertical (n,), W/m2; NaN without sun."""
     surface = settings.surface
     cos_zenith = np.where(history.sun[:, 2] > 0.0, history.sun[:, 2], np.nan)
     beam = np.where(history.dni_w_m2 > 0.0, history.dni_w_m2, np.nan)
-    absorbed = 1.0 - surface.albedo
+    absorptance = 1.0 - surface.albedo
     if settings.model == "paper":
-        return absorbed * beam, np.zeros_like(beam)
-    around = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * beam * cos_zenith
-    diffuse = np.where(np.isnan(history.dhi_w_m2), around, history.dhi_w_m2)
-    whole = beam * cos_zenith + diffuse
+        return absorptance * beam, np.zeros_like(beam)
+    assumed = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction) * beam * cos_zenith
+    diffuse = np.where(np.isnan(history.dhi_w_m2), assumed, history.dhi_w_m2)
+    global_light = beam * cos_zenith + diffuse
     circumsolar = np.zeros_like(beam)
     if settings.sky == "hay-davies":
         circumsolar = np.clip(beam / extraterrestrial(history.time_ns), 0.0, 1.0)
     measured = history.longwave_down_w_m2
     longwave = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
-    grey = surface.emissivity_broadband
-    warmth = grey * STEFAN_BOLTZMANN * reference_k**4 + (1.0 - grey) * longwave
-    light = absorbed * (diffuse * (1.0 - circumsolar) - settings.ground_albedo * whole) / 2.0
+    emissivity = surface.emissivity_broadband
+    # the ground around is taken to be as warm as the reference
+    ground_longwave = emissivity * STEFAN_BOLTZMANN * reference_k**4 + (1.0 - emissivity) * longwave
+    light = absorptance * (diffuse * (1.0 - circumsolar) - settings.ground_albedo * global_light) / 2.0
     return (
-        absorbed * (beam + diffuse * circumsolar / cos_zenith),
-        light - grey * (warmth - longwave) / 2.0,
+        absorptance * (beam + diffuse * circumsolar / cos_zenith),
+        light - emissivity * (ground_longwave - longwave) / 2.0,
     )
 
 
 def _trend(values: FloatArray, first: int) -> FloatArray:
     """Parabolas through the columns from row `first` on, NaN before.
 
-    A doubt about a coefficient may not be fitted to the noise of what it multiplies: that
-    would always prefer a smaller one.
+    An uncertain coefficient multiplies the trend, not the values: fitted to their noise it would always
+    come out too small.
     """
     trend = np.full_like(values, np.nan)
     parabolas = np.vander(np.linspace(-1.0, 1.0, len(values) - first), 3)
@@ -199,8 +235,8 @@ def _trend(values: FloatArray, first: int) -> FloatArray:
     return trend
 
 
-def _doubtful_slabs(settings: EstimatorSettings) -> list[Slab]:
-    """The layer with its conductivity, and with its heat capacity, one standard deviation up."""
+def _perturbed_slabs(settings: EstimatorSettings) -> list[Slab]:
+    """The layer with its conductivity, and with its heat capacity, one standard uncertainty higher."""
     slab = settings.slab
     return [
         replace(slab, conductivity_w_m_k=slab.conductivity_w_m_k * (1.0 + settings.conductivity_sd)),
@@ -209,10 +245,20 @@ def _doubtful_slabs(settings: EstimatorSettings) -> list[Slab]:
 
 
 def conducted(minutes: NDArray[np.int64], difference_k: FloatArray, slab: Slab) -> FloatArray:
-    """Heat flux into the layer less that into the reference's, W/m2, shape of `difference_k`.
+    """Heat flux into the layer of a target less that into the layer of the reference.
 
-    `difference_k` (n, m) is surface over reference at the `minutes` (n,), increasing; NaN where unknown.
-    Missing minutes are bridged by straight lines.
+    Parameters
+    ----------
+    minutes
+        Minutes since 1970 (n,), increasing; gaps are bridged by straight lines. [min]
+    difference_k
+        Surface temperature over the reference's (n, m); NaN where unknown. [K]
+    slab
+        The layer, the same under all regions.
+
+    Returns
+    -------
+    Shape of `difference_k`; NaN where that is, and for columns with fewer than five values. [W/m2]
     """
     steps = np.arange(minutes[0], minutes[-1] + 1)
     is_known = np.isfinite(difference_k)
@@ -241,12 +287,9 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=16)
 def _smoothed_kernel(slab: Slab) -> FloatArray:
-    """How one noisy minute enters the flux of its own and of neighbouring minutes, W/m2 per kelvin.
-
-    Its own first.
-    """
+    """Response of the flux to noise in one minute bin: its own bin first, then others, W/m2 per kelvin."""
     pulse = np.zeros(6 * SMOOTHED_MINUTES)
     pulse[2 * SMOOTHED_MINUTES] = 1.0
-    answer = conducted_flux(slab, _smooth(pulse), MINUTE_S)[1:]
+    response = conducted_flux(slab, _smooth(pulse), MINUTE_S)[1:]
     own = 2 * SMOOTHED_MINUTES - 1
-    return np.concatenate([answer[own : own + 1], np.delete(answer, own)])
+    return np.concatenate([response[own : own + 1], np.delete(response, own)])

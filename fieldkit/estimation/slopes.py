@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.balance import Rows, rows
+from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.methods import Solution, kelvin_per_degree, solution, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
@@ -106,9 +106,8 @@ class Window:
         self.rows: Rows | None = None
         if last and field.references.size and field.targets.size:
             true = remove_offsets(self.past, field.regions, settings)
-            beds = field.references, field.targets, field.reference_normals
             moved = shifted_temperatures(true.temperature_k, field.regions, settings)
-            self.rows = rows(true, self.first, *beds, settings, moved)
+            self.rows = least_squares_rows(true, self.first, field, settings, moved)
 
     def estimate(self, index: int) -> SlopeEstimate:
         """Slope of the target `index`."""

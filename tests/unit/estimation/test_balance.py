@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation import balance
-from fieldkit.estimation.balance import Rows, rows
-from fieldkit.estimation.bins import History
+from fieldkit.estimation.balance import Rows, least_squares_rows
+from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import VERTICAL, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.slab import Slab
 
 MINUTES = 61
@@ -38,9 +39,10 @@ def history() -> History:
 
 
 def made(history: History, references: int = 1, **changes: object) -> Rows:
-    normals = np.tile(VERTICAL, (references, 1))
-    settings = replace(SETTINGS, **changes)  # type: ignore[arg-type]
-    return rows(history, 0, np.arange(references), np.array([3]), normals, settings)
+    kinds = [RegionKind.REFERENCE] * references + [RegionKind.TARGET]
+    columns = RegionColumns(tuple(Region(f"r{i}", kind, ((0.0, 0.0),)) for i, kind in enumerate(kinds)))
+    used = replace(history, temperature_k=history.temperature_k[:, [*range(references), 3]])
+    return least_squares_rows(used, 0, columns, replace(SETTINGS, **changes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("references", [1, 3])

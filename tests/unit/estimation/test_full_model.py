@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldkit.estimation.balance import rows
-from fieldkit.estimation.bins import History
+from fieldkit.estimation.balance import least_squares_rows
+from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.physics.facet import VERTICAL, normal
+from fieldkit.physics.facet import normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
@@ -107,13 +107,7 @@ def test_full_model_answers_through_a_cloud_where_the_papers_holds(clear_day):
 
 def test_rows_of_both_models_are_the_cosines_of_incidence(clear_day):
     for model, limit in (("full", 0.002), ("paper", 0.05)):
-        made = rows(
-            clear_day,
-            240,
-            np.array([0]),
-            np.array([1, 2, 3]),
-            VERTICAL[np.newaxis],
-            EstimatorSettings(model=model, slab=SLAB),
-        )
+        settings = EstimatorSettings(model=model, slab=SLAB)
+        made = least_squares_rows(clear_day, 240, RegionColumns(tuple(REGIONS)), settings)
         truth = made.design @ normal(*np.array(BEDS).T).T
         assert np.abs(made.y - truth).max() < limit
