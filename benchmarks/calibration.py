@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmarks.result import Result
-from fieldkit.calibration.emissivity import Shared, fit_emissivity, single_pair
+from fieldkit.calibration.emissivity import SharedUncertainties, fit_emissivity, single_pair
 from fieldkit.estimation.normal import Misfit, choose, solve
 from fieldkit.estimation.scale import scale_from_known_bed
 from fieldkit.model.errors import CalibrationError
@@ -111,7 +111,7 @@ def _ordinary(day: Day) -> tuple[float, float]:
 
 
 def _good_day() -> float:
-    random, shared = np.random.default_rng(3), Shared(thermometer_k=0.5, probe_to_skin_k=0.0)
+    random, shared = np.random.default_rng(3), SharedUncertainties(thermometer_k=0.5, probe_to_skin_k=0.0)
     errors = []
     for _ in range(DAYS):
         day = make_day(

@@ -29,8 +29,8 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import ClearSky, Exchange, Facet
-from fieldkit.simulation.scene_series import World
-from fieldkit.simulation.sky import Above
+from fieldkit.simulation.scene_series import SceneModel
+from fieldkit.simulation.sky import SkyState
 
 SITE = Site(35.558675, 139.395232, 9.0)
 DAYS = {"30 Aug 2017": ("2017-08-30", 303.0, 4.2), "11 Dec 2017": ("2017-12-11", 284.0, 2.8)}
@@ -49,14 +49,18 @@ class GustySky:
     exchange_w_m2_k: float
     seed: int
 
-    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `fieldkit.simulation.sky.Sky`."""
-        still = self.clear.above(time_ns, cos_zenith, site)
+        still = self.clear.sky_state(time_ns, cos_zenith, site)
         knots = np.arange(time_ns[0], time_ns[-1] + 60 * MINUTE_NS, 4 * MINUTE_NS)
         gusts = 0.15 * np.random.default_rng(self.seed).standard_normal(knots.size)
         wind = self.exchange_w_m2_k * (1.0 + np.interp(time_ns - knots[0], knots - knots[0], gusts))
-        return Above(
-            still.dni, still.dhi, still.longwave_down_w_m2, still.air_temperature_k, np.maximum(wind, 1.0)
+        return SkyState(
+            still.dni_w_m2,
+            still.dhi_w_m2,
+            still.longwave_down_w_m2,
+            still.air_temperature_k,
+            np.maximum(wind, 1.0),
         )
 
 
@@ -69,9 +73,9 @@ def day(name: str, beds: list[tuple[float, float]], random: np.random.Generator)
     facets = tuple(
         Facet("sand", (), tilt, azimuth, depth_m=LAYER.depth_m) for tilt, azimuth in ((0.0, 0.0), *beds)
     )
-    world = World(SITE, sky, facets, facets[0], Exchange(0.0, 1.0), (), 1.0)
-    curves = world.curves(start, 300 * 60.0)
-    columns = curves.rows[:, : 300 * 6].reshape(len(curves.rows), 300, 6).mean(axis=2)
+    model = SceneModel(SITE, sky, facets, facets[0], Exchange(0.0, 1.0), (), 1.0)
+    series = model.series(start, 300 * 60.0)
+    columns = series.rows[:, : 300 * 6].reshape(len(series.rows), 300, 6).mean(axis=2)
     time_ns = start + np.arange(300) * MINUTE_NS + MINUTE_NS // 2
     sun = sun_vectors(time_ns, SITE)
     taken = columns[0] + columns[1] / sun[:, 2]

@@ -26,7 +26,7 @@ from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
-from fieldkit.simulation.scene_series import World
+from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import Weather, packaged, read_surfrad
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"
@@ -56,17 +56,17 @@ def field_day(weather: Weather, beds: Sequence[Bed], sand: Facet, exchange: Exch
     facets = tuple(replace(sand, tilt_deg=tilt, azimuth_deg=azimuth) for tilt, azimuth in ((0.0, 0.0), *beds))
     # flat ground around the beds is of the same sand, as in the difference equation
     ground = replace(sand, tilt_deg=0.0, azimuth_deg=0.0)
-    world = World(weather.site, MeasuredSky(weather), facets, ground, exchange, (), 1.0)
-    curves = world.curves(start_ns, minutes * 60.0)
+    model = SceneModel(weather.site, MeasuredSky(weather), facets, ground, exchange, (), 1.0)
+    series = model.series(start_ns, minutes * 60.0)
     steps = 6
-    columns = curves.rows[:, : minutes * steps].reshape(len(curves.rows), minutes, steps).mean(axis=2)
+    columns = series.rows[:, : minutes * steps].reshape(len(series.rows), minutes, steps).mean(axis=2)
     time_ns = start_ns + np.arange(minutes) * MINUTE_NS + MINUTE_NS // 2
-    dni, dhi, longwave, _, _, _ = columns[:6]
+    dni_w_m2, dhi_w_m2, longwave, _, _, _ = columns[:6]
     surface = columns[6 : 6 + len(facets)].T
     none = np.zeros(minutes, np.int64)
     sun = sun_vectors(time_ns, weather.site)
     clean = np.zeros(surface.shape, np.int64)
-    return History(time_ns // MINUTE_NS, time_ns, sun, surface, dni, dhi, longwave, none, clean)
+    return History(time_ns // MINUTE_NS, time_ns, sun, surface, dni_w_m2, dhi_w_m2, longwave, none, clean)
 
 
 def noisy(history: History, random: np.random.Generator, offsets_k: FloatArray | float = 0.0) -> History:

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
 from fieldkit.model.clock import HostClock
-from fieldkit.recorder.sample_queue import room_for
+from fieldkit.recorder.sample_queue import queue_limit
 from fieldkit.sessions.writer import SessionWriter
 
 SECONDS = float(os.environ.get("FIELDKIT_BENCH_S", "20"))
@@ -39,7 +39,7 @@ def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
     ready, waits = pictures(info.shape), []  # type: ignore[arg-type]
     writer = SessionWriter(place / "paced.h5", header(info), clock)
     missing = 0
-    patience_s = room_for(info) / info.rate_hz
+    patience_s = queue_limit(info) / info.rate_hz
     began, used = time.monotonic(), time.process_time()
     for number, late_s in _turns(info.rate_hz):
         missing += late_s > patience_s

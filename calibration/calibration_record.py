@@ -205,12 +205,12 @@ def instrument_of(info: StreamInfo) -> Instrument:
     return Instrument(info.name, info.model, info.serial_number, chosen)
 
 
-def doubts(record: CalibrationRecord, streams: Sequence[StreamInfo], now: datetime) -> list[str]:
+def record_warnings(record: CalibrationRecord, streams: Sequence[StreamInfo], now: datetime) -> list[str]:
     """Sentences, each a warning; empty if the record fits. `now` is aware."""
-    return [*doubts_of_date(record, now), *_other_instrument(record, streams)]
+    return [*expiry_warnings(record, now), *_other_instrument(record, streams)]
 
 
-def doubts_of_date(record: CalibrationRecord, now: datetime) -> list[str]:
+def expiry_warnings(record: CalibrationRecord, now: datetime) -> list[str]:
     """Of them, those that need no instrument."""
     said = []
     if record.expires is not None and now > record.expires:

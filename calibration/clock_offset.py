@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_S
@@ -60,7 +60,7 @@ class ClockOffset:
     @property
     def standard_uncertainty_s(self) -> float:
         """Standard uncertainty, all contributions together."""
-        return combined(self.budget)
+        return combined_uncertainty(self.budget)
 
     @property
     def expanded_s(self) -> float:

@@ -28,7 +28,7 @@ from fieldkit.calibration.line import Line, Points, fit_line
 from fieldkit.calibration.uncertainty import (
     COVERAGE_FACTOR,
     Contribution,
-    combined,
+    combined_uncertainty,
     effective_freedom,
     largest,
 )
@@ -97,7 +97,7 @@ class Pairs:
 
 
 @dataclass(frozen=True, slots=True)
-class Shared:
+class SharedUncertainties:
     """Standard uncertainties that all pairs share, kelvin (transmission: 1).
 
     Defaults are those of a camera checked against ice water, a good thermometer, a fine wire under one
@@ -116,7 +116,7 @@ class Shared:
     probe_gradient_k: float = 0.3
 
 
-DEFAULT_SHARED = Shared()
+DEFAULT_SHARED_UNCERTAINTIES = SharedUncertainties()
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ class Emissivity:
     @property
     def standard_uncertainty(self) -> float:
         """Standard uncertainty, all contributions together."""
-        return combined(self.budget)
+        return combined_uncertainty(self.budget)
 
     @property
     def expanded(self) -> float:
@@ -174,7 +174,7 @@ def tape_temperature_k(
 
 def fit_emissivity(
     pairs: Pairs,
-    shared: Shared = DEFAULT_SHARED,
+    shared: SharedUncertainties = DEFAULT_SHARED_UNCERTAINTIES,
     *,
     reflected: Reflected = "fixed",
     band: Band = FLAT,
@@ -228,10 +228,10 @@ def fit_emissivity(
     )
     spread = _disagreement(fit, pairs, shared, reflected, band)
     fahrenheit = _as_fahrenheit(pairs, shared, band)
-    doubts = refuse_after(
+    remarks = refuse_after(
         found.value, found.standard_uncertainty, found.largest, spread, fit.freedom, fahrenheit
     )
-    return replace(found, remarks=doubts)
+    return replace(found, remarks=remarks)
 
 
 def _line(pairs: Pairs, reflected: Reflected, band: Band) -> Line:
@@ -260,7 +260,7 @@ def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> floa
 
 
 def _shared_effects(
-    pairs: Pairs, shared: Shared, reflected: Reflected, band: Band, fit: Line, tape: float | None
+    pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band, fit: Line, tape: float | None
 ) -> Iterator[Contribution]:
     """What each shared error would move the emissivity by, found by moving the data and fitting again."""
     value = fit.slope
@@ -324,7 +324,9 @@ def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contrib
     return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
 
 
-def _disagreement(fit: Line, pairs: Pairs, shared: Shared, reflected: Reflected, band: Band) -> float:
+def _disagreement(
+    fit: Line, pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band
+) -> float:
     """Chi-square of what the line leaves, allowing for shared errors, which also bend it.
 
     How far the probe is from the skin changes with the heat that flows past it: it counts as an error of
@@ -348,7 +350,7 @@ def agree(chi_square: float, freedom: int) -> bool:
     return freedom <= 0 or float(stats.chi2.sf(chi_square, freedom)) >= UNLIKELY
 
 
-def _as_fahrenheit(pairs: Pairs, shared: Shared, band: Band) -> float:
+def _as_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
     """The emissivity had the thermometer's numbers been °F and not °C; NaN where the pairs then disagree."""
     contact = (pairs.contact_k - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K
     converted = replace(pairs, contact_k=contact)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.line import Points, fit_line
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.daylight import sky_view
 from fieldkit.physics.facet import FloatArray
@@ -41,7 +41,7 @@ class LightFactor:
     @property
     def standard_uncertainty(self) -> float:
         """Standard uncertainty, all contributions together."""
-        return combined(self.budget)
+        return combined_uncertainty(self.budget)
 
     @property
     def expanded(self) -> float:

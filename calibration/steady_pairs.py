@@ -41,7 +41,7 @@ class Readings:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class SteadyInterval:
     """Some steady minutes: means and standard uncertainties in kelvin, drifts in kelvin per minute."""
 
     start_ns: int
@@ -74,13 +74,15 @@ class _Blocks:
         return self.start_ns.size
 
 
-def steady_stretches(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[Stretch]:
+def steady_stretches(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
     """Every stretch in which the probe stood still, in order of time."""
     blocks = _blocks(readings)
     return [_stretch(blocks, rows) for rows in _runs(blocks, steady_k_min)]
 
 
-def pairs_of(stretches: list[Stretch], reflected_k: float | None = None) -> tuple[Pairs, tuple[str, ...]]:
+def pairs_of(
+    stretches: list[SteadyInterval], reflected_k: float | None = None
+) -> tuple[Pairs, tuple[str, ...]]:
     """Pairs of the stretches that camera and probe agree on, and remarks on the others.
 
     `reflected_k` replaces what the reflector showed.
@@ -218,10 +220,10 @@ def _runs(blocks: _Blocks, steady_k_min: float) -> Iterator[NDArray[np.int64]]:
         yield np.array(run)
 
 
-def _stretch(blocks: _Blocks, rows: NDArray[np.int64]) -> Stretch:
+def _stretch(blocks: _Blocks, rows: NDArray[np.int64]) -> SteadyInterval:
     around = slice(max(0, rows[0] - 2), rows[-1] + 3)
     apparent, contact = blocks.apparent_k[rows], blocks.contact_k[rows]
-    return Stretch(
+    return SteadyInterval(
         start_ns=int(blocks.start_ns[rows[0]]),
         end_ns=int(blocks.start_ns[rows[-1]]) + round(BLOCK_S * 1e9),
         apparent_k=float(apparent.mean()),

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined
+from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
 
 LEAST, MOST = 0.3, 3.0
@@ -40,7 +40,7 @@ class PooledScale:
     @property
     def standard_uncertainty(self) -> float:
         """Standard uncertainty, all contributions together."""
-        return combined(self.budget)
+        return combined_uncertainty(self.budget)
 
     @property
     def expanded(self) -> float:

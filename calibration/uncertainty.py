@@ -26,7 +26,7 @@ class Contribution:
     effect: float
 
 
-def combined(budget: Sequence[Contribution]) -> float:
+def combined_uncertainty(budget: Sequence[Contribution]) -> float:
     """Standard uncertainty of the result: root of the sum of squares of independent effects."""
     return math.hypot(*(line.effect for line in budget))
 
@@ -41,5 +41,5 @@ def effective_freedom(budget: Sequence[Contribution], freedom: int) -> float:
 
     `freedom` are those of the lines of kind A together; what is of kind B counts as known well.
     """
-    scatter = combined([line for line in budget if line.kind == "A"])
-    return math.inf if scatter == 0.0 else freedom * (combined(budget) / scatter) ** 4
+    scatter = combined_uncertainty([line for line in budget if line.kind == "A"])
+    return math.inf if scatter == 0.0 else freedom * (combined_uncertainty(budget) / scatter) ** 4

@@ -84,18 +84,18 @@ class Weather:
     """Measured weather at one station; every array has shape (n,), NaN where not measured.
 
     `time_ns` is the middle of each averaged minute (or three), UTC nanoseconds since 1970. Direct
-    normal (`dni`), diffuse horizontal (`dhi`) and global horizontal (`ghi`) irradiance and
+    normal (`dni_w_m2`), diffuse horizontal (`dhi_w_m2`) and global horizontal (`ghi_w_m2`) irradiance and
     the two long-wave fluxes are in W/m², pressure in Pa.
     """
 
     time_ns: NDArray[np.int64]
-    dni: FloatArray
-    dhi: FloatArray
+    dni_w_m2: FloatArray
+    dhi_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
     air_temperature_k: FloatArray
     wind_m_s: FloatArray
     pressure_pa: FloatArray
-    ghi: FloatArray
+    ghi_w_m2: FloatArray
     longwave_up_w_m2: FloatArray
     site: Site
     source: str
@@ -143,13 +143,13 @@ def _table_weather(
     ends_ns = ends.astype(np.int64)
     return Weather(
         time_ns=ends_ns - half_step_ns(ends_ns),
-        dni=values["dni_w_m2"],
-        dhi=values["dhi_w_m2"],
+        dni_w_m2=values["dni_w_m2"],
+        dhi_w_m2=values["dhi_w_m2"],
         longwave_down_w_m2=values["longwave_down_w_m2"],
         air_temperature_k=values["air_temperature_c"] + CELSIUS_ZERO_K,
         wind_m_s=values["wind_m_s"],
         pressure_pa=values["pressure_hpa"] * 100.0,
-        ghi=values["ghi_w_m2"],
+        ghi_w_m2=values["ghi_w_m2"],
         longwave_up_w_m2=values["longwave_up_w_m2"],
         site=site,
         source=source,
@@ -327,13 +327,13 @@ def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
     starts_ns = labels.astype(np.int64)
     return Weather(
         time_ns=starts_ns + half_step_ns(starts_ns),
-        dni=column("dni"),
-        dhi=column("dhi"),
+        dni_w_m2=column("dni"),
+        dhi_w_m2=column("dhi"),
         longwave_down_w_m2=column("lwd"),
         air_temperature_k=column("temp_air") + CELSIUS_ZERO_K,
         wind_m_s=np.full(len(table), np.nan),
         pressure_pa=column("pressure") * 100.0,
-        ghi=column("ghi"),
+        ghi_w_m2=column("ghi"),
         longwave_up_w_m2=column("lwu"),
         site=site,
         source=source,

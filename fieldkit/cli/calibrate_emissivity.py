@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fieldkit.calibration.calibration_record import Source
-    from fieldkit.calibration.emissivity import Emissivity, Pairs, Shared
+    from fieldkit.calibration.emissivity import Emissivity, Pairs, SharedUncertainties
     from fieldkit.cli.calibrate_gather import Setup
 
 METHODS = {True: "reference emissivity (tape), ASTM E1933", False: "contact thermometer, ASTM E1933"}
@@ -196,11 +196,11 @@ def fit(pairs: Pairs, setup: Setup, given: dict[str, Any]) -> Emissivity:
     )
 
 
-def shared_of(given: dict[str, Any]) -> Shared:
+def shared_of(given: dict[str, Any]) -> SharedUncertainties:
     """Uncertainties that all pairs share, as given."""
-    from fieldkit.calibration.emissivity import Shared
+    from fieldkit.calibration.emissivity import SharedUncertainties
 
-    return Shared(
+    return SharedUncertainties(
         camera_k=given["camera_sd"],
         thermometer_k=given["thermometer_sd"],
         probe_to_skin_k=given["probe_sd"],

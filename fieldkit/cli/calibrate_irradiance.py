@@ -114,7 +114,9 @@ def _reference(
     weather = measured_weather(config, station or "")
     if minute_ns[0] > weather.time_ns[-1] or minute_ns[-1] < weather.time_ns[0]:
         raise ConfigError(f"{station} is of another day than {session.path.name}", fix="give that day's file")
-    direct, diffuse = (_at(minute_ns, weather.time_ns, column) for column in (weather.dni, weather.dhi))
+    direct, diffuse = (
+        _at(minute_ns, weather.time_ns, column) for column in (weather.dni_w_m2, weather.dhi_w_m2)
+    )
     return on_plane(model, direct, diffuse, sun, minute_ns), f"against the station file {weather.source}", 0.0
 
 

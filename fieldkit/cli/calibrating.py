@@ -13,7 +13,7 @@ import click
 
 import fieldkit
 from fieldkit.calibration.calibration_record import CalibrationRecord, Source, as_document, expiry, save
-from fieldkit.calibration.uncertainty import Contribution, combined, largest
+from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty, largest
 from fieldkit.cli import common
 from fieldkit.config import Config
 from fieldkit.model.device import StreamInfo
@@ -86,7 +86,7 @@ def print_budget(budget: Sequence[Contribution], unit: str) -> None:
         )
         for line in budget
     ]
-    rows.append(("combined (k=1)", "", "", f"{combined(budget):.2g}", ""))
+    rows.append(("combined (k=1)", "", "", f"{combined_uncertainty(budget):.2g}", ""))
     common.print_table(("contribution", "uncertainty", "type", f"effect{_in(unit)}", ""), rows)
     click.echo(f"largest contribution: {largest(budget).name}")
 

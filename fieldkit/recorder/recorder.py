@@ -20,7 +20,7 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
-from fieldkit.recorder.sample_queue import Item, SampleQueue, room_for
+from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
@@ -77,7 +77,7 @@ class Recorder:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self._inbox = SampleQueue({device.info.name: room_for(device.info) for device in self.devices})
+        self._inbox = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
         self._feeds = [self._feed(device) for device in self.devices]
         disk = DiskMonitor(self.disk_reserve_bytes)
         self._house = HealthMonitor(self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, disk)

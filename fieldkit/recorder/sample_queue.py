@@ -18,7 +18,7 @@ Item = Sample | Event
 ROOM_S, ROOM_BYTES, BURST = 3.0, 32_000_000, 64
 
 
-def room_for(info: StreamInfo) -> int:
+def queue_limit(info: StreamInfo) -> int:
     """How many samples of a stream may wait: three seconds, 32 MB or a burst of them, whichever is most."""
     sample_bytes = 1000 + 2 * math.prod(info.shape)
     return max(BURST, round(ROOM_S * info.rate_hz), ROOM_BYTES // sample_bytes)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from fieldkit.physics.facet import FloatArray
-from fieldkit.simulation.facets import PICTURE_SHAPE, Facet, pixel_shares
+from fieldkit.simulation.facets import FRAME_SHAPE, Facet, pixel_shares
 
-Picture = NDArray[np.float32]
+FrameK = NDArray[np.float32]
 
 _NOISE_K = 0.045  # the maker's "below 50 mK"
 _PATTERN_K = 0.04  # left by each correction, pixel by pixel
@@ -39,7 +39,7 @@ class Correction:
     step_k: float = 0.0
 
 
-class CameraPicture:
+class CameraModel:
     """Draws pictures of these facets; `seed` fixes the camera's own errors."""
 
     def __init__(self, facets: Sequence[Facet], seed: int) -> None:
@@ -48,29 +48,29 @@ class CameraPicture:
         self._still = self._static_pattern()
         self._pattern = lru_cache(maxsize=4)(self._draw_pattern)
 
-    def draw(self, brightness_k: FloatArray, time_ns: int, number: int, correction: Correction) -> Picture:
+    def draw(self, brightness_k: FloatArray, time_ns: int, number: int, correction: Correction) -> FrameK:
         """Picture `number` of facets and ground at these brightness temperatures (k + 1,), in K."""
         pattern, level_k, drift_k_s = self._pattern(correction.number)
         age_s = (time_ns - correction.ended_ns) * 1e-9
         level = np.float32(level_k + drift_k_s * age_s + correction.step_k)
         noise = np.random.Generator(np.random.SFC64([self._seed, number, 1]))
-        picture = brightness_k.astype(np.float32) @ self._shares
-        picture += self._still
-        picture += pattern
-        picture += level
-        picture += np.float32(_NOISE_K) * noise.standard_normal(picture.size, dtype=np.float32)
-        return picture.reshape(PICTURE_SHAPE)
+        frame = brightness_k.astype(np.float32) @ self._shares
+        frame += self._still
+        frame += pattern
+        frame += level
+        frame += np.float32(_NOISE_K) * noise.standard_normal(frame.size, dtype=np.float32)
+        return frame.reshape(FRAME_SHAPE)
 
-    def _static_pattern(self) -> Picture:
+    def _static_pattern(self) -> FrameK:
         """What does not change: shading of the lens, and the texture of ground and beds."""
         random = np.random.default_rng([self._seed, 2])
-        shading = _unit(gaussian_filter(random.standard_normal(PICTURE_SHAPE), 40.0, mode="nearest"))
-        texture = _unit(gaussian_filter(random.standard_normal(PICTURE_SHAPE), 3.0, mode="nearest"))
-        on_bed = 1.0 - (1.0 - _BED_TEXTURE) * (1.0 - self._shares[-1].reshape(PICTURE_SHAPE))
-        still: Picture = (_SHADING_K * shading + _TEXTURE_K * on_bed * texture).astype(np.float32)
+        shading = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 40.0, mode="nearest"))
+        texture = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 3.0, mode="nearest"))
+        on_bed = 1.0 - (1.0 - _BED_TEXTURE) * (1.0 - self._shares[-1].reshape(FRAME_SHAPE))
+        still: FrameK = (_SHADING_K * shading + _TEXTURE_K * on_bed * texture).astype(np.float32)
         return still.ravel()
 
-    def _draw_pattern(self, correction: int) -> tuple[Picture, float, float]:
+    def _draw_pattern(self, correction: int) -> tuple[FrameK, float, float]:
         """Fine pattern (pixels,), level error [K] and drift [K/s] that a correction left behind."""
         random = np.random.default_rng([self._seed, correction, 3])
         pattern = np.float32(_PATTERN_K) * random.standard_normal(self._still.size, dtype=np.float32)

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.slab import Slab
 
-PICTURE_SHAPE = (120, 160)
+FRAME_SHAPE = (120, 160)
 """Rows and columns of the picture in which facets are drawn."""
 
 _INSET = 0.78  # of a bed's outline: regions keep off the blurred edges
@@ -72,10 +72,10 @@ def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
     Edges are as soft as a lens makes them; each column adds up to 1. A facet covers those
     before it.
     """
-    seen = np.zeros((len(facets) + 1, *PICTURE_SHAPE))
+    seen = np.zeros((len(facets) + 1, *FRAME_SHAPE))
     seen[-1] = 1.0
     for number, facet in enumerate(facets):
-        mask = Region(facet.name, RegionKind.TARGET, facet.vertices).mask(PICTURE_SHAPE)
+        mask = Region(facet.name, RegionKind.TARGET, facet.vertices).mask(FRAME_SHAPE)
         seen[:, mask] = 0.0
         seen[number, mask] = 1.0
     soft = np.stack([gaussian_filter(layer, _BLUR_PX, mode="nearest") for layer in seen])

@@ -63,7 +63,7 @@ class LightStep:
 
 
 @dataclass(frozen=True, slots=True)
-class Veil:
+class CloudTransmission:
     """What changes the light: factors at times (n,) in seconds, straight lines in between."""
 
     time_s: FloatArray
@@ -80,15 +80,15 @@ class Veil:
         return direct, diffuse, longwave
 
 
-def cloud_veil(begin_s: float, end_s: float) -> Veil:
+def cloud_transmission(begin_s: float, end_s: float) -> CloudTransmission:
     """A small cumulus before the sun: a fifth of the beam is left, its own light is added."""
     edge_s = min(20.0, (end_s - begin_s) / 3.0)
     times = np.array([begin_s, begin_s + edge_s, end_s - edge_s, end_s])
     inside = np.array([0.0, 1.0, 1.0, 0.0])
-    return Veil(times, 1.0 - 0.8 * inside, 1.0 + 0.6 * inside, 15.0 * inside)
+    return CloudTransmission(times, 1.0 - 0.8 * inside, 1.0 + 0.6 * inside, 15.0 * inside)
 
 
-def step_veil(at_s: float, factor: float) -> Veil:
+def step_transmission(at_s: float, factor: float) -> CloudTransmission:
     """A step of all light, as from a shutter before a lamp, within a microsecond."""
     factors = np.array([1.0, factor])
-    return Veil(np.array([at_s - 1e-6, at_s]), factors, factors, np.zeros(2))
+    return CloudTransmission(np.array([at_s - 1e-6, at_s]), factors, factors, np.zeros(2))

@@ -10,10 +10,17 @@ import numpy as np
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.simulation.camera_frame import CameraPicture, Correction, Picture
+from fieldkit.simulation.camera_frame import CameraModel, Correction, FrameK
 from fieldkit.simulation.facets import GROUND, Facet
-from fieldkit.simulation.faults import Fault, FaultKind, LightStep, Veil, cloud_veil, step_veil
-from fieldkit.simulation.scene_series import EXCHANGE, Curves, Exchange, Moment, World
+from fieldkit.simulation.faults import (
+    CloudTransmission,
+    Fault,
+    FaultKind,
+    LightStep,
+    cloud_transmission,
+    step_transmission,
+)
+from fieldkit.simulation.scene_series import EXCHANGE, Exchange, SceneModel, SceneSeries, SceneState
 from fieldkit.simulation.sky import MeasuredSky, Sky
 from fieldkit.weather import packaged
 
@@ -69,13 +76,13 @@ class Scene:
         """The regions somebody careful would draw, with the true slopes."""
         return tuple(facet.region() for facet in self.facets)
 
-    def at(self, time_ns: int) -> Moment:
+    def at(self, time_ns: int) -> SceneState:
         """The truth about one time (UTC); before and after the scene its ends are held."""
-        return self._curves.at(time_ns)
+        return self._series.at(time_ns)
 
     # --- what instruments read
 
-    def picture(self, time_ns: int, number: int, correction: Correction | None = None) -> Picture:
+    def frame(self, time_ns: int, number: int, correction: Correction | None = None) -> FrameK:
         """Picture `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
         return self._camera.draw(self.at(time_ns).brightness_k, time_ns, number, last)
@@ -113,27 +120,35 @@ class Scene:
     # --- computed once
 
     @cached_property
-    def _curves(self) -> Curves:
-        world = World(
-            self.site, self.sky, self.facets, self.ground, self.exchange, self._veils(), self.response_s
+    def _series(self) -> SceneSeries:
+        model = SceneModel(
+            self.site,
+            self.sky,
+            self.facets,
+            self.ground,
+            self.exchange,
+            self._cloud_transmissions(),
+            self.response_s,
         )
-        return world.curves(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
+        return model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
 
     @cached_property
-    def _camera(self) -> CameraPicture:
-        return CameraPicture(self.facets, self.seed)
+    def _camera(self) -> CameraModel:
+        return CameraModel(self.facets, self.seed)
 
     @property
     def _origin_ns(self) -> int:
         return self.start_ns - round(LEAD_S * SECOND_NS)
 
-    def _veils(self) -> list[Veil]:
+    def _cloud_transmissions(self) -> list[CloudTransmission]:
         def since_origin_s(time_ns: int) -> float:
             return (time_ns - self._origin_ns) / SECOND_NS
 
-        steps = [step_veil(since_origin_s(step.time_ns), step.factor) for step in self.light_steps]
+        steps = [step_transmission(since_origin_s(step.time_ns), step.factor) for step in self.light_steps]
         clouds = self.fault_spans(FaultKind.CLOUD)
-        return steps + [cloud_veil(since_origin_s(begin), since_origin_s(end)) for begin, end in clouds]
+        return steps + [
+            cloud_transmission(since_origin_s(begin), since_origin_s(end)) for begin, end in clouds
+        ]
 
     def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
         return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))

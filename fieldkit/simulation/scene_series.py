@@ -18,8 +18,8 @@ from fieldkit.physics.radiance import band_radiance, band_temperature
 from fieldkit.physics.slab import Slab, warm_slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.facets import Facet
-from fieldkit.simulation.faults import Veil
-from fieldkit.simulation.sky import Above, Sky
+from fieldkit.simulation.faults import CloudTransmission
+from fieldkit.simulation.sky import Sky, SkyState
 
 STEP_S = 10.0
 # after a break of the light even a thin foil is followed: steps of 20 ms, each a tenth longer
@@ -52,7 +52,7 @@ EXCHANGE = Exchange()
 """Sand in the open on a calm day."""
 
 
-class Moment(NamedTuple):
+class SceneState(NamedTuple):
     """Everything about one time, in W/m², K, m/s and lx; arrays have a place per facet, the ground last."""
 
     dni_w_m2: float
@@ -67,14 +67,14 @@ class Moment(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Curves:
-    """Rows (6 + 3 k, m) in the order of `Moment`, at times (m,) in seconds after `origin_ns`."""
+class SceneSeries:
+    """Rows (6 + 3 k, m) in the order of `SceneState`, at times (m,) in seconds after `origin_ns`."""
 
     origin_ns: int
     time_s: FloatArray
     rows: FloatArray
 
-    def at(self, time_ns: int) -> Moment:
+    def at(self, time_ns: int) -> SceneState:
         """Straight lines between the times; the ends are held."""
         time_s = min(max((time_ns - self.origin_ns) / SECOND_NS, self.time_s[0]), self.time_s[-1])
         after = min(max(int(self.time_s.searchsorted(time_s)), 1), self.time_s.size - 1)
@@ -82,12 +82,12 @@ class Curves:
         share = (time_s - before_s) / (after_s - before_s)
         column = (1.0 - share) * self.rows[:, after - 1] + share * self.rows[:, after]
         surface, brightness, contact = column[6:].reshape(3, -1)
-        dni, dhi, longwave, air, wind, lux = column[:6].tolist()
-        return Moment(dni, dhi, longwave, air, wind, lux, surface, brightness, contact)
+        dni_w_m2, dhi_w_m2, longwave, air, wind, lux = column[:6].tolist()
+        return SceneState(dni_w_m2, dhi_w_m2, longwave, air, wind, lux, surface, brightness, contact)
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class SceneModel:
     """What the curves are computed from; see `fieldkit.simulation.Scene`."""
 
     site: Site
@@ -95,46 +95,52 @@ class World:
     beds: tuple[Facet, ...]
     ground: Facet
     exchange: Exchange
-    veils: Sequence[Veil]
+    transmissions: Sequence[CloudTransmission]
     response_s: float
 
-    def curves(self, origin_ns: int, length_s: float) -> Curves:
+    def series(self, origin_ns: int, length_s: float) -> SceneSeries:
         """All curves from `origin_ns` (UTC) on, every `STEP_S` and denser after each change of light."""
-        breaks = np.concatenate([np.empty(0), *(veil.time_s for veil in self.veils)])
+        breaks = np.concatenate([np.empty(0), *(transmission.time_s for transmission in self.transmissions)])
         time_s = fine_times(0.0, length_s, breaks)
         time_ns = origin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
         sun = sun_vectors(time_ns, self.site, refraction=True)
-        above = self._veiled(self.sky.above(time_ns, sun[:, 2], self.site), time_s)
-        surface = self._surfaces(time_s, time_ns, sun, above)
-        brightness = self._brightness(surface, above)
+        sky_state = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
+        surface = self._surfaces(time_s, time_ns, sun, sky_state)
+        brightness = self._brightness(surface, sky_state)
         contact = lagged(surface, time_s, self.response_s)
-        scalars = (above.dni, above.dhi, above.longwave_down_w_m2, above.air_temperature_k, above.wind_m_s)
-        lux = illuminance_lx(above, sun[:, 2])
-        return Curves(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
+        scalars = (
+            sky_state.dni_w_m2,
+            sky_state.dhi_w_m2,
+            sky_state.longwave_down_w_m2,
+            sky_state.air_temperature_k,
+            sky_state.wind_m_s,
+        )
+        lux = illuminance_lx(sky_state, sun[:, 2])
+        return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
 
-    def _veiled(self, above: Above, time_s: FloatArray) -> Above:
+    def _behind_clouds(self, sky_state: SkyState, time_s: FloatArray) -> SkyState:
         """Sky and air behind the clouds and steps of the scene."""
-        dni, dhi, longwave = above.dni, above.dhi, above.longwave_down_w_m2
-        for veil in self.veils:
-            direct, diffuse, added = veil.at(time_s)
-            dni, dhi, longwave = dni * direct, dhi * diffuse, longwave + added
-        return Above(dni, dhi, longwave, above.air_temperature_k, above.wind_m_s)
+        dni_w_m2, dhi_w_m2, longwave = sky_state.dni_w_m2, sky_state.dhi_w_m2, sky_state.longwave_down_w_m2
+        for transmission in self.transmissions:
+            direct, diffuse, added = transmission.at(time_s)
+            dni_w_m2, dhi_w_m2, longwave = dni_w_m2 * direct, dhi_w_m2 * diffuse, longwave + added
+        return SkyState(dni_w_m2, dhi_w_m2, longwave, sky_state.air_temperature_k, sky_state.wind_m_s)
 
     def _surfaces(
-        self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, above: Above
+        self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, sky_state: SkyState
     ) -> FloatArray:
         """Surface temperatures (beds + 1, m), the ground last: it warms the beds, they do not warm it."""
-        exchange, air = self.exchange.at(above.wind_m_s), above.air_temperature_k
-        light = Light(above, sun, skylight.extraterrestrial(time_ns), self.ground.albedo)
+        exchange, air = self.exchange.at(sky_state.wind_m_s), sky_state.air_temperature_k
+        light = FacetRadiation(sky_state, sun, skylight.extraterrestrial(time_ns), self.ground.albedo)
         alone = light.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
-        ground = surface_curves([self.ground], time_s, alone, exchange, air)
-        around = longwave_out(ground[0], self.ground, above)
+        ground = surface_temperatures([self.ground], time_s, alone, exchange, air)
+        around = longwave_leaving_ground(ground[0], self.ground, sky_state)
         taken = np.array([light.absorbed_w_m2(bed, around) for bed in self.beds]).reshape(-1, time_s.size)
-        return np.vstack([surface_curves(self.beds, time_s, taken, exchange, air), ground])
+        return np.vstack([surface_temperatures(self.beds, time_s, taken, exchange, air), ground])
 
-    def _brightness(self, surface: FloatArray, above: Above) -> FloatArray:
+    def _brightness(self, surface: FloatArray, sky_state: SkyState) -> FloatArray:
         """What the camera reads, (beds + 1, m): own radiance, and that of sky and ground mirrored."""
-        sky = band_radiance(above.window_temperature_k())
+        sky = band_radiance(sky_state.window_temperature_k())
         grey = self.ground.emissivity
         ground = grey * band_radiance(surface[-1]) + (1.0 - grey) * sky
         seen = []
@@ -155,10 +161,10 @@ def fine_times(begin_s: float, end_s: float, breaks_s: FloatArray) -> FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Light:
+class FacetRadiation:
     """Everything that shines, at times (m,): sky and air, sun vectors (m, 3), and bright ground."""
 
-    above: Above
+    sky_state: SkyState
     sun: FloatArray
     extraterrestrial_w_m2: FloatArray
     ground_albedo: float
@@ -167,30 +173,34 @@ class Light:
         """What a facet takes in of sun, sky and ground, short wave and long, (m,)."""
         up = normal(facet.tilt_deg, facet.azimuth_deg)
         cos_i, cos_z, cos_tilt = cos_incidence(up, self.sun), self.sun[:, 2], float(up[2])
-        dni, dhi = np.where(cos_z > 0.0, self.above.dni, 0.0), self.above.dhi
-        direct = dni * np.maximum(cos_i, 0.0)
-        diffuse = skylight.hay_davies_diffuse(dhi, dni, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt)
-        total = dni * np.maximum(cos_z, 0.0) + dhi
+        dni_w_m2, dhi_w_m2 = np.where(cos_z > 0.0, self.sky_state.dni_w_m2, 0.0), self.sky_state.dhi_w_m2
+        direct = dni_w_m2 * np.maximum(cos_i, 0.0)
+        diffuse = skylight.hay_davies_diffuse(
+            dhi_w_m2, dni_w_m2, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt
+        )
+        total = dni_w_m2 * np.maximum(cos_z, 0.0) + dhi_w_m2
         reflected = skylight.ground_reflected(total, self.ground_albedo, cos_tilt)
-        longwave = skylight.longwave_on_facet(self.above.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt)
+        longwave = skylight.longwave_on_facet(
+            self.sky_state.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt
+        )
         return (1.0 - facet.albedo) * (direct + diffuse + reflected) + facet.emissivity_broadband * longwave
 
 
-def surface_curves(
+def surface_temperatures(
     facets: Sequence[Facet], time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
 ) -> FloatArray:
     """Surface temperatures (k, m) of k facets at times (m,), from what they absorb (k, m).
 
     Each starts in balance with the first moment, its whole layer at that temperature. Kelvin and W/m².
     """
-    curves = np.empty_like(absorbed)
+    series = np.empty_like(absorbed)
     rows_of: dict[Slab, list[int]] = {}
     for row, facet in enumerate(facets):
         rows_of.setdefault(facet.slab, []).append(row)
     for slab, rows in rows_of.items():
         grey = np.array([facets[row].emissivity_broadband for row in rows])
-        curves[rows] = _one_layer(slab, time_s, absorbed[rows], exchange, air_k, grey)
-    return curves
+        series[rows] = _one_layer(slab, time_s, absorbed[rows], exchange, air_k, grey)
+    return series
 
 
 def _one_layer(
@@ -211,10 +221,10 @@ def _one_layer(
     return surface
 
 
-def longwave_out(surface_k: FloatArray, ground: Facet, above: Above) -> FloatArray:
+def longwave_leaving_ground(surface_k: FloatArray, ground: Facet, sky_state: SkyState) -> FloatArray:
     """Long wave that leaves flat ground, its own and what it mirrors of the sky, W/m²."""
     grey = ground.emissivity_broadband
-    return grey * STEFAN_BOLTZMANN * surface_k**4 + (1.0 - grey) * above.longwave_down_w_m2
+    return grey * STEFAN_BOLTZMANN * surface_k**4 + (1.0 - grey) * sky_state.longwave_down_w_m2
 
 
 def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArray:
@@ -232,12 +242,12 @@ def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArr
     return answer
 
 
-def illuminance_lx(above: Above, cos_zenith: FloatArray) -> FloatArray:
+def illuminance_lx(sky_state: SkyState, cos_zenith: FloatArray) -> FloatArray:
     """What a light meter lying flat receives, (m,), with the loss of its diffuser at low sun.
 
     Beam and sky differ in lumens per watt, so no single factor turns the reading into W/m².
     """
     cosine = np.maximum(cos_zenith, 0.0)
     tan2 = 1.0 / np.maximum(cosine, 0.05) ** 2 - 1.0
-    beam = above.dni * cosine * np.maximum(1.0 - _COSINE_LOSS * tan2, 0.0)
-    return BEAM_LM_W * beam + SKY_LM_W * above.dhi
+    beam = sky_state.dni_w_m2 * cosine * np.maximum(1.0 - _COSINE_LOSS * tan2, 0.0)
+    return BEAM_LM_W * beam + SKY_LM_W * sky_state.dhi_w_m2

@@ -21,11 +21,11 @@ _WINDOW_DEFICIT = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Above:
-    """Sky and air at n times, each array (n,): W/m², K and m/s. `dhi` is on the horizontal."""
+class SkyState:
+    """Sky and air at n times, each array (n,): W/m², K and m/s. `dhi_w_m2` is on the horizontal."""
 
-    dni: FloatArray
-    dhi: FloatArray
+    dni_w_m2: FloatArray
+    dhi_w_m2: FloatArray
     longwave_down_w_m2: FloatArray
     air_temperature_k: FloatArray
     wind_m_s: FloatArray
@@ -44,7 +44,7 @@ class Above:
 class Sky(Protocol):
     """Says what comes from above at any time."""
 
-    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
         """Sky and air at times (n,) with the sun at these cosines of its zenith angle (n,)."""
 
 
@@ -57,7 +57,7 @@ class MeasuredSky:
 
     weather: Weather
 
-    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`; the sun is in the measurement already."""
         day = self.weather
         if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
@@ -66,9 +66,9 @@ class MeasuredSky:
                 f"the weather was measured from {measured[0]} to {measured[1]} UTC, not at the scene's time",
                 fix="let the scene start on that day",
             )
-        return Above(
-            dni=np.maximum(self._at(time_ns, "dni"), 0.0),
-            dhi=np.maximum(self._at(time_ns, "dhi"), 0.0),
+        return SkyState(
+            dni_w_m2=np.maximum(self._at(time_ns, "dni_w_m2"), 0.0),
+            dhi_w_m2=np.maximum(self._at(time_ns, "dhi_w_m2"), 0.0),
             longwave_down_w_m2=self._at(time_ns, "longwave_down_w_m2"),
             air_temperature_k=self._at(time_ns, "air_temperature_k"),
             wind_m_s=self._at(time_ns, "wind_m_s"),
@@ -100,9 +100,9 @@ class ClearSky:
     swing_k: float = 4.0
     wind_m_s: float = 1.0
 
-    def above(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> Above:
+    def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`."""
-        dni, dhi = clear_sky(cos_zenith, time_ns, site.elevation_m, self.linke_turbidity)
+        dni_w_m2, dhi_w_m2 = clear_sky(cos_zenith, time_ns, site.elevation_m, self.linke_turbidity)
         solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
         air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
-        return Above(dni, dhi, 5.31e-13 * air**6, air, np.full_like(air, self.wind_m_s))
+        return SkyState(dni_w_m2, dhi_w_m2, 5.31e-13 * air**6, air, np.full_like(air, self.wind_m_s))

@@ -121,7 +121,7 @@ def _weather(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     if options.weather is not None:
         day = options.weather
-        columns = (day.dni, day.longwave_down_w_m2, day.air_temperature_k)
+        columns = (day.dni_w_m2, day.longwave_down_w_m2, day.air_temperature_k)
         light, longwave, air = (np.interp(times, day.time_ns, values, np.nan, np.nan) for values in columns)
         return light, longwave, air
     light, _ = clear_sky(sun[:, 2], times, options.site.elevation_m, options.turbidity)

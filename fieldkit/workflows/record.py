@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fieldkit.calibration.calibration_record import doubts
+from fieldkit.calibration.calibration_record import record_warnings
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.drivers import registry
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -414,7 +414,7 @@ def preflight(
     sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():
-        for doubt in doubts(calibration, streams, now):
+        for doubt in record_warnings(calibration, streams, now):
             notify(f"{key}: {doubt}")
 
 

@@ -18,7 +18,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
-from fieldkit.simulation.facets import PICTURE_SHAPE
+from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from fieldkit.weather import Weather, packaged, read_station_file
@@ -106,7 +106,7 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
 
 
 def _covered(bed: Facet) -> NDArray[np.bool_]:
-    return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(PICTURE_SHAPE)
+    return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
 
 
 def _fault(name: str) -> Fault:

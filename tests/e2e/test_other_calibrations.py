@@ -112,11 +112,11 @@ def test_the_light_meters_factor_from_a_pyranometer_and_a_pyrheliometer(
 ) -> None:
     """Alamosa's own instruments on that day, whose sky the scene has, logged beside the beds."""
     weather = packaged()
-    global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi)
+    global_ = with_logger(three_beds, tmp_path / "global.h5", "cmp11", weather.time_ns, weather.ghi_w_m2)
     found = watts_per_lux(global_, "--pyranometer", "cmp11")
     assert 1.0 / found["value"] == pytest.approx(BOTH_LM_W, rel=0.04)  # three instruments close to 4 % there
     assert "pyranometer cmp11" in found["method"]
-    beam = with_logger(three_beds, tmp_path / "beam.h5", "chp1", weather.time_ns, weather.dni)
+    beam = with_logger(three_beds, tmp_path / "beam.h5", "chp1", weather.time_ns, weather.dni_w_m2)
     with_sky = watts_per_lux(beam, "--pyrheliometer", "chp1", "--name", "with-sky")
     assert with_sky["value"] == pytest.approx(1.0 / BOTH_LM_W, abs=2 * with_sky["expanded_uncertainty"])
     alone = ("--name", "alone", "--set", "irradiance.diffuse=none")

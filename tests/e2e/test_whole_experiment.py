@@ -95,7 +95,7 @@ def test_direct_irradiance_from_lux_is_within_ten_percent_of_the_measured(sessio
     weather = packaged()
     with open_session(session_file) as session:
         table = session.irradiance()
-    measured = np.interp(table["time_ns"], weather.time_ns, weather.dni)
+    measured = np.interp(table["time_ns"], weather.time_ns, weather.dni_w_m2)
     np.testing.assert_allclose(table["irradiance_w_m2"], measured, rtol=0.10)
 
 

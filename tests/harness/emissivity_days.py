@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.calibration.emissivity import Pairs, Shared
+from fieldkit.calibration.emissivity import Pairs, SharedUncertainties
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.radiance import band_radiance, band_temperature, brightness_temperature_k
@@ -50,7 +50,7 @@ class Day:
     surface_k: FloatArray
     sky_k: float
     pairs: Pairs
-    shared: Shared
+    shared: SharedUncertainties
 
     @property
     def expected_sd(self) -> float:
@@ -103,7 +103,7 @@ def free_days(count: int, case: FreeCase, seed: int = 5) -> Iterator[Day]:
         day = make_day(
             random, emissivity=float(emissivity), surface_k=warmest_k - span_k * share,
             probe_error_k=-deep_m * FLUX_SWING_W_M2 / SAND_W_M_K * (1.0 - share),
-            sky_k=sky_k + drift_k * (1.0 - 2.0 * share), thermometer_k=0.3, shared=Shared(),
+            sky_k=sky_k + drift_k * (1.0 - 2.0 * share), thermometer_k=0.3, shared=SharedUncertainties(),
         )  # fmt: skip
         nothing = np.full(share.size, 150.0)
         yield replace(day, pairs=replace(day.pairs, reflected_k=nothing))
@@ -146,10 +146,10 @@ def make_day(
     probe_error_k: FloatArray | float,
     sky_k: FloatArray | float,
     thermometer_k: float,
-    shared: Shared | None,
+    shared: SharedUncertainties | None,
 ) -> Day:
     """One day with these truths; instrument errors are drawn."""
-    told = shared or Shared(CAMERA_K, thermometer_k, PROBE_K, FOIL_K, AIR)
+    told = shared or SharedUncertainties(CAMERA_K, thermometer_k, PROBE_K, FOIL_K, AIR)
     count = surface_k.size
     seen = brightness_temperature_k(surface_k, emissivity, sky_k)
     through = 1.0 + told.transmission * random.standard_normal()

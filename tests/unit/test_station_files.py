@@ -34,8 +34,8 @@ def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, p
     assert month.site.timezone == "Etc/GMT-9"  # nine hours ahead: the file does not say
     # labels are the beginnings of minutes (GCOS-174), so the first middle is half past midnight's minute
     assert np.datetime64(int(month.time_ns[0]), "ns") == np.datetime64("2024-06-01T00:00:30")
-    assert np.isnan(month.dni).tolist() == [False, True, False]
-    assert (month.ghi[0], month.dhi[0], month.longwave_down_w_m2[0]) == (600.0, 90.0, 350.0)
+    assert np.isnan(month.dni_w_m2).tolist() == [False, True, False]
+    assert (month.ghi_w_m2[0], month.dhi_w_m2[0], month.longwave_down_w_m2[0]) == (600.0, 90.0, 350.0)
     assert (month.air_temperature_k[0], month.pressure_pa[0]) == (pytest.approx(294.65), 101200.0)
     assert np.isnan(month.wind_m_s).all()
 
@@ -48,7 +48,7 @@ def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_p
     (tmp_path / "gap.dat").write_text("\n".join(lines[: basic + 3] + lines[basic + 5 :]))  # without minute 1
     month = read_station_file(tmp_path / "gap.dat")
     assert (np.diff(month.time_ns) == 60_000_000_000).all()
-    assert np.isnan(month.ghi).tolist() == [False, True, False]
+    assert np.isnan(month.ghi_w_m2).tolist() == [False, True, False]
     assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
 
 
@@ -92,7 +92,7 @@ def test_surfrad_station_is_told_by_its_place(name: str, station: str) -> None:
     assert is_station_file(path)
     day = read_station_file(path)
     assert day.site == weather.STATIONS[station]
-    assert np.array_equal(day.dni, weather.read_surfrad(path, station).dni, equal_nan=True)
+    assert np.array_equal(day.dni_w_m2, weather.read_surfrad(path, station).dni_w_m2, equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def alamosa_as_bsrn(path: Path) -> Path:
     """The packaged day, 2016-01-01 UTC, in BSRN's whole watts, without the row that ends at midnight."""
     day = weather.packaged()
     labels = (day.time_ns[1:] - 30_000_000_000) // 60_000_000_000 % 1440
-    columns = (day.ghi, day.dni, day.dhi, day.longwave_down_w_m2)
+    columns = (day.ghi_w_m2, day.dni_w_m2, day.dhi_w_m2, day.longwave_down_w_m2)
     rows = zip(
         np.ones(1439), labels, *(np.rint(column[1:]) for column in columns),
         day.air_temperature_k[1:] - 273.15, day.pressure_pa[1:] / 100.0, strict=True,
@@ -134,7 +134,7 @@ def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
     pytest.importorskip("pvlib")
     day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
     assert np.array_equal(found.time_ns, day.time_ns[1:])
-    for name in ("ghi", "dni", "dhi", "longwave_down_w_m2"):
+    for name in ("ghi_w_m2", "dni_w_m2", "dhi_w_m2", "longwave_down_w_m2"):
         np.testing.assert_allclose(getattr(found, name), getattr(day, name)[1:], atol=0.5)
     np.testing.assert_allclose(found.air_temperature_k, day.air_temperature_k[1:], atol=0.05)
 
@@ -151,7 +151,7 @@ def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_pa
     alamosa_as_bsrn(tmp_path / "ala0116.dat")
     found = measured_weather(config, "ala0116.dat")
     with pytest.raises(ConfigError, match="no wind_m_s, which a simulated field needs"):
-        MeasuredSky(found).above(found.time_ns[:3], np.ones(3), found.site)
+        MeasuredSky(found).sky_state(found.time_ns[:3], np.ones(3), found.site)
     bsrn(tmp_path / "tat0624.dat")
     with pytest.raises(ConfigError, match=r"measured at 36\.058, 140\.126, not at the configured site"):
         measured_weather(config, "tat0624.dat")

@@ -30,7 +30,7 @@ def test_packaged_day_is_west_of_greenwich(day):
 
 def test_packaged_day_is_the_clear_one_the_station_saw(day):
     """Extremes as NOAA's file has them: 1076.1 W/m² direct, -22.9 °C at night."""
-    assert day.dni.max() == 1076.1
+    assert day.dni_w_m2.max() == 1076.1
     assert day.air_temperature_k.min() == pytest.approx(273.15 - 22.9)
 
 
@@ -40,7 +40,7 @@ def test_direct_and_diffuse_add_up_to_the_measured_global(day):
 
     cos_zenith = sun_vectors(day.time_ns, day.site)[:, 2]
     high = cos_zenith > np.cos(np.radians(75.0))
-    closure = day.ghi[high] / (day.dni[high] * cos_zenith[high] + day.dhi[high])
+    closure = day.ghi_w_m2[high] / (day.dni_w_m2[high] * cos_zenith[high] + day.dhi_w_m2[high])
     assert np.abs(closure - 1.0).max() < 0.08
 
 
@@ -61,7 +61,7 @@ def test_reader_agrees_with_pvlib():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
         theirs, _ = pvlib.iotools.read_surfrad(path)
-    names = {"dni": "dni", "dhi": "dhi", "longwave_down_w_m2": "dw_ir", "wind_m_s": "wind_speed"}
+    names = {"dni_w_m2": "dni", "dhi_w_m2": "dhi", "longwave_down_w_m2": "dw_ir", "wind_m_s": "wind_speed"}
     for mine, name in names.items():
         np.testing.assert_array_equal(getattr(ours, mine), theirs[name].to_numpy())
     stamps = theirs.index.tz_localize(None).to_numpy().astype("datetime64[ns]").astype(np.int64)
@@ -72,7 +72,7 @@ def test_station_whose_header_has_the_right_sign_is_read_too():
     """Table Mountain writes -105.237 where Alamosa writes +105.92; that day was overcast."""
     day = weather.read_surfrad(shared("data/weather/tbl17005.dat"), "boulder")
     assert day.site.longitude_deg == -105.237
-    assert np.nanmax(day.dni) < 400.0
+    assert np.nanmax(day.dni_w_m2) < 400.0
     assert np.nanmax(day.longwave_up_w_m2) < 330.0, "snow"
 
 
@@ -82,7 +82,7 @@ def test_bad_values_become_nan(tmp_path):
     words[12:14] = "-9999.9", "1"  # the direct beam of the first minute
     path = tmp_path / "day.dat"
     path.write_text("\n".join([*lines[:2], " ".join(words), *lines[3:5]]))
-    assert np.isnan(weather.read_surfrad(path, "alamosa").dni).tolist() == [True, False, False]
+    assert np.isnan(weather.read_surfrad(path, "alamosa").dni_w_m2).tolist() == [True, False, False]
 
 
 def test_file_of_another_station_is_refused():
@@ -110,7 +110,14 @@ def surfrad_file(path, values=(), bad=()):
 def test_columns_are_where_the_networks_readme_has_them(tmp_path):
     """README of data/radiation/surfrad at NOAA: pairs of value and quality after eight columns."""
     day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat"), "alamosa")
-    found = (day.ghi, day.dni, day.dhi, day.longwave_down_w_m2, day.longwave_up_w_m2, day.wind_m_s)
+    found = (
+        day.ghi_w_m2,
+        day.dni_w_m2,
+        day.dhi_w_m2,
+        day.longwave_down_w_m2,
+        day.longwave_up_w_m2,
+        day.wind_m_s,
+    )
     assert [column[0] for column in found] == [100.0, 102.0, 103.0, 104.0, 107.0, 117.0]
     assert day.air_temperature_k[0] == pytest.approx(115.0 + 273.15)
     assert day.pressure_pa[0] == pytest.approx(119.0 * 100.0)  # hPa
@@ -120,8 +127,8 @@ def test_columns_are_where_the_networks_readme_has_them(tmp_path):
 def test_values_that_the_station_calls_bad_or_lacks_are_not_measured(tmp_path, values):
     bad = (2,) if values[2] == "850.0" else ()
     day = weather.read_surfrad(surfrad_file(tmp_path / "day.dat", values, bad), "alamosa")
-    assert np.isnan(day.dni).all()
-    assert np.isfinite(day.dhi).all()
+    assert np.isnan(day.dni_w_m2).all()
+    assert np.isfinite(day.dhi_w_m2).all()
 
 
 def test_a_file_of_another_place_is_refused(tmp_path):

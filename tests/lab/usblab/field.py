@@ -34,7 +34,7 @@ class Field:
         """A picture of the Lepton's 120x160 pixels in kelvin, with its noise."""
         time_ns = self._utc_ns(host_s)
         corrected = Correction(CORRECTIONS, time_ns - CORRECTION_AGE_NS)
-        return self.scene.picture(time_ns, next(self._numbers), corrected).astype(np.float64)
+        return self.scene.frame(time_ns, next(self._numbers), corrected).astype(np.float64)
 
     def wide(self, rows: int, cols: int) -> Callable[[float], NDArray[np.float64]]:
         """The same scene for a camera of more pixels, by repeating those of the Lepton."""

@@ -8,11 +8,11 @@ import pytest
 
 from fieldkit.calibration.band import CameraBand, ResponseBand, before_camera_settings
 from fieldkit.calibration.emissivity import (
-    DEFAULT_SHARED,
+    DEFAULT_SHARED_UNCERTAINTIES,
     FOIL_EMISSIVITY,
     FOIL_EMISSIVITY_SD,
     Pairs,
-    Shared,
+    SharedUncertainties,
     fit_emissivity,
     mirrored_temperature_k,
     single_pair,
@@ -27,7 +27,7 @@ from fieldkit.weather import packaged
 from fieldkit.workflows.simulate import FOIL_ALBEDO
 from tests.harness.emissivity_days import OUTLINE, days, free_days, make_day
 
-NO_ERROR = Shared(*(0.0,) * 7)
+NO_ERROR = SharedUncertainties(*(0.0,) * 7)
 
 
 def pairs(surface_c=(35.0, 45.0, 55.0), *, emissivity=0.90, sky_c=-40.0, noise_k=0.1) -> Pairs:
@@ -75,7 +75,9 @@ def test_tape_stands_in_for_a_thermometer_and_the_cameras_offset_mostly_cancels(
     tape_seen = brightness_temperature_k(truth.contact_k, 0.95, truth.reflected_k) + offset
     surface = tape_temperature_k(tape_seen, 0.95, truth.reflected_k)
     given = replace(truth, apparent_k=truth.apparent_k + offset, contact_k=surface)
-    found = fit_emissivity(given, Shared(camera_k=1.0), tape_emissivity=0.95, tape_emissivity_sd=0.01)
+    found = fit_emissivity(
+        given, SharedUncertainties(camera_k=1.0), tape_emissivity=0.95, tape_emissivity_sd=0.01
+    )
     assert found.value == pytest.approx(0.92, abs=0.002)
     assert found.largest.name == "emissivity of the tape"
     assert found.standard_uncertainty == pytest.approx(0.92 / 0.95 * 0.01, rel=0.3)
@@ -172,7 +174,7 @@ def test_pairs_that_disagree_are_refused():
 def test_more_scatter_leaves_more_effective_degrees_of_freedom_to_the_fit():
     quiet, loud = (fit_emissivity(pairs(noise_k=noise)) for noise in (0.05, 1.5))
     assert loud.effective_freedom < 30 < quiet.effective_freedom
-    assert DEFAULT_SHARED.probe_to_skin_k == quiet.largest.uncertainty
+    assert DEFAULT_SHARED_UNCERTAINTIES.probe_to_skin_k == quiet.largest.uncertainty
 
 
 def test_the_truth_lies_inside_the_stated_interval_as_often_as_it_says():
@@ -214,10 +216,12 @@ def test_the_budget_of_a_free_mirror_says_what_a_drifting_sky_would_do():
     ]
     still, drifting = (fit_emissivity(one, reflected="free") for one in given)
     line = next(one for one in still.budget if one.name == "drift of the sky")
-    assert line.uncertainty == DEFAULT_SHARED.sky_drift_k == 5.0
+    assert line.uncertainty == DEFAULT_SHARED_UNCERTAINTIES.sky_drift_k == 5.0
     # once more as much as the reflectance is itself in doubt with it
     assert line.effect == pytest.approx(drifting.value - still.value, rel=0.4)
-    stated = fit_emissivity(given[0], Shared(sky_drift_k=0.0, probe_gradient_k=0.0), reflected="free")
+    stated = fit_emissivity(
+        given[0], SharedUncertainties(sky_drift_k=0.0, probe_gradient_k=0.0), reflected="free"
+    )
     assert stated.expanded < 0.5 * still.expanded
 
 
@@ -258,7 +262,7 @@ def test_the_foil_method_has_no_bias_on_the_simulated_field(emissivity):
 
 def test_the_median_error_of_a_good_day_is_below_a_hundredth():
     random = np.random.default_rng(3)
-    good = Shared(camera_k=0.3, thermometer_k=0.5, probe_to_skin_k=0.0)
+    good = SharedUncertainties(camera_k=0.3, thermometer_k=0.5, probe_to_skin_k=0.0)
     errors = []
     for _ in range(100):
         day = make_day(

@@ -39,7 +39,7 @@ def test_the_factor_found_gives_the_beam_back(model):
 def test_measured_diffuse_light_is_added_as_measured():
     """SURFRAD, Alamosa, 2016-01-01: beam and diffuse together are what its global pyranometer reads."""
     weather = packaged()
-    dni, dhi = (np.interp(TIMES, weather.time_ns, column) for column in (weather.dni, weather.dhi))
+    dni, dhi = (np.interp(TIMES, weather.time_ns, column) for column in (weather.dni_w_m2, weather.dhi_w_m2))
     plane = on_plane(IrradianceModel(), dni, dhi, SUN, TIMES)
     np.testing.assert_allclose(plane, dni * SUN[:, 2] + dhi, rtol=1e-9)
 

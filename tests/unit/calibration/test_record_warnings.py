@@ -3,7 +3,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from fieldkit.calibration.calibration_record import CalibrationRecord, doubts, expiry, instrument_of
+from fieldkit.calibration.calibration_record import CalibrationRecord, expiry, instrument_of, record_warnings
 from fieldkit.model.device import StreamInfo
 
 DATE = datetime(2026, 12, 10, tzinfo=UTC)
@@ -19,7 +19,7 @@ SAND = CalibrationRecord(
 
 
 def test_a_fresh_record_of_this_camera_is_not_doubted():
-    assert doubts(SAND, [LUX, CAMERA], DATE + timedelta(days=364)) == []
+    assert record_warnings(SAND, [LUX, CAMERA], DATE + timedelta(days=364)) == []
 
 
 @pytest.mark.parametrize(
@@ -34,10 +34,10 @@ def test_a_fresh_record_of_this_camera_is_not_doubted():
     ],
 )
 def test_age_and_mismatch_are_warnings(streams, days, said):
-    (told,) = doubts(SAND, streams, DATE + timedelta(days=days))
+    (told,) = record_warnings(SAND, streams, DATE + timedelta(days=days))
     assert said in told
 
 
 def test_a_record_without_an_instrument_fits_any():
     bare = CalibrationRecord("surface", "beds", DATE, 1.1, 0.02, "1", "test")
-    assert doubts(bare, [CAMERA], DATE) == []
+    assert record_warnings(bare, [CAMERA], DATE) == []

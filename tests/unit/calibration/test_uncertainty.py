@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from fieldkit.calibration.uncertainty import Contribution, combined, effective_freedom, largest
+from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty, effective_freedom, largest
 
 
 def line(effect: float, kind: str = "B") -> Contribution:
@@ -16,7 +16,7 @@ def line(effect: float, kind: str = "B") -> Contribution:
 def test_effective_degrees_of_freedom_are_those_of_the_guides_example() -> None:
     """UKAS M3003, appendix B: 3.5 from 4 readings within a combined 5.7 has 21.1 degrees of freedom."""
     budget = [line(3.5, "A"), line(math.sqrt(5.7**2 - 3.5**2))]
-    assert combined(budget) == pytest.approx(5.7)
+    assert combined_uncertainty(budget) == pytest.approx(5.7)
     assert effective_freedom(budget, 3) == pytest.approx(21.1, abs=0.05)
 
 
@@ -27,5 +27,5 @@ def test_what_does_not_scatter_is_known_for_ever() -> None:
 def test_contributions_add_in_quadrature_and_the_largest_may_be_negative() -> None:
     """Gauge block of GUM H.1: 25, 9.7, 2.9 and 16.6 nm make 32 nm."""
     budget = [line(25.0), line(9.7, "A"), line(2.9), line(-16.6)]
-    assert combined(budget) == pytest.approx(32.0, abs=0.5)
+    assert combined_uncertainty(budget) == pytest.approx(32.0, abs=0.5)
     assert largest([line(5.0), line(-16.6), line(9.7)]).effect == -16.6

@@ -17,7 +17,7 @@ from fieldkit.physics.facet import normal
 from fieldkit.physics.slab import Slab
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
-from fieldkit.simulation.scene_series import World
+from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged
 
 BEDS = ((7.4, 180.0), (21.3, 180.0), (14.6, 95.0))
@@ -37,9 +37,9 @@ def clear_day() -> History:
     start = int(np.datetime64("2016-01-01T16:00", "ns").astype(np.int64))
     sand = Facet("sand", (), depth_m=SLAB.depth_m)
     facets = tuple(replace(sand, tilt_deg=t, azimuth_deg=a) for t, a in ((0.0, 0.0), *BEDS))
-    world = World(weather.site, MeasuredSky(weather), facets, facets[0], Exchange(18.15, 0.0), (), 1.0)
-    curves = world.curves(start, 300 * 60.0)
-    columns = curves.rows[:, : 300 * 6].reshape(len(curves.rows), 300, 6).mean(axis=2)
+    model = SceneModel(weather.site, MeasuredSky(weather), facets, facets[0], Exchange(18.15, 0.0), (), 1.0)
+    series = model.series(start, 300 * 60.0)
+    columns = series.rows[:, : 300 * 6].reshape(len(series.rows), 300, 6).mean(axis=2)
     time_ns = start + np.arange(300) * MINUTE_NS + MINUTE_NS // 2
     surface = columns[6:10].T
     return History(

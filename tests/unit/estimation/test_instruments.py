@@ -127,15 +127,17 @@ def test_global_light_less_measured_diffuse_light_is_the_measured_beam():
     streams = (radiation("slv-diffuse", "dhi", 1 / 60), radiation("slv-global", "ghi", 1 / 60))
     binner = Binner(day.site, (), streams, EstimatorSettings())
     closed = []
-    for at, diffuse, whole in zip(day.time_ns.tolist(), day.dhi.tolist(), day.ghi.tolist(), strict=True):
+    for at, diffuse, whole in zip(
+        day.time_ns.tolist(), day.dhi_w_m2.tolist(), day.ghi_w_m2.tolist(), strict=True
+    ):
         closed += binner.add(Reading("slv-diffuse", at, at, (diffuse,)))
         closed += binner.add(Reading("slv-global", at, at, (whole,)))
     bins = [entry for entry, _ in closed + binner.finish()]
     high = np.array([entry.sun[2] > 0.35 for entry in bins])
-    ratio = np.array([entry.dni_w_m2 for entry in bins])[high] / day.dni[high]
+    ratio = np.array([entry.dni_w_m2 for entry in bins])[high] / day.dni_w_m2[high]
     assert high.sum() > 200
     assert np.median(ratio) == pytest.approx(1.0, abs=0.02)
-    assert np.array([entry.dhi_w_m2 for entry in bins])[high] == pytest.approx(day.dhi[high])
+    assert np.array([entry.dhi_w_m2 for entry in bins])[high] == pytest.approx(day.dhi_w_m2[high])
     assert binner.irradiance_model == "pyranometer, diffuse 15%, horizontal, dhi as measured"
 
 

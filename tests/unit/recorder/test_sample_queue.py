@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Quality, Reading
-from fieldkit.recorder.sample_queue import SampleQueue, room_for
+from fieldkit.recorder.sample_queue import SampleQueue, queue_limit
 
 
 def reading(n: int, stream: str = "lux") -> Reading:
@@ -30,9 +30,9 @@ def test_large_cameras_may_wait_three_seconds_and_small_ones_32_megabytes() -> N
     def picture(rows: int, cols: int, rate_hz: float) -> StreamInfo:
         return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), rate_hz=rate_hz)
 
-    assert room_for(picture(512, 640, 30.0)) == 90
-    assert room_for(picture(192, 256, 25.0)) == 32_000_000 // (192 * 256 * 2 + 1000)
-    assert room_for(StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=2.0)) > 3600
+    assert queue_limit(picture(512, 640, 30.0)) == 90
+    assert queue_limit(picture(192, 256, 25.0)) == 32_000_000 // (192 * 256 * 2 + 1000)
+    assert queue_limit(StreamInfo("lux", "illuminance", "lx", (1,), rate_hz=2.0)) > 3600
 
 
 def test_a_full_stream_loses_and_tells_how_many_and_leaves_others_alone() -> None:

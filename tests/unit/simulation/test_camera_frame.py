@@ -3,7 +3,7 @@ import pytest
 
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.simulation import Correction, sand_slopes
-from fieldkit.simulation.facets import PICTURE_SHAPE, pixel_shares
+from fieldkit.simulation.facets import FRAME_SHAPE, pixel_shares
 
 NETD_K = 0.050  # the maker's figure for the Lepton 3.5: below 50 mK
 
@@ -21,9 +21,9 @@ def test_each_pixel_is_shared_out_completely(scene):
 
 
 def test_regions_see_nothing_but_their_bed(scene):
-    shares = pixel_shares(scene.facets).reshape(-1, *PICTURE_SHAPE)
+    shares = pixel_shares(scene.facets).reshape(-1, *FRAME_SHAPE)
     for share, region in zip(shares, scene.regions, strict=False):
-        assert share[region.mask(PICTURE_SHAPE)].min() > 0.999
+        assert share[region.mask(FRAME_SHAPE)].min() > 0.999
 
 
 def test_edges_of_beds_are_as_soft_as_a_lens_makes_them(scene):
@@ -32,34 +32,34 @@ def test_edges_of_beds_are_as_soft_as_a_lens_makes_them(scene):
 
 
 def test_noise_between_pictures_is_that_of_the_sensor(scene):
-    first, second = scene.picture(scene.start_ns, 0), scene.picture(scene.start_ns, 1)
+    first, second = scene.frame(scene.start_ns, 0), scene.frame(scene.start_ns, 1)
     noise_k = (second - first).std() / np.sqrt(2)
     assert 0.6 * NETD_K < noise_k < NETD_K
 
 
 def test_picture_is_the_beds_plus_errors_of_a_tenth_of_a_kelvin(scene):
-    picture = scene.picture(scene.start_ns, 0)
-    assert picture.shape == PICTURE_SHAPE
-    assert picture.dtype == np.float32
+    frame = scene.frame(scene.start_ns, 0)
+    assert frame.shape == FRAME_SHAPE
+    assert frame.dtype == np.float32
     for facet, truth_k in zip(scene.facets, scene.at(scene.start_ns).brightness_k, strict=False):
-        mask = Region(facet.name, RegionKind.TARGET, facet.region().vertices).mask(PICTURE_SHAPE)
-        assert picture[mask].mean() == pytest.approx(truth_k, abs=0.35)
+        mask = Region(facet.name, RegionKind.TARGET, facet.region().vertices).mask(FRAME_SHAPE)
+        assert frame[mask].mean() == pytest.approx(truth_k, abs=0.35)
 
 
 def test_level_drifts_after_a_correction_and_alike_everywhere(scene):
     ended = scene.start_ns
-    fresh = scene.picture(scene.start_ns, 5, Correction(3, ended))
-    aged = scene.picture(scene.start_ns, 5, Correction(3, ended - 180_000_000_000))
+    fresh = scene.frame(scene.start_ns, 5, Correction(3, ended))
+    aged = scene.frame(scene.start_ns, 5, Correction(3, ended - 180_000_000_000))
     change = aged - fresh
     assert 0.005 < np.abs(change.mean()) < 0.5
     assert np.ptp(change) < 1e-3
 
 
 def test_each_correction_leaves_another_level_and_pattern(scene):
-    pictures = [scene.picture(scene.start_ns, 5, Correction(n, scene.start_ns)) for n in range(8)]
-    levels = np.array([picture.mean() for picture in pictures])
+    pictures = [scene.frame(scene.start_ns, 5, Correction(n, scene.start_ns)) for n in range(8)]
+    levels = np.array([frame.mean() for frame in pictures])
     assert 0.02 < levels.std() < 0.3
-    patterns = np.array([picture - picture.mean() for picture in pictures])
+    patterns = np.array([frame - frame.mean() for frame in pictures])
     assert patterns.std(axis=0).mean() == pytest.approx(0.04, rel=0.15)
-    wrong = scene.picture(scene.start_ns, 5, Correction(0, scene.start_ns, 0.8))
+    wrong = scene.frame(scene.start_ns, 5, Correction(0, scene.start_ns, 0.8))
     assert (wrong - pictures[0]).mean() == pytest.approx(0.8, abs=1e-4)

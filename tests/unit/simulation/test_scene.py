@@ -30,18 +30,18 @@ def test_scene_starts_at_noon_of_the_site(scene):
 def test_same_seed_gives_the_same_world_and_another_seed_another(scene):
     again, other = sand_slopes(), replace(scene, seed=2)
     noon = after(scene, 1234.5)
-    np.testing.assert_array_equal(scene.picture(noon, 7), again.picture(noon, 7))
+    np.testing.assert_array_equal(scene.frame(noon, 7), again.frame(noon, 7))
     assert scene.lux_reading(noon) == again.lux_reading(noon)
     assert scene.lux_reading(noon) != other.lux_reading(noon)
-    assert not np.array_equal(scene.picture(noon, 7), other.picture(noon, 7))
+    assert not np.array_equal(scene.frame(noon, 7), other.frame(noon, 7))
 
 
 def test_answers_do_not_depend_on_what_was_asked_before(scene):
     asked, fresh = sand_slopes(duration_s=600.0), sand_slopes(duration_s=600.0)
     for seconds in range(0, 600, 50):
-        asked.picture(after(asked, seconds), seconds)
+        asked.frame(after(asked, seconds), seconds)
         asked.probe_readings(after(asked, seconds))
-    np.testing.assert_array_equal(asked.picture(after(asked, 99), 3), fresh.picture(after(fresh, 99), 3))
+    np.testing.assert_array_equal(asked.frame(after(asked, 99), 3), fresh.frame(after(fresh, 99), 3))
 
 
 def test_steeper_beds_towards_the_sun_are_warmer(scene):
@@ -74,8 +74,8 @@ def test_truth_about_the_sky_is_the_measurement(scene):
     minute = 1200  # averaged from 19:59 to 20:00 UTC
     moment = scene.at(int(weather.time_ns[minute]))
     # the scene's own times are 10 s apart, lines between minutes are kept to a watt
-    assert moment.dni_w_m2 == pytest.approx(weather.dni[minute], abs=1.0)
-    assert moment.dhi_w_m2 == pytest.approx(weather.dhi[minute], abs=1.0)
+    assert moment.dni_w_m2 == pytest.approx(weather.dni_w_m2[minute], abs=1.0)
+    assert moment.dhi_w_m2 == pytest.approx(weather.dhi_w_m2[minute], abs=1.0)
     assert moment.air_temperature_k == pytest.approx(weather.air_temperature_k[minute], abs=0.05)
 
 

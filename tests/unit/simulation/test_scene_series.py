@@ -5,8 +5,14 @@ from scipy.special import erfcx
 from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import normal
 from fieldkit.simulation.facets import Facet
-from fieldkit.simulation.scene_series import Light, fine_times, lagged, longwave_out, surface_curves
-from fieldkit.simulation.sky import Above
+from fieldkit.simulation.scene_series import (
+    FacetRadiation,
+    fine_times,
+    lagged,
+    longwave_leaving_ground,
+    surface_temperatures,
+)
+from fieldkit.simulation.sky import SkyState
 
 EXCHANGE_W_M2_K, AIR_K, LONGWAVE_W_M2 = 18.15, 303.15, 400.0
 
@@ -16,7 +22,7 @@ def warm_up(facet, shortwave_w_m2, time_s):
     shape = time_s.shape
     absorbed = np.where(time_s > 0, 0.8 * shortwave_w_m2, 0.0) + 0.9 * LONGWAVE_W_M2
     exchange, air = np.full(shape, EXCHANGE_W_M2_K), np.full(shape, AIR_K)
-    return surface_curves([facet], time_s, absorbed[np.newaxis], exchange, air)[0]
+    return surface_temperatures([facet], time_s, absorbed[np.newaxis], exchange, air)[0]
 
 
 @pytest.mark.parametrize(
@@ -57,9 +63,9 @@ def test_equal_layers_are_stepped_together_and_unequal_ones_apart():
     absorbed = np.full((3, time_s.size), 700.0)
     absorbed[:, 100:] = 900.0
     exchange, air = np.full(time_s.size, EXCHANGE_W_M2_K), np.full(time_s.size, AIR_K)
-    curves = surface_curves(beds, time_s, absorbed, exchange, air)
-    np.testing.assert_array_equal(curves[0], curves[2])
-    assert curves[0, 160] > curves[1, 160] + 0.5, "the thin layer is ahead"
+    series = surface_temperatures(beds, time_s, absorbed, exchange, air)
+    np.testing.assert_array_equal(series[0], series[2])
+    assert series[0, 160] > series[1, 160] + 0.5, "the thin layer is ahead"
 
 
 def test_times_are_dense_where_the_light_breaks():
@@ -80,14 +86,14 @@ def test_sensor_of_first_order_lags_a_ramp_by_its_time_constant():
 
 def test_sunlight_on_a_tilted_bed_is_pvlibs_in_plane_irradiance():
     irradiance = pytest.importorskip("pvlib.irradiance", reason="pvlib comes with the [lab] extra")
-    zenith, azimuth, dni, dhi, top = 55.0, 140.0, 850.0, 90.0, 1400.0
-    ghi = dni * np.cos(np.radians(zenith)) + dhi
+    zenith, azimuth, dni_w_m2, dhi_w_m2, top = 55.0, 140.0, 850.0, 90.0, 1400.0
+    ghi = dni_w_m2 * np.cos(np.radians(zenith)) + dhi_w_m2
     theirs = irradiance.get_total_irradiance(
-        25.0, 180.0, zenith, azimuth, dni, ghi, dhi, dni_extra=top, albedo=0.19, model="haydavies"
+        25.0, 180.0, zenith, azimuth, dni_w_m2, ghi, dhi_w_m2, dni_extra=top, albedo=0.19, model="haydavies"
     )["poa_global"]
     one = np.ones(1)
-    above = Above(dni * one, dhi * one, 0.0 * one, 280.0 * one, 1.0 * one)
-    light = Light(above, normal([zenith], [azimuth]), top * one, 0.19)
+    sky_state = SkyState(dni_w_m2 * one, dhi_w_m2 * one, 0.0 * one, 280.0 * one, 1.0 * one)
+    light = FacetRadiation(sky_state, normal([zenith], [azimuth]), top * one, 0.19)
     absorbed = light.absorbed_w_m2(Facet("bed", (), 25.0, 180.0, albedo=0.3), 0.0 * one)
     assert absorbed[0] == pytest.approx(0.7 * float(theirs), rel=1e-6)
 
@@ -95,7 +101,7 @@ def test_sunlight_on_a_tilted_bed_is_pvlibs_in_plane_irradiance():
 def test_longwave_of_the_ground_is_emitted_and_mirrored():
     """Kirchhoff: what is not emitted of a black body's is mirrored of the sky's."""
     one = np.ones(1)
-    above = Above(0.0 * one, 0.0 * one, 300.0 * one, 280.0 * one, 1.0 * one)
+    sky_state = SkyState(0.0 * one, 0.0 * one, 300.0 * one, 280.0 * one, 1.0 * one)
     ground = Facet("ground", (), emissivity_broadband=0.95)
     expected = 0.95 * 5.670374419e-8 * 310.0**4 + 0.05 * 300.0
-    assert longwave_out(310.0 * one, ground, above)[0] == pytest.approx(expected)
+    assert longwave_leaving_ground(310.0 * one, ground, sky_state)[0] == pytest.approx(expected)

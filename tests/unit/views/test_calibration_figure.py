@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldkit.calibration.band import FLAT
-from fieldkit.calibration.emissivity import Pairs, Shared, fit_emissivity
+from fieldkit.calibration.emissivity import Pairs, SharedUncertainties, fit_emissivity
 from fieldkit.physics.radiance import brightness_temperature_k
 
 pytest.importorskip("matplotlib", reason="the extra [lab] is not installed")
@@ -19,7 +19,7 @@ def test_every_word_and_number_of_the_picture_lies_inside_it_and_beside_the_othe
 
     surface, sky, sd = np.linspace(278.0, 323.0, 12), np.full(12, 240.0), np.full(12, 0.1)
     pairs = Pairs(brightness_temperature_k(surface, 0.85, sky), surface, sky, sd, sd)
-    found = fit_emissivity(pairs, Shared(), reflected=reflected)
+    found = fit_emissivity(pairs, SharedUncertainties(), reflected=reflected)
     figure = emissivity_figure(found, pairs, FLAT)
     FigureCanvasAgg(figure).draw()
     said = {one.get_text().partition(",")[0] for one in figure.findobj(Text)}

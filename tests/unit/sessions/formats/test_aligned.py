@@ -27,8 +27,8 @@ def light(chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: fl
     day = read_surfrad(shared("data/weather/slv15365.dat"), "alamosa") if cloudy else packaged()
     measured_s = (day.time_ns - day.time_ns[0]) / 1e9
     seconds, tens = np.arange(0, 3 * 3600.0), np.arange(-1800.0, 3.5 * 3600.0, 10.0)
-    lux = 110.0 * np.interp(NOON_S + seconds, measured_s, day.ghi)
-    log = 500.0 + 102.0 * np.interp(NOON_S + tens, measured_s, day.ghi)
+    lux = 110.0 * np.interp(NOON_S + seconds, measured_s, day.ghi_w_m2)
+    log = 500.0 + 102.0 * np.interp(NOON_S + tens, measured_s, day.ghi_w_m2)
     return (
         Curve(tens - true_s, log + chance.normal(0, noise, tens.size)),
         Curve(seconds, lux + chance.normal(0, noise, seconds.size)),
