@@ -255,7 +255,7 @@ def settings_for(driver: Driver, port: str, identity: str, options: dict[str, An
     if port or identity:
         return DeviceSettings("selftest", driver.name, port=port, identity=identity, options=options)
     try:
-        found = [one for one in driver.find() if not one.doubt]
+        found = [one for one in driver.find() if not one.caveat]
     except Exception:  # the suite itself reports it
         return None
     if len(found) != 1:

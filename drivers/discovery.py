@@ -1,10 +1,12 @@
-"""May the instruments be used, and is anything in their way? Facts for `fieldkit doctor`, each with its fix.
+"""Which instruments are connected, and whether they can be used.
 
-Only looked at, never opened: a meter must not be disturbed by a check.
+`find_devices` lists them, `check_instruments` reports permissions and what may interfere, each problem with
+its fix. Nothing is opened: a check must not disturb a meter.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -17,64 +19,91 @@ from fieldkit.drivers.identity import SYSFS, UDEV_FIX, UsbIdentity, permission_f
 from fieldkit.drivers.meters import ut325
 from fieldkit.drivers.ports import serial_ports
 
-# --- what is connected
-
-UNKNOWN = "no driver of fieldkit's"
-
-
-@dataclass(frozen=True, slots=True)
-class ConnectedDevice:
-    """One thing on a cable; `drivers` take it for their own, `remark` says why they are not sure."""
-
-    identity: str
-    port: str
-    title: str
-    drivers: tuple[str, ...]
-    remark: str = ""
-
-
-def plugged_in() -> tuple[list[ConnectedDevice], list[str]]:
-    """(instruments, adapters and cameras that are there; problems with drivers that could not be loaded)."""
-    drivers, problems = registry.load_all()
-    things: dict[tuple[str, str], ConnectedDevice] = {}
-    for driver in drivers:
-        for found in driver.find():
-            key = (found.identity, found.port)
-            before = things.get(key)
-            names = (*(before.drivers if before else ()), found.driver)
-            remark = "only the instrument's answer tells which" if before else found.doubt
-            things[key] = ConnectedDevice(found.identity, found.port, found.title, names, remark)
-    known = {thing.port for thing in things.values()}
-    others = [
-        *_strangers(cameras(), known, "y16 reads it if it has Y16"),
-        *_strangers(serial_ports(), known, UNKNOWN),
-    ]
-    return [*things.values(), *others], problems
-
-
-def _strangers(present: list[tuple[str, UsbIdentity]], known: set[str], remark: str) -> list[ConnectedDevice]:
-    everybody = [usb for _, usb in present]
-    return [
-        ConnectedDevice(usb.written(everybody), path, usb.title, (), remark)
-        for path, usb in present
-        if path not in known
-    ]
-
-
 PROC = Path("/proc")
 UDEV_DATA = Path("/run/udev/data")
 VENDOR_COMMANDS = ((0x0BDA, 0x5830), (0x0BDA, 0x5840))
 """Cameras that take commands through the raw USB node, beside the video node."""
 
 RAW_ONLY = (*thermal_master.KINDS, *ut325.KINDS)
-"""Instruments that have nothing but the raw USB node."""
+"""Instruments that have only the raw USB node."""
 
 SLOW_LATENCY_MS = 2
+NO_DRIVER = "no fieldkit driver"
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class ConnectedDevice:
+    """An instrument, adapter or camera on a cable.
+
+    `identity` is what to write into the configuration. `drivers` are those that recognise it; `note` says why
+    they cannot be sure, or is empty.
+    """
+
+    identity: str
+    port: str
+    title: str
+    drivers: tuple[str, ...]
+    note: str = ""
+
+    def __repr__(self) -> str:
+        drivers = " or ".join(self.drivers) or NO_DRIVER
+        note = f" ({self.note})" if self.note and self.drivers else ""
+        return f"<{self.title or 'device'} [{self.identity}] at {self.port}: {drivers}{note}>"
+
+
+def find_devices() -> list[ConnectedDevice]:
+    """All connected instruments, serial adapters and cameras; drivers that cannot be loaded are logged."""
+    devices, problems = discover()
+    for problem in problems:
+        _log.warning("%s", problem)
+    return devices
+
+
+def discover() -> tuple[list[ConnectedDevice], list[str]]:
+    """(connected devices, problems with drivers that cannot be loaded)."""
+    drivers, problems = registry.load_all()
+    devices: dict[tuple[str, str], ConnectedDevice] = {}
+    for driver in drivers:
+        for found in driver.find():
+            key = (found.identity, found.port)
+            before = devices.get(key)
+            names = (*(before.drivers if before else ()), found.driver)
+            note = "only the instrument's reply shows which" if before else found.caveat
+            devices[key] = ConnectedDevice(found.identity, found.port, found.title, names, note)
+    recognised = {device.port for device in devices.values()}
+    others = [
+        *_unrecognised(cameras(), recognised, "y16 reads it if it has Y16"),
+        *_unrecognised(serial_ports(), recognised, NO_DRIVER),
+    ]
+    return [*devices.values(), *others], problems
+
+
+def _unrecognised(
+    present: list[tuple[str, UsbIdentity]], recognised: set[str], note: str
+) -> list[ConnectedDevice]:
+    units = [usb for _, usb in present]
+    return [
+        ConnectedDevice(usb.as_text(units), path, usb.title, (), note)
+        for path, usb in present
+        if path not in recognised
+    ]
+
+
+def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
+    """Whether an instrument or serial adapter with this identity is connected."""
+    with_nodes = (usb for _, usb in (*cameras(), *serial_ports()))
+    raw_only = (usb for usb, _ in _raw_nodes(sysfs, RAW_ONLY))
+    return any(usb.matches(identity) for usb in (*with_nodes, *raw_only))
+
+
+# --- can they be used?
 
 
 @dataclass(frozen=True, slots=True)
-class Fact:
-    """One thing looked at: `level` ok, warn or fail, what it is about, and the next step."""
+class ReadinessCheck:
+    """One thing checked: `level` is ok, warn or fail; `what` it is about, and the `fix`."""
 
     level: str
     what: str
@@ -82,42 +111,37 @@ class Fact:
     fix: str = ""
 
 
-def look(sysfs: Path = SYSFS) -> Iterator[Fact]:
-    """Everything about cameras and serial ports of this computer."""
+def check_instruments(sysfs: Path = SYSFS) -> Iterator[ReadinessCheck]:
+    """Check the cameras and serial ports of this computer."""
     found_cameras, found_ports = cameras(), serial_ports()
     raw_only = list(_raw_nodes(sysfs, RAW_ONLY))
     yield from _libraries()
     if not found_cameras and not any(_is_camera(usb) for usb, _ in raw_only):
-        yield Fact(
-            "warn", "camera", "no USB camera is plugged in", "plug it in; lsusb shows whether it arrives"
+        yield ReadinessCheck(
+            "warn", "camera", "no USB camera is connected", "connect it; lsusb shows whether it is detected"
         )
     for path, usb in found_cameras:
-        yield _may_use(path, usb, "video")
+        yield _permission(path, usb, "video")
         yield from _raw_node(usb, sysfs)
-        yield from _sleeps(path, usb, sysfs)
+        yield from _autosuspend(path, usb, sysfs)
     for usb, node in raw_only:
-        yield _may_use(node, usb, "plugdev")
+        yield _permission(node, usb, "plugdev")
     if not found_ports:
-        yield Fact("warn", "serial port", "no USB serial port is there", "plug the meter's adapter in")
+        yield ReadinessCheck(
+            "warn", "serial port", "no USB serial port is connected", "connect the meter's adapter"
+        )
     for path, usb in found_ports:
-        yield _may_use(path, usb, "dialout")
+        yield _permission(path, usb, "dialout")
         yield from _latency(path, sysfs)
-        yield from _sleeps(path, usb, sysfs)
+        yield from _autosuspend(path, usb, sysfs)
     yield _modem_manager([path for path, _ in found_ports])
-
-
-def is_connected(identity: str, sysfs: Path = SYSFS) -> bool:
-    """Whether an instrument or serial adapter of that identity is there."""
-    with_nodes = (usb for _, usb in (*cameras(), *serial_ports()))
-    raw_only = (usb for usb, _ in _raw_nodes(sysfs, RAW_ONLY))
-    return any(usb.matches(identity) for usb in (*with_nodes, *raw_only))
 
 
 def _is_camera(usb: UsbIdentity) -> bool:
     return (usb.vendor, usb.product) in thermal_master.KINDS
 
 
-def _libraries() -> Iterator[Fact]:
+def _libraries() -> Iterator[ReadinessCheck]:
     try:
         import usb.backend.libusb1
 
@@ -125,38 +149,42 @@ def _libraries() -> Iterator[Fact]:
     except ImportError:
         present = False
     if present:
-        yield Fact("ok", "libusb", "there, for the commands of cameras that need it")
+        yield ReadinessCheck("ok", "libusb", "installed, for cameras and meters that need it")
     else:
-        yield Fact(
+        yield ReadinessCheck(
             "warn",
             "libusb",
-            "missing: P2 Pro commands, P1/P3 cameras, UT325",
+            "missing: needed by P2 Pro commands, P1/P3 cameras, UT325",
             "sudo apt install libusb-1.0-0",
         )
 
 
-def _may_use(path: str, usb: UsbIdentity, group: str) -> Fact:
-    name = f"{path} ({usb.title or usb.written()})"
+def _permission(path: str, usb: UsbIdentity, group: str) -> ReadinessCheck:
+    name = f"{path} ({usb.title or usb.as_text()})"
     if not os.path.exists(path):
-        return Fact("fail", name, "the kernel knows it, but there is no node", "sudo udevadm trigger")
+        return ReadinessCheck(
+            "fail", name, "detected by the kernel, but its device node is missing", "sudo udevadm trigger"
+        )
     if os.access(path, os.R_OK | os.W_OK):
-        return Fact("ok", name, f"may be used; identity {usb.written()}")
-    return Fact("fail", name, "you may not use it", permission_fix(group))
+        return ReadinessCheck("ok", name, f"ready; identity {usb.as_text()}")
+    return ReadinessCheck("fail", name, "permission denied", permission_fix(group))
 
 
-def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[Fact]:
-    """Cameras with vendor commands need a second right, to the raw USB node."""
+def _raw_node(usb: UsbIdentity, sysfs: Path) -> Iterator[ReadinessCheck]:
+    """Cameras with vendor commands need a second permission, for the raw USB node."""
     for other, node in _raw_nodes(sysfs, VENDOR_COMMANDS):
         if other.path != usb.path:
             continue
         if os.access(node, os.W_OK):
-            yield Fact("ok", node, "camera commands may be sent")
+            yield ReadinessCheck("ok", node, "camera commands available")
         else:
-            yield Fact("warn", node, "camera commands may not be sent; pictures still work", UDEV_FIX)
+            yield ReadinessCheck(
+                "warn", node, "no permission for camera commands; frames still work", UDEV_FIX
+            )
 
 
 def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tuple[UsbIdentity, str]]:
-    """(who, path of the node) of every USB device that is one of `kinds`."""
+    """(identity, node path) of each USB device that is one of `kinds`."""
     for folder in sorted((sysfs / "bus/usb/devices").glob("*-*")):
         usb = usb_parent(folder)
         if usb is None or usb.path != folder.name or (usb.vendor, usb.product) not in kinds:
@@ -168,31 +196,31 @@ def _raw_nodes(sysfs: Path, kinds: Collection[tuple[int, int]]) -> Iterator[tupl
         yield usb, f"/dev/bus/usb/{bus:03d}/{number:03d}"
 
 
-def _sleeps(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[Fact]:
+def _autosuspend(path: str, usb: UsbIdentity, sysfs: Path) -> Iterator[ReadinessCheck]:
     try:
         control = (sysfs / "bus/usb/devices" / usb.path / "power/control").read_text().strip()
     except OSError:
         return
     if control != "on":
-        yield Fact("warn", path, "the kernel may put it to sleep (autosuspend)", UDEV_FIX)
+        yield ReadinessCheck("warn", path, "the kernel may suspend it (autosuspend)", UDEV_FIX)
 
 
-def _latency(path: str, sysfs: Path) -> Iterator[Fact]:
+def _latency(path: str, sysfs: Path) -> Iterator[ReadinessCheck]:
     try:
         timer_ms = int((sysfs / "class/tty" / Path(path).name / "device/latency_timer").read_text())
     except (OSError, ValueError):
         return
     if timer_ms > SLOW_LATENCY_MS:
-        yield Fact("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
+        yield ReadinessCheck("warn", path, f"the adapter holds bytes for {timer_ms} ms", UDEV_FIX)
 
 
-def _modem_manager(paths: list[str]) -> Fact:
+def _modem_manager(paths: list[str]) -> ReadinessCheck:
     if not any(_comm(folder) == "ModemManager" for folder in PROC.glob("[0-9]*")):
-        return Fact("ok", "ModemManager", "does not run")
-    bothered = [path for path in paths if not _is_left_alone(path)]
-    if bothered:
-        return Fact("warn", "ModemManager", f"runs and may talk into {', '.join(bothered)}", UDEV_FIX)
-    return Fact("ok", "ModemManager", "runs and is told to keep off")
+        return ReadinessCheck("ok", "ModemManager", "not running")
+    exposed = [path for path in paths if not _is_ignored(path)]
+    if exposed:
+        return ReadinessCheck("warn", "ModemManager", f"running; it may probe {', '.join(exposed)}", UDEV_FIX)
+    return ReadinessCheck("ok", "ModemManager", "running; the udev rules keep it off the ports")
 
 
 def _comm(folder: Path) -> str:
@@ -202,8 +230,8 @@ def _comm(folder: Path) -> str:
         return ""
 
 
-def _is_left_alone(path: str) -> bool:
-    """Whether udev's record of the port tells ModemManager to ignore it."""
+def _is_ignored(path: str) -> bool:
+    """Whether the udev rules make ModemManager ignore the port."""
     try:
         number = os.stat(path).st_rdev
         record = (UDEV_DATA / f"c{os.major(number)}:{os.minor(number)}").read_text()

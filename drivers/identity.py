@@ -56,7 +56,7 @@ class UsbIdentity:
         same_kind = (int(vendor, 16), int(product, 16)) == (self.vendor, self.product)
         return same_kind and (serial is None or serial == self.serial)
 
-    def written(self, present: Sequence[UsbIdentity] = ()) -> str:
+    def as_text(self, present: Sequence[UsbIdentity] = ()) -> str:
         """The shortest identity that tells it from everything else in `present`."""
         kind = f"{self.vendor:04x}:{self.product:04x}"
         alike = [other for other in present if (other.vendor, other.product) == (self.vendor, self.product)]

@@ -282,7 +282,7 @@ class SerialPort:
     def identity(self) -> str:
         """Identity of the USB adapter, empty for a port that is none."""
         adapter = usb_parent(_sysfs_node(self.path))
-        return adapter.written() if adapter else ""
+        return adapter.as_text() if adapter else ""
 
     def write(self, data: bytes) -> None:
         """Send bytes; raises `DeviceLostError` when the port is gone."""
@@ -382,14 +382,14 @@ def serial_ports() -> list[tuple[str, UsbIdentity]]:
 
 
 def find_ports(
-    driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str
+    driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str
 ) -> list[DiscoveredDevice]:
     """USB serial ports whose adapter is one of `kinds` (all if empty), as candidates for `driver`."""
     ports = serial_ports()
     present = [identity for _, identity in ports]
     return [
         DiscoveredDevice(
-            driver, identity.written(present), path, f"{title} ({identity.title or 'serial adapter'})", doubt
+            driver, identity.as_text(present), path, f"{title} ({identity.title or 'serial adapter'})", caveat
         )
         for path, identity in ports
         if not kinds or (identity.vendor, identity.product) in kinds
@@ -421,7 +421,7 @@ def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity
     real = os.path.realpath(settings.port)
     for path, usb in ports:
         if path == real and settings.identity and not usb.matches(settings.identity):
-            another = f"{settings.port} is {usb.written()}, not {settings.identity}"
+            another = f"{settings.port} is {usb.as_text()}, not {settings.identity}"
             raise DeviceNotFoundError(
                 f"{settings.name}: {another}; {_listing(ports)}",
                 fix="leave port out of the configuration: the identity is enough",
@@ -430,7 +430,7 @@ def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity
 
 def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
     present = [usb for _, usb in ports]
-    names = [f"{usb.written(present)} at {path} ({usb.title})" for path, usb in ports]
+    names = [f"{usb.as_text(present)} at {path} ({usb.title})" for path, usb in ports]
     return "plugged in: " + ", ".join(names) if names else "no USB serial port is plugged in"
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import logging
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
@@ -18,7 +17,7 @@ from typing import Any, cast
 from fieldkit.drivers.decoding import Decoded, Decodes
 from fieldkit.drivers.options import decoding_settings, reject_unknown
 from fieldkit.model.clock import Clock
-from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver
+from fieldkit.model.device import Device, DeviceSettings, Driver
 from fieldkit.model.errors import ConfigError
 
 GROUP = "fieldkit.drivers"
@@ -43,8 +42,6 @@ BUILT_IN: Mapping[str, str] = MappingProxyType(
         "text": "fieldkit.drivers.meters.text:Text",
     }
 )
-
-_log = logging.getLogger(__name__)
 
 
 def names() -> list[str]:
@@ -98,14 +95,6 @@ def load_all() -> tuple[list[Driver], list[str]]:
         except ConfigError as error:
             problems.append(error.message)
     return drivers, problems
-
-
-def find_all() -> list[DiscoveredDevice]:
-    """Every instrument that is plugged in and that a driver takes for its own; problems are logged."""
-    drivers, problems = load_all()
-    for problem in problems:
-        _log.warning("%s", problem)
-    return [found for driver in drivers for found in driver.find()]
 
 
 def _reject_unknown(settings: DeviceSettings, driver: Driver) -> None:

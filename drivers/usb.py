@@ -27,12 +27,12 @@ def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIden
 
 
 def find_usb(
-    driver: str, title: str, kinds: Sequence[tuple[int, int]], doubt: str = ""
+    driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str = ""
 ) -> list[DiscoveredDevice]:
     """Plugged-in instruments of `kinds`, for `Driver.find`."""
     units = [identity for _, identity in usb_instruments(kinds)]
     return [
-        DiscoveredDevice(driver, one.written(units), f"usb:{one.path}", one.title or title, doubt)
+        DiscoveredDevice(driver, one.as_text(units), f"usb:{one.path}", one.title or title, caveat)
         for one in units
     ]
 
@@ -44,7 +44,7 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tupl
     fitting = [pair for pair in present if not settings.identity or pair[1].matches(settings.identity)]
     if len(fitting) == 1:
         return fitting[0]
-    there = ", ".join(one.written(units) for one in units) or "none is plugged in"
+    there = ", ".join(one.as_text(units) for one in units) or "none is plugged in"
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; there: {there}",

@@ -255,8 +255,8 @@ class P2Pro:
 
     def find(self) -> list[DiscoveredDevice]:
         """Cameras with the chip maker's ids; the frame size tells when opening."""
-        doubt = "webcams share this id; only the frame size 256x384 tells"
-        return find_cameras(self.name, self.title, WANTED, doubt)
+        caveat = "webcams share this id; only the frame size 256x384 tells"
+        return find_cameras(self.name, self.title, WANTED, caveat)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""

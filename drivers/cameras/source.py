@@ -142,12 +142,12 @@ def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
     return found
 
 
-def find_cameras(driver: str, title: str, wanted: CameraFormat, doubt: str = "") -> list[DiscoveredDevice]:
+def find_cameras(driver: str, title: str, wanted: CameraFormat, caveat: str = "") -> list[DiscoveredDevice]:
     """Plugged-in cameras of the wanted kinds."""
     present = cameras()
     return [
         DiscoveredDevice(
-            driver, usb.written([other for _, other in present]), path, usb.title or title, doubt
+            driver, usb.as_text([other for _, other in present]), path, usb.title or title, caveat
         )
         for path, usb in present
         if (usb.vendor, usb.product) in wanted.kinds
@@ -166,7 +166,7 @@ def open_source(settings: DeviceSettings, wanted: CameraFormat, clock: Clock) ->
     path, usb = _pick(settings, wanted, present)
     direct = backend == "v4l2" or (backend == "auto" and sys.platform == "linux")
     reader = V4l2Source if direct else OpenCvSource
-    identity = usb.written([other for _, other in present]) if usb.vendor else settings.identity
+    identity = usb.as_text([other for _, other in present]) if usb.vendor else settings.identity
     return OpenedSource(reader(path, wanted.fourcc, wanted.sizes, clock), usb, identity)
 
 
@@ -195,7 +195,7 @@ def _pick(
 def listing(present: Sequence[tuple[str, UsbIdentity]]) -> str:
     """What is plugged in, in words."""
     everybody = [usb for _, usb in present]
-    names = [f"{usb.written(everybody)} at {path} ({usb.title})" for path, usb in present]
+    names = [f"{usb.as_text(everybody)} at {path} ({usb.title})" for path, usb in present]
     return "plugged in: " + ", ".join(names) if names else "no USB camera is plugged in"
 
 

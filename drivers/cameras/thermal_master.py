@@ -262,7 +262,7 @@ class ThermalMaster:
         model = options.text(settings, "model", "auto", MODELS)
         if settings.source is None and (model == "bulk" or (model == "auto" and not _has_video(settings))):
             source = BulkSource(settings, clock)
-            opened = OpenedSource(source, identity_of(source), settings.identity or source.usb.written())
+            opened = OpenedSource(source, identity_of(source), settings.identity or source.usb.as_text())
             return self._start(settings, clock, opened, source)
         return self._start(settings, clock, open_source(settings, WANTED, clock), None)
 

@@ -96,7 +96,7 @@ class Y16:
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
         """Open the camera that identity or port name; there is no default."""
         if not (settings.identity or settings.port or settings.source):
-            present = ", ".join(usb.written() for _, usb in cameras()) or "none"
+            present = ", ".join(usb.as_text() for _, usb in cameras()) or "none"
             raise ConfigError(
                 f"{settings.name}: y16 takes any camera, so it must be told which; there is {present}",
                 fix='identity = "vendor:product"',

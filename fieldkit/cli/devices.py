@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from fieldkit.drivers.discovery import ConnectedDevice
 
 
 @click.command(cls=Command)
@@ -18,17 +21,17 @@ def command(ctx: click.Context) -> None:
     does not change when the computer numbers its ports differently.
     """
     from fieldkit.drivers import registry
-    from fieldkit.drivers.discovery import plugged_in
+    from fieldkit.drivers.discovery import discover
 
-    things, problems = plugged_in()
+    things, problems = discover()
     drivers, _ = registry.load_all()
     if options(ctx).json:
         known = [{"name": one.name, "title": one.title, "quantity": one.quantity} for one in drivers]
-        print_json({"devices": [asdict(thing) for thing in things], "drivers": known, "problems": problems})
+        print_json({"devices": [_row(thing) for thing in things], "drivers": known, "problems": problems})
         return
     if things:
         rows = [
-            [thing.identity, thing.port, thing.title, _names(thing.drivers), thing.remark] for thing in things
+            [thing.identity, thing.port, thing.title, _names(thing.drivers), thing.note] for thing in things
         ]
         print_table(["identity", "at", "what", "driver", "remark"], rows)
     else:
@@ -37,6 +40,13 @@ def command(ctx: click.Context) -> None:
     print_table(["driver", "for"], [[one.name, one.title] for one in drivers])
     for problem in problems:
         say(f"warning: {problem}")
+
+
+def _row(device: ConnectedDevice) -> dict[str, Any]:
+    return {
+        "identity": device.identity, "port": device.port, "title": device.title,
+        "drivers": device.drivers, "remark": device.note,
+    }  # fmt: skip
 
 
 def _names(drivers: tuple[str, ...]) -> str:

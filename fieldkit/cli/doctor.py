@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, campaign, options, print_json
-from fieldkit.drivers.discovery import Fact, is_connected, look
+from fieldkit.drivers.discovery import ReadinessCheck, check_instruments, is_connected
 from fieldkit.model.errors import DeviceError, FieldkitError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ LOW_BATTERY_PERCENT = 50
 LITTLE_DISK_GB = 2.0
 RELEASED_S = 1_760_000_000  # October 2025: an earlier clock was never set
 FULL_SUN_LX = 130_000
-Check = Callable[[click.Context], Iterator[Fact]]
+Check = Callable[[click.Context], Iterator[ReadinessCheck]]
 
 
 @click.command(cls=Command)
@@ -85,29 +85,31 @@ def _devices(ctx: click.Context) -> tuple[DeviceSettings, ...]:
         return ()
 
 
-def _programs(ctx: click.Context) -> Iterator[Fact]:
+def _programs(ctx: click.Context) -> Iterator[ReadinessCheck]:
     names = ("fieldkit", "h5py", "pyserial", "pyusb")
     found = ", ".join(f"{name} {version(name)}" for name in names)
-    yield Fact("ok", "program", f"python {platform.python_version()}, {found}")
+    yield ReadinessCheck("ok", "program", f"python {platform.python_version()}, {found}")
 
 
-def _instruments(ctx: click.Context) -> Iterator[Fact]:
-    yield from look()
+def _instruments(ctx: click.Context) -> Iterator[ReadinessCheck]:
+    yield from check_instruments()
 
 
-def _clock(ctx: click.Context) -> Iterator[Fact]:
+def _clock(ctx: click.Context) -> Iterator[ReadinessCheck]:
     if time.time() < RELEASED_S:
         now = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
-        yield Fact(
+        yield ReadinessCheck(
             "fail", "clock", f"shows {now} UTC and was never set", "sudo date -u -s '2026-01-31 12:00'"
         )
     synchronised = _synchronised()
     if synchronised is None:
-        yield Fact("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
+        yield ReadinessCheck("warn", "clock", "synchronisation is unknown", "sudo apt install chrony")
     elif synchronised:
-        yield Fact("ok", "clock", "synchronised")
+        yield ReadinessCheck("ok", "clock", "synchronised")
     else:
-        yield Fact("warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver")
+        yield ReadinessCheck(
+            "warn", "clock", "not synchronised", "go online once, or give the computer a GPS receiver"
+        )
 
 
 def _synchronised() -> bool | None:
@@ -122,24 +124,24 @@ def _synchronised() -> bool | None:
     return status.stdout.strip() == "yes"
 
 
-def _disk(ctx: click.Context) -> Iterator[Fact]:
+def _disk(ctx: click.Context) -> Iterator[ReadinessCheck]:
     folder = options(ctx).directory or Path.cwd()
     free_gb = shutil.disk_usage(folder).free / 1e9
     if free_gb < LITTLE_DISK_GB:
-        yield Fact(
+        yield ReadinessCheck(
             "warn", "disk", f"{free_gb:.1f} GB free in {folder}", "make room, or use another disk with -C DIR"
         )
     else:
-        yield Fact("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
+        yield ReadinessCheck("ok", "disk", f"{free_gb:.0f} GB free in {folder}")
 
 
-def _power(ctx: click.Context) -> Iterator[Fact]:
+def _power(ctx: click.Context) -> Iterator[ReadinessCheck]:
     for battery in sorted(POWER.glob("BAT*")):
         percent, state = (_read(battery / name) for name in ("capacity", "status"))
         text = f"{percent} %, {state.lower()}"
         low = percent.isdigit() and int(percent) < LOW_BATTERY_PERCENT and state == "Discharging"
         fix = "charge it, or take a power bank; three hours of sun drain a laptop" if low else ""
-        yield Fact("warn" if low else "ok", f"battery {battery.name}", text, fix)
+        yield ReadinessCheck("warn" if low else "ok", f"battery {battery.name}", text, fix)
 
 
 def _read(path: Path) -> str:
@@ -149,36 +151,36 @@ def _read(path: Path) -> str:
         return "unknown"
 
 
-def _configuration(ctx: click.Context) -> Iterator[Fact]:
+def _configuration(ctx: click.Context) -> Iterator[ReadinessCheck]:
     try:
         found = campaign(ctx)
     except FieldkitError as error:
         level = "warn" if "no fieldkit.toml" in error.message else "fail"
-        yield Fact(level, "configuration", error.message, error.fix or "")
+        yield ReadinessCheck(level, "configuration", error.message, error.fix or "")
         return
     counted = f"{len(found.devices)} instruments, {len(found.regions)} regions"
     if found.devices:
-        yield Fact("ok", "configuration", counted)
+        yield ReadinessCheck("ok", "configuration", counted)
     else:
         fix = "write [camera], [lux] ... into fieldkit.toml; fieldkit devices shows what is plugged in"
-        yield Fact("warn", "configuration", f"{counted}: there is nothing to record", fix)
+        yield ReadinessCheck("warn", "configuration", f"{counted}: there is nothing to record", fix)
     for device in found.devices:
         yield from _configured(device)
     yield from _calibrations(found)
 
 
-def _calibrations(config: Config) -> Iterator[Fact]:
+def _calibrations(config: Config) -> Iterator[ReadinessCheck]:
     """Which calibration records are active, and whether they are too old; no instrument is opened here."""
     from fieldkit.calibration.calibration_record import doubts_of_date
 
     for key, record in config.calibrations().items():
         if issues := doubts_of_date(record, datetime.now(UTC)):
-            yield Fact("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
+            yield ReadinessCheck("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
         else:
-            yield Fact("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
+            yield ReadinessCheck("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
 
 
-def _configured(device: DeviceSettings) -> Iterator[Fact]:
+def _configured(device: DeviceSettings) -> Iterator[ReadinessCheck]:
     """Whether a configured instrument is present, and what its configuration lacks."""
     from fieldkit.drivers import registry
 
@@ -187,12 +189,14 @@ def _configured(device: DeviceSettings) -> Iterator[Fact]:
         found = {one.identity for one in driver.find()}
         present = device.identity in found or is_connected(device.identity)
         level, text = ("ok", "plugged in") if present else ("fail", f"{device.identity} is not plugged in")
-        yield Fact(level, device.name, text, "" if present else "fieldkit devices shows what is")
+        yield ReadinessCheck(level, device.name, text, "" if present else "fieldkit devices shows what is")
     elif device.port.startswith("/") and not Path(device.port).exists():
-        yield Fact("fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there")
+        yield ReadinessCheck(
+            "fail", device.name, f"there is no {device.port}", "fieldkit devices shows what is there"
+        )
     if driver.quantity == "illuminance" and device.name == "lux" and "range_max_lx" not in device.options:
         text = "the meter's range is not configured, so an overflow cannot be detected"
-        yield Fact(
+        yield ReadinessCheck(
             "warn", device.name, text, f"range_max_lx = ... in [lux]; full sun is about {FULL_SUN_LX} lx"
         )
 

@@ -130,14 +130,14 @@ class DiscoveredDevice:
     """One instrument that is plugged in and that a driver takes for its own.
 
     `identity` is what to write into the configuration: ``vendor:product[:serial]`` or a USB
-    path, never an index. `doubt` says why the driver is not sure, or is empty.
+    path, never an index. `caveat` says why the driver is not sure, or is empty.
     """
 
     driver: str
     identity: str
     port: str
     title: str
-    doubt: str = ""
+    caveat: str = ""
 
 
 @runtime_checkable

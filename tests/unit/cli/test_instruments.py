@@ -206,8 +206,8 @@ def test_doctor_doubts_an_old_calibration(tmp_path):
 
 def test_doctor_misses_an_instrument_of_the_campaign_and_names_the_others(plugged, tmp_path):
     assert run("init", str(tmp_path / "hill")).exit_code == 0
-    written = tmp_path / "hill/fieldkit.toml"
-    with written.open("a") as config:
+    as_text = tmp_path / "hill/fieldkit.toml"
+    with as_text.open("a") as config:
         config.write('\n[lux]\ndriver = "lutron"\nidentity = "0403:6001:GONE"\n')
         config.write('\n[thermometer]\ndriver = "center-309"\nidentity = "10c4:ea60"\n')
     checks = json.loads(run("doctor", "--json", "-C", str(tmp_path / "hill")).stdout)["checks"]

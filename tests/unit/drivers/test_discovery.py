@@ -28,7 +28,11 @@ def sysfs(tmp_path, monkeypatch):
 @pytest.mark.parametrize(("allowed", "level"), [(True, "ok"), (False, "fail")])
 def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypatch, kind, allowed, level):
     monkeypatch.setattr(discovery.os, "access", lambda path, mode: allowed)
-    (found,) = [fact for fact in discovery.look(sysfs("1-2", *kind)) if "/dev/bus/usb/001/007" in fact.what]
+    (found,) = [
+        fact
+        for fact in discovery.check_instruments(sysfs("1-2", *kind))
+        if "/dev/bus/usb/001/007" in fact.what
+    ]
     assert found.level == level
     assert ":".join(kind) in (found.what + found.text)
     assert allowed or "doctor --udev" in found.fix
@@ -36,7 +40,7 @@ def test_instruments_with_nothing_but_the_raw_node_are_looked_at(sysfs, monkeypa
 
 @pytest.mark.parametrize(("kind", "missing"), [(("3474", "45a2"), False), (("1a86", "e008"), True)])
 def test_a_camera_without_a_video_node_is_a_camera(sysfs, kind, missing):
-    facts = list(discovery.look(sysfs("1-2", *kind)))
+    facts = list(discovery.check_instruments(sysfs("1-2", *kind)))
     assert any("no USB camera" in fact.text for fact in facts) is missing
 
 
@@ -47,4 +51,6 @@ def test_an_instrument_with_nothing_but_the_raw_node_is_plugged_in(sysfs):
 
 
 def test_other_usb_devices_are_none_of_its_business(sysfs):
-    assert not [fact for fact in discovery.look(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what]
+    assert not [
+        fact for fact in discovery.check_instruments(sysfs("1-2", "046d", "c52b")) if "/dev/bus" in fact.what
+    ]

@@ -80,7 +80,7 @@ class Camera:
     """The far end of the control endpoint, as the public program drives it."""
 
     def __init__(self):
-        self.written, self.statuses, self.tables = [], [], {0x8514: {5: 1}, 0x8214: {0: 1}}
+        self.as_text, self.statuses, self.tables = [], [], {0x8514: {5: 1}, 0x8214: {0: 1}}
         self.refuses = ()
         self.answer = b""
 
@@ -95,7 +95,7 @@ class Camera:
                 return [self.statuses.pop(0) if self.statuses else 0]
             return list(self.answer[:data])
         assert (kind, request) == (0x41, 0x45)
-        self.written.append((index, bytes(data)))
+        self.as_text.append((index, bytes(data)))
         if index == 0x9D00:
             code, item, number = struct.unpack("<H", data[:2]) + struct.unpack(">HI", data[2:])
             table = self.tables.get(code & ~0x4000, {})
@@ -117,22 +117,22 @@ def commands(far):
 
 def test_shutter_command_is_a_short_one(far, commands):
     commands.calibrate()
-    assert far.written == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
+    assert far.as_text == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
 
 
 def test_information_is_asked_with_a_big_endian_length(far, commands):
     far.answer = b"20220808"
     assert commands.information(1, 8) == b"20220808"
-    assert far.written == [(0x1D00, bytes.fromhex("0584 01000000 0008"))]
+    assert far.as_text == [(0x1D00, bytes.fromhex("0584 01000000 0008"))]
 
 
 def test_property_is_written_and_read_back(far, commands):
     assert commands.set(p2pro.PROPERTIES, p2pro.GAIN, 0) == 0
-    assert far.written[:2] == [
+    assert far.as_text[:2] == [
         (0x9D00, bytes.fromhex("14c5 0005 00000000")),
         (0x1D08, bytes.fromhex("00000000 00000000")),
     ]
-    assert far.written[3] == (0x1D08, bytes.fromhex("00000000 00000002"))
+    assert far.as_text[3] == (0x1D08, bytes.fromhex("00000000 00000002"))
 
 
 def test_busy_camera_is_waited_for_and_a_refusal_is_an_error(far, commands):
@@ -173,13 +173,13 @@ def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):
 )
 def test_settings_are_written_as_the_public_program_does(far, monkeypatch, options, sent):
     connected(far, monkeypatch, **options)
-    assert far.written[:2] == [(0x9D00, bytes.fromhex(sent)), (0x1D08, bytes(8))]
+    assert far.as_text[:2] == [(0x9D00, bytes.fromhex(sent)), (0x1D08, bytes(8))]
 
 
 def test_camera_whose_shutter_must_not_run_by_itself_is_calibrated_once(far, monkeypatch):
     _, facts = connected(far, monkeypatch, auto_shutter=False)
-    assert far.written[0] == (0x9D00, bytes.fromhex("14c2 0000 00000000"))
-    assert (0x1D00, bytes.fromhex("0dc1 00000000 0000")) in far.written
+    assert far.as_text[0] == (0x9D00, bytes.fromhex("14c2 0000 00000000"))
+    assert (0x1D00, bytes.fromhex("0dc1 00000000 0000")) in far.as_text
     assert facts["auto_shutter"] == 0
 
 

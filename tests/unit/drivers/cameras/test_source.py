@@ -44,7 +44,7 @@ def test_computer_without_cameras_has_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("present", "written"),
+    ("present", "text"),
     [
         ([UsbIdentity(0x1E4E, 0x0100, "A", "1-1")], ["1e4e:0100:A"]),
         ([UsbIdentity(0x0BDA, 0x5830, "", "1-1")], ["0bda:5830"]),
@@ -55,9 +55,9 @@ def test_computer_without_cameras_has_none(tmp_path):
         ),
     ],
 )
-def test_identity_is_as_long_as_it_must_be_and_finds_its_own(present, written):
-    assert [usb.written(present) for usb in present] == written
-    for usb, identity in zip(present, written, strict=True):
+def test_identity_is_as_long_as_it_must_be_and_finds_its_own(present, text):
+    assert [usb.as_text(present) for usb in present] == text
+    for usb, identity in zip(present, text, strict=True):
         assert [other for other in present if other.matches(identity)] == [usb]
 
 

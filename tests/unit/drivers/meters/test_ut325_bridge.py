@@ -36,7 +36,7 @@ class Ch9325(Instrument):
         self.speed = int.from_bytes(data[:2], "little")
         return b""
 
-    def written(self, endpoint, data):
+    def as_text(self, endpoint, data):
         assert (endpoint, len(data), data[0]) == (0x02, 8, 1)
         self.live = {1: True, 2: False}[data[1]]
 

@@ -1,0 +1,242 @@
+"""An instrument in the hands of a person: open it, read physical values, close it.
+
+    with open_device("purethermal") as camera:
+        frame = camera.read()
+        print(frame.kelvin.mean())
+
+The recorder bypasses this module: it stores counts, and the reader of a session applies the scale. Here each
+sample is paired with its stream, so that it can give kelvin, or values by channel, by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, cast
+
+from fieldkit.drivers import registry
+from fieldkit.drivers.discovery import ConnectedDevice, find_devices
+from fieldkit.model.clock import Clock, HostClock
+from fieldkit.model.device import Camera, Device, DeviceSettings, StreamInfo
+from fieldkit.model.errors import ConfigError, DeviceNotFoundError, DeviceTimeoutError
+from fieldkit.model.samples import Frame, Quality, Reading, is_usable
+from fieldkit.physics.camera_laws import frame_k
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class MeasuredFrame:
+    """One frame of a camera and the stream that says what its counts mean."""
+
+    frame: Frame
+    info: StreamInfo
+
+    @property
+    def kelvin(self) -> NDArray[np.float64]:
+        """Brightness temperature of each pixel for emissivity 1, in kelvin, float64, shape (rows, cols).
+
+        NaN where the camera's scale is unknown; `quality` then has `NO_VALUE`.
+        """
+        return frame_k(self.info, self.frame.counts, self.frame.metadata_rows)
+
+    @property
+    def counts(self) -> NDArray[np.uint16]:
+        """The pixels as the camera sent them, shape (rows, cols)."""
+        return self.frame.counts
+
+    @property
+    def quality(self) -> Quality:
+        """Why the frame should be trusted less."""
+        return self.frame.quality
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the frame may enter a result: no shutter correction, saturation, repetition."""
+        return is_usable(self.frame.quality)
+
+    @property
+    def time(self) -> datetime:
+        """When the frame was taken, UTC."""
+        return _utc(self.frame.time_ns)
+
+    def __repr__(self) -> str:
+        rows, columns = self.frame.counts.shape
+        return f"<frame of {self.info.name}: {columns}x{rows}, {_stamp(self.time)}, {_flags(self.quality)}>"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class MeasuredReading:
+    """One reading of a meter and the stream that names its channels and their unit."""
+
+    reading: Reading
+    info: StreamInfo
+
+    @property
+    def value(self) -> float:
+        """The value of a meter with one channel, in `unit`; NaN where it shows none.
+
+        Raises
+        ------
+        ValueError
+            If the meter has several channels; `values` has them by name.
+        """
+        if len(self.reading.values) != 1:
+            channels = ", ".join(self.info.channels)
+            raise ValueError(f"{self.info.name} has several channels ({channels}): use .values[name]")
+        return self.reading.values[0]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of each channel, in `unit`; NaN where it shows none."""
+        return dict(zip(self.info.channels, self.reading.values, strict=True))
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values: K, lx, W m-2."""
+        return self.info.unit
+
+    @property
+    def quality(self) -> Quality:
+        """Why the reading should be trusted less."""
+        return self.reading.quality
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the reading may enter a result."""
+        return is_usable(self.reading.quality)
+
+    @property
+    def time(self) -> datetime:
+        """When the first byte of the reading was on the wire, UTC."""
+        return _utc(self.reading.time_ns)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{name} {value:.6g} {self.unit}" for name, value in self.values.items())
+        return f"<reading of {self.info.name}: {shown}, {_stamp(self.time)}, {_flags(self.quality)}>"
+
+
+def _utc(time_ns: int) -> datetime:
+    return datetime.fromtimestamp(time_ns / 1e9, UTC)
+
+
+def _stamp(time: datetime) -> str:
+    return f"{time:%Y-%m-%d %H:%M:%S}.{time.microsecond // 1000:03d} UTC"
+
+
+def _flags(quality: Quality) -> str:
+    return ", ".join(flag.name.lower() for flag in quality if flag.name) or "good"
+
+
+M = TypeVar("M", bound=MeasuredFrame | MeasuredReading, covariant=True)
+
+
+class Instrument(Generic[M]):
+    """An opened device that gives physical values; a context manager, and iterable."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+
+    @property
+    def info(self) -> StreamInfo:
+        """What the device delivers: quantity, unit, shape, serial number."""
+        return self.device.info
+
+    def read(self, timeout_s: float = TIMEOUT_S) -> M:
+        """The next frame (`MeasuredFrame`) of a camera, or reading (`MeasuredReading`) of a meter.
+
+        Raises
+        ------
+        DeviceTimeoutError
+            If none came within `timeout_s`.
+        DeviceLostError
+            If the instrument was unplugged.
+        """
+        sample = self.device.read(timeout_s)
+        if sample is None:
+            raise DeviceTimeoutError(
+                f"{self.info.name}: no sample from {self.info.port} within {timeout_s:g} s",
+                fix="check that it is switched on; a larger timeout_s waits longer",
+            )
+        if isinstance(sample, Frame):
+            return cast(M, MeasuredFrame(sample, self.info))
+        return cast(M, MeasuredReading(sample, self.info))
+
+    def run_shutter(self) -> bool:
+        """Start the shutter correction of a camera; False if it has none that can be started."""
+        return isinstance(self.device, Camera) and self.device.run_shutter()
+
+    def close(self) -> None:
+        """Release the instrument; a second call does nothing."""
+        self.device.close()
+
+    def __iter__(self) -> Iterator[M]:
+        """Samples as they arrive; raises as `read` does."""
+        while True:
+            yield self.read()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        info = self.info
+        size = "x".join(str(one) for one in reversed(info.shape))
+        what = info.model or info.name
+        return f"<{what} at {info.port}: {info.quantity} [{info.unit}], {size}>"
+
+
+def open_device(
+    driver: str | ConnectedDevice = "",
+    *,
+    identity: str = "",
+    port: str = "",
+    every_s: float = 1.0,
+    clock: Clock | None = None,
+    **options: Any,
+) -> Instrument[Any]:
+    """Open a camera or a meter.
+
+    Parameters ---------- driver Name of the driver (``fieldkit devices`` lists them), or an element of
+    `find_devices`. Empty for the only connected instrument that a driver recognises for certain. identity,
+    port Which one, where several are connected: ``vendor:product[:serial]``, or the path of a port. every_s
+    How often to poll a meter that must be asked. [s] clock The clock that stamps samples; the computer's own
+    by default. **options The driver's own options, as in ``fieldkit.toml``.
+
+    Returns ------- An `Instrument`: its `read` gives a `MeasuredFrame` of a camera, a `MeasuredReading` of a
+    meter.
+
+    Raises ------ DeviceError If the instrument is missing, busy, silent or not the one the driver expects.
+    ConfigError If the driver or one of its options does not exist.
+    """
+    if not driver:
+        driver = _only_device()
+    if isinstance(driver, ConnectedDevice):
+        if len(driver.drivers) != 1:
+            raise ConfigError(f"{driver!r}: choose a driver", fix='open_device("lutron", identity="...")')
+        # an identity survives a replug, a port does not
+        identity, port = driver.identity, "" if driver.identity else driver.port
+        driver = driver.drivers[0]
+    settings = DeviceSettings(driver, driver, port, identity, every_s, options)
+    return Instrument(registry.open_device(settings, clock or HostClock()))
+
+
+def _only_device() -> ConnectedDevice:
+    certain = [device for device in find_devices() if len(device.drivers) == 1 and not device.note]
+    if len(certain) != 1:
+        found = ", ".join(map(repr, certain)) or "none"
+        raise DeviceNotFoundError(
+            f"open_device() needs one recognised instrument; found: {found}",
+            fix='name it: open_device("purethermal"); fieldkit.drivers.discovery.find_devices() lists all',
+        )
+    return certain[0]
