@@ -22,7 +22,8 @@ from fieldkit.model.samples import Frame, Reading
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, screen
-from fieldkit.workflows.estimate import config_for, estimator_for
+from fieldkit.workflows.estimate import estimator_for
+from fieldkit.workflows.sources import config_for
 
 AFTER_NS = 2 * 3600 * 10**9
 COLS, ROWS = 100, 30

@@ -61,7 +61,7 @@ def command(
     from fieldkit.calibration.calibration_record import CalibrationRecord
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for
+    from fieldkit.workflows.sources import config_for
 
     if (told is not None) + (gps is not None) + sun != 1:
         raise click.UsageError("give one of --told, --gps, --sun")

@@ -153,7 +153,7 @@ def work_out(session: Path, sample: str, given: dict[str, Any], settings: Sequen
     from fieldkit.cli.calibrate_setup import setup_of
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for
+    from fieldkit.workflows.sources import config_for
 
     with open_session(session) as opened:
         config = config_for(opened, settings)

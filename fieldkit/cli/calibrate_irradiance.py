@@ -55,7 +55,7 @@ def command(
     from fieldkit.calibration.light_meter import light_factor
     from fieldkit.cli.calibrating import finish, moment, one_stream, source_of
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for
+    from fieldkit.workflows.sources import config_for
 
     if sum(one is not None for one in (pyranometer, pyrheliometer, station)) != 1:
         raise click.UsageError("give one of --pyranometer, --pyrheliometer, --station")

@@ -61,7 +61,8 @@ def command(
     from fieldkit.calibration.surface_scale import pool
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+    from fieldkit.workflows.estimate import estimator_for, minutes_of
+    from fieldkit.workflows.sources import config_for
 
     session = find_session(ctx, session)
     with open_session(session) as opened:

@@ -49,7 +49,7 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     from fieldkit.calibration.uniformity import uniformity
     from fieldkit.cli.calibrating import finish, moment, source_of
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for
+    from fieldkit.workflows.sources import config_for
 
     paths = [find_session(ctx, path) for path in (before, after) if path is not None]
     looks = []

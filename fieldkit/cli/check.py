@@ -68,7 +68,8 @@ def _estimates(path: Path) -> list[Finding]:
     """The slopes of the recording against those the same samples give now."""
     from fieldkit.sessions.check import Finding
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+    from fieldkit.workflows.estimate import estimator_for, minutes_of
+    from fieldkit.workflows.sources import config_for
 
     with open_session(path) as session:
         stored = session.estimates()

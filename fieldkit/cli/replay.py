@@ -18,7 +18,8 @@ from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
 from fieldkit.model.slope import final_estimates
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.workflows.estimate import as_document, config_for, estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
 
 
 @click.command(cls=common.Command)

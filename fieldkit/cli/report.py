@@ -53,8 +53,8 @@ def command(
     folder of them, with errors and figures over all. What `estimate -o BASE` wrote stands for its sessions
     and parameters: fieldkit report BASE.
     """
-    from fieldkit.cli.batch import recalled
     from fieldkit.workflows.report import ReportOptions, report
+    from fieldkit.workflows.result_files import recalled
 
     sessions, settings, as_now = recalled(sessions, settings)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]

@@ -14,8 +14,9 @@ from fieldkit.cli import common
 from fieldkit.model.errors import RefusedError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.views import formatting
-from fieldkit.workflows.estimate import as_document, config_for, estimator_for
+from fieldkit.workflows.estimate import as_document, estimator_for
 from fieldkit.workflows.running import UnresponsiveRecorder, session_in_progress, unresponsive_recorder
+from fieldkit.workflows.sources import config_for
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute

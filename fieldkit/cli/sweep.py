@@ -13,7 +13,7 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_sessions
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.sweep import Grid, Ranking
+    from fieldkit.workflows.sweep import Sweep
 
 
 @click.command(cls=common.Command)
@@ -42,73 +42,50 @@ def command(
     r"""Estimate SESSIONS, or folders of them, with every combination of parameters.
 
     What was estimated before is taken from the cache, so a sweep that was stopped goes on where it was.
-    The table has a row for each session, set of parameters and bed; where beds have a known tilt, the sets
-    are ranked by their error, with what that ranking is worth.
+    The table has a row for each session, set of parameters and region; where regions have a known tilt,
+    the sets are ranked by their error, with what that ranking is worth.
 
     \b
     fieldkit sweep recordings/ --set surface.albedo=0.15:0.35:0.05 --set surface.emissivity=0.88,0.90
     """
     from fieldkit.cli import batch
-    from fieldkit.workflows.provenance import provenance
-    from fieldkit.workflows.sweep import Summary, names_of, read_grid, runs_of
+    from fieldkit.workflows.sweep import read_grid, sweep
 
     grid = read_grid(settings)
     paths = find_sessions(ctx, sessions)
     base = batch.base_of(out or _default(paths[0]))
-    sources, failures = batch.look_at(paths, present=present)
-    runs = runs_of(sources, grid)
-    common.say(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
-    summary = Summary(grid, names_of(sources))
-    with batch.workers(kind, address, jobs, len(runs)) as executor:
-        for outcome in batch.carried_out(runs, executor, failures):
-            summary.add(outcome)
-    common.say(f"done, {summary.cached} of them known before")
-    ranking = summary.ranking()
-    if summary:
-        about = {
-            **provenance(sources, failures),
-            "parameters": {parameter.key: parameter.values for parameter in grid.parameters},
-            "ranking": None if ranking is None else ranking_document(ranking, grid),
-        }
-        written = batch.write_results(base, summary.columns(), about)
-        _tell(written, ranking, grid, len(runs))
-    batch.complain(failures, paths)
-
-
-def ranking_document(ranking: Ranking, grid: Grid) -> dict[str, Any]:
-    """The ranking for the result file and ``--json``."""
-    return {
-        "best": dict(setting.split("=", 1) for setting in grid.sets[ranking.best]),
-        "error_deg": ranking.error_deg[ranking.best],
-        "worst_deg": ranking.worst_deg,
-        "left_out_deg": ranking.left_out_deg,
-        "same_choice": ranking.same_choice,
-        "sessions": ranking.folds,
-        "sessions_without_slopes": ranking.silent,
-        "uncertain_share": ranking.uncertain_share,
-        "sensitivity": {
-            effect.key: dict(zip(effect.values, effect.error_deg, strict=True)) for effect in ranking.effects
-        },
-        "warnings": ranking.warnings,
-    }
+    with batch.progress_bar("estimating") as on_progress:
+        found = sweep(
+            paths,
+            grid,
+            present=present,
+            workers=batch.workers(kind, address, jobs),
+            on_progress=on_progress,
+            notify=common.say,
+        )
+    common.say(f"done, {found.cached} of them known before")
+    if found.columns:
+        _print(found, found.write(base))
+    batch.raise_failures(found.failures, paths)
 
 
 def _default(session: Path) -> Path:
     """``results/sweep-TIME`` of the campaign a session lies in, or beside a session elsewhere."""
-    folder = session.resolve().parent
-    results = folder.parent / "results" if folder.name == "recordings" else folder
-    return results / time.strftime("sweep-%Y%m%dT%H%M%SZ", time.gmtime())
+    from fieldkit.workflows.result_files import results_folder
+
+    return results_folder(session) / time.strftime("sweep-%Y%m%dT%H%M%SZ", time.gmtime())
 
 
-def _tell(written: Sequence[Path], ranking: Ranking | None, grid: Grid, runs: int) -> None:
+def _print(found: Sweep, written: Sequence[Path]) -> None:
+    ranking = found.ranking_document()
     if common.options().json:
-        found = None if ranking is None else ranking_document(ranking, grid)
-        common.print_json({"runs": runs, "files": [str(path) for path in written], "ranking": found})
+        files = [str(path) for path in written]
+        common.print_json({"runs": found.runs, "files": files, "ranking": ranking})
         return
     if ranking is None:
-        click.echo("no bed of known tilt was answered: nothing to rank the parameters by")
+        click.echo("no region of known tilt was estimated: nothing to rank the parameters by")
     else:
-        _print_ranking(ranking_document(ranking, grid))
+        _print_ranking(ranking)
     for path in written:
         click.echo(path)
 

@@ -1,26 +1,46 @@
-"""Carrying out many runs: what is cached comes first, the rest as workers finish it."""
+"""Many sessions, many sets of parameters: each combination is a run, estimated once and cached.
+
+Cached runs come first, the others as workers finish them. A session is read once for all its runs.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fieldkit.config import changed_config
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.errors import FieldkitError
-from fieldkit.model.site import Site
+from fieldkit.model.errors import ConfigError, FieldkitError, IntegrityError
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import RegionKind, Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.workflows.cache import Cache, digest
 from fieldkit.workflows.estimates import Estimates
-from fieldkit.workflows.executors import Work
-from fieldkit.workflows.sources import Source
+from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers, local
+from fieldkit.workflows.provenance import provenance
+from fieldkit.workflows.result_files import write_results
+from fieldkit.workflows.sources import Source, source_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+Failures = dict[Path, FieldkitError]
+"""Why sessions could not be estimated, or what is damaged in them."""
+Progress = Callable[[int, int], None]
+"""Called with the number of finished pieces and of all."""
+
+
+def no_progress(done: int, total: int) -> None:
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +102,141 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
         low_sun_deg=settings.low_sun_deg,
         settle_s=settings.settle_s,
     )
+
+
+def readable_sources(paths: Iterable[Path], *, present: bool = False) -> tuple[list[Source], Failures]:
+    """Every session that can be estimated, and why the others cannot; a session named twice counts once."""
+    sources: list[Source] = []
+    failures: Failures = {}
+    for path in dict.fromkeys(path.resolve() for path in paths):
+        try:
+            source = source_of(path, present=present)
+            _require_target(source)
+            sources.append(source)
+        except FieldkitError as error:
+            failures[path] = error
+    return sources, failures
+
+
+def _require_target(source: Source) -> None:
+    if not any(region.kind is RegionKind.TARGET for region in source.regions):
+        raise ConfigError(
+            f"{source.path} has no target region to estimate",
+            fix="fieldkit roi add in its campaign, then once more with --campaign",
+        )
+
+
+def estimated(
+    runs: Sequence[Run],
+    failures: Failures,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+) -> Iterator[Outcome]:
+    """The outcomes of runs as they come, cached ones first.
+
+    Sessions that cannot be read, or that are damaged in part, are added to `failures`.
+    """
+    with workers.executor(len(runs)) as executor:
+        for done, outcome in enumerate(carried_out(runs, executor, Cache()), start=1):
+            on_progress(done, len(runs))
+            if isinstance(outcome, Failure):
+                failures[outcome.run.source.path] = outcome.error
+                continue
+            if (damage := _damage(outcome)) is not None:
+                failures[outcome.run.source.path] = damage
+            yield outcome
+
+
+def _damage(outcome: Outcome) -> IntegrityError | None:
+    """The error for a session in which samples do not match their checksums; estimates exclude them."""
+    rows = outcome.estimates.rows
+    minutes = np.unique(rows["time_ns"][(rows["flags"] & int(Quality.BAD_CRC)) != 0]).size
+    if not minutes:
+        return None
+    path = outcome.run.source.path
+    return IntegrityError(
+        f"{path} has damaged samples in {minutes} minutes; they are excluded", fix=f"fieldkit check {path}"
+    )
+
+
+def estimate_run(run: Run, cache: Cache) -> Estimates:
+    """The estimates of a single run, in this process; raises `SessionError`."""
+    with local(1) as executor:
+        (outcome,) = carried_out([run], executor, cache)
+    if isinstance(outcome, Failure):
+        raise outcome.error
+    return outcome.estimates
+
+
+def session_names(sources: Sequence[Source]) -> dict[Path, str]:
+    """How the tables name each session: by its file's stem, or its path where two have the same stem."""
+    stems = [source.path.stem for source in sources]
+    return {
+        source.path: stem if stems.count(stem) == 1 else str(source.path)
+        for source, stem in zip(sources, stems, strict=True)
+    }
+
+
+@dataclass(frozen=True)
+class EstimatedSessions:
+    """Estimates of several sessions by their names in tables; `failures` by path."""
+
+    sources: tuple[Source, ...]
+    estimates: Mapping[str, Estimates]
+    failures: Failures
+    settings: tuple[str, ...]
+    present: bool
+
+    @property
+    def paths(self) -> dict[str, Path]:
+        """The file of each session by its name."""
+        return {name: path for path, name in session_names(self.sources).items()}
+
+    def columns(self) -> dict[str, list[Any]]:
+        """The tables of all sessions below each other, the session's name in front."""
+        table: dict[str, list[Any]] = {}
+        for name, estimates in self.estimates.items():
+            columns = {"session": [name] * len(estimates), **estimates.columns()}
+            for column, values in columns.items():
+                table.setdefault(column, []).extend(values)
+        return table
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a pandas frame; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        return pd.DataFrame(self.columns())
+
+    def write(self, base: Path) -> list[Path]:
+        """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`."""
+        about = {
+            **provenance(self.sources, self.failures),
+            "settings": list(self.settings),
+            "campaign": self.present,
+        }
+        return write_results(base, self.columns(), about)
+
+
+def estimate_sessions(
+    paths: Iterable[Path],
+    settings: Sequence[str] = (),
+    *,
+    present: bool = False,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+) -> EstimatedSessions:
+    """Estimate the slopes of sessions, with ``KEY=VALUE`` `settings` over their configurations.
+
+    `present` takes the campaign's ``fieldkit.toml`` and regions as they are now. A session that cannot be
+    estimated is in `failures`, and the others go on. Raises `ConfigError` for settings that are wrong.
+    """
+    sources, failures = readable_sources(paths, present=present)
+    runs = [run_of(source, settings) for source in sources]
+    found = {run.run.source.path: run.estimates for run in estimated(runs, failures, workers, on_progress)}
+    done = tuple(source for source in sources if source.path in found)
+    names = session_names(done)
+    by_name = {names[source.path]: found[source.path] for source in done}
+    return EstimatedSessions(done, by_name, failures, tuple(settings), present)
 
 
 def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterator[Outcome | Failure]:

@@ -13,21 +13,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import tomlkit
-
 from fieldkit.config import Config, find_campaign, load_config
-from fieldkit.config.toml_schema import known_keys
-from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.workflows.batch import Failure, carried_out, run_of
+from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
-from fieldkit.workflows.executors import local
-from fieldkit.workflows.sources import Source, source_of
-from fieldkit.workflows.sweep import Grid, Parameter, Summary, Sweep, names_of, runs_of
-
-TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
-"""Tables of ``fieldkit.toml`` whose keys enter an estimate."""
+from fieldkit.workflows.executors import Workers
+from fieldkit.workflows.sources import Source, settings_from, source_of
+from fieldkit.workflows.sweep import Sweep, sweep
 
 
 @dataclass(frozen=True)
@@ -58,13 +51,7 @@ class CampaignSession:
         (``albedo=0.25``), else in full (``{"estimator.diffuse_fraction": 0.2}``). What was
         estimated before comes from the cache. Raises `ConfigError`, `SessionError`.
         """
-        keys = {**(settings or {}), **{qualified_key(name): value for name, value in values.items()}}
-        run = run_of(self.source, [f"{key}={tomlkit.item(value).as_string()}" for key, value in keys.items()])
-        with local(1) as executor:
-            (outcome,) = carried_out([run], executor, self.cache)
-        if isinstance(outcome, Failure):
-            raise outcome.error
-        return outcome.estimates
+        return estimate_run(run_of(self.source, settings_from({**(settings or {}), **values})), self.cache)
 
 
 @dataclass(frozen=True)
@@ -108,44 +95,10 @@ class Campaign:
         ConfigError
             For a key or value that no estimate has.
         """
-        grid = Grid(tuple(_parameter(key, values) for key, values in parameters.items()))
-        failures: dict[Path, FieldkitError] = {}
-        sources: list[Source] = []
-        for session in self.sessions if sessions is None else sessions:
-            try:
-                sources.append(session.source)
-            except FieldkitError as error:
-                failures[session.path] = error
-        summary = Summary(grid, names_of(sources))
-        with local(jobs) as executor:
-            for outcome in carried_out(runs_of(sources, grid), executor, Cache()):
-                if isinstance(outcome, Failure):
-                    failures[outcome.run.source.path] = outcome.error
-                else:
-                    summary.add(outcome)
-        return Sweep(grid, summary.columns(), summary.ranking(), failures)
+        chosen = self.sessions if sessions is None else sessions
+        return sweep([session.path for session in chosen], parameters, workers=Workers(jobs))
 
 
 def open_campaign(path: str | Path = ".") -> Campaign:
     """Open the campaign in a folder or around it; raises `ConfigError` where there is none."""
     return Campaign(load_config(find_campaign(Path(path))))
-
-
-def _parameter(name: str, values: Sequence[Any]) -> Parameter:
-    """A key and its values as ``fieldkit.toml`` would have them."""
-    key = name if "." in name else qualified_key(name)
-    if isinstance(values, str) or not len(values):
-        raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
-    plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
-    written = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
-    return Parameter(key, tuple(dict.fromkeys(written)))
-
-
-def qualified_key(name: str) -> str:
-    """``surface.albedo`` of ``albedo``; raises `ConfigError` where no table or more than one has it."""
-    found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise ConfigError(f"{name} is ambiguous", fix=f'say which: estimate({{"{found[0]}": ...}})')
-    raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")

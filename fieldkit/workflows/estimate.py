@@ -1,29 +1,106 @@
-"""From a session to slopes: what `estimate`, `replay`, `report` and `check` share.
+"""From a session to slopes: `estimate` for a notebook, and the steps that other workflows share.
 
-The configuration is the one the session keeps of itself, or the campaign's present one.
+>>> slopes = estimate("recordings/20261211T030000Z.h5", albedo=0.25)          # doctest: +SKIP
+>>> slopes["b05"].tilt_deg, slopes.to_frame()                                 # doctest: +SKIP
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
-from fieldkit.config import Config
+from fieldkit.config import Config, config_from_text
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.estimation.table import slopes_of_table
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.site import Region
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.reader import Session
-from fieldkit.workflows.sources import config_for, regions_for
+from fieldkit.workflows.batch import estimate_run, run_of
+from fieldkit.workflows.cache import Cache
+from fieldkit.workflows.estimates import Estimates
+from fieldkit.workflows.sources import regions_for, settings_from, source_of
+from fieldkit.workflows.temperature_table import read_table
 
-__all__ = [
-    "as_document",
-    "config_for",
-    "estimates_of",
-    "estimator_for",
-    "minutes_of",
-    "regions_for",
-]
+
+def estimate(
+    session: str | Path | Session,
+    settings: Mapping[str, Any] | None = None,
+    /,
+    *,
+    model: Literal["paper", "full"] | None = None,
+    present: bool = False,
+    **values: Any,
+) -> Estimates:
+    """Estimate the slopes of a session minute by minute, as it was configured or with other parameters.
+
+    Parameters
+    ----------
+    session
+        A finished session or its file.
+    settings, values
+        Keys of ``fieldkit.toml``: by their own name where only one table has it (``albedo=0.25``), else
+        in full (``{"estimator.diffuse_fraction": 0.2}``).
+    model
+        The surface model, ``estimator.model``.
+    present
+        Use the campaign's ``fieldkit.toml`` and regions as they are now.
+
+    Returns
+    -------
+    Estimates
+        ``result["b05"]`` is the final estimate of a region, ``result.to_frame()`` the table of all minutes.
+        What was estimated before comes from the cache.
+
+    Raises
+    ------
+    SessionError
+        If the session cannot be read or is still being recorded.
+    ConfigError
+        For a key or value that no estimate has.
+    """
+    path = session.path if isinstance(session, Session) else Path(session)
+    keys = {**(settings or {}), **values}
+    if model is not None:
+        keys["estimator.model"] = model
+    return estimate_run(run_of(source_of(path, present=present), settings_from(keys)), Cache())
+
+
+def estimate_table(
+    path: str | Path,
+    site: Site,
+    *,
+    settings: Sequence[str] = (),
+    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
+) -> tuple[SlopeEstimate, ...]:
+    """Estimate the slopes of all targets of a table of temperatures, over all of it unless a window is set.
+
+    Parameters
+    ----------
+    path
+        A CSV file with the columns of `fieldkit.workflows.temperature_table`.
+    site
+        Where it was measured.
+    settings
+        ``KEY=VALUE`` over the default configuration.
+    reference_slope_deg
+        Tilt and azimuth of the reference. [degrees]
+
+    Raises
+    ------
+    ConfigError
+        If the file is not such a table, or a setting is wrong.
+    """
+    path = Path(path)
+    text = f"[site]\nlatitude_deg = {site.latitude_deg}\nlongitude_deg = {site.longitude_deg}\n"
+    config = config_from_text(f"{text}elevation_m = {site.elevation_m}\n", path, settings=settings)
+    if config.tables.estimator.azimuth == "known":
+        raise ConfigError(f"{path}: a table has no known azimuths", fix="omit estimator.azimuth")
+    return slopes_of_table(
+        read_table(path), config.site, config.estimator_settings(), reference_slope_deg=reference_slope_deg
+    )
 
 
 def estimator_for(
@@ -50,7 +127,7 @@ def estimates_of(minutes: Iterable[Minute]) -> Iterator[SlopeEstimate]:
 def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[str, Any]:
     """An estimate for ``--json``: degrees, kelvin per degree, the state as a word.
 
-    The regions are 90 %, with the stated doubts of scale and offset; the noise regions leave those out.
+    The 90 % regions include the systematic uncertainties of scale and offset; the noise regions do not.
     """
     document: dict[str, Any] = {
         "region": estimate.region,

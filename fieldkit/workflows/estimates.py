@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
-from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.model.slope import SlopeEstimate, SlopeState, final_estimates
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +40,8 @@ ROW = np.dtype(
 @dataclass(frozen=True)
 class Estimates:
     """Every slope of a session: rows of `ROW` by time, then by target; texts and regions they point at.
+
+    ``estimates["b05"]`` is the final estimate of a region, `to_frame` the table of all minutes.
 
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
     direct normal irradiance; angles in degrees, NaN where nothing is known.
@@ -86,6 +89,14 @@ class Estimates:
             reason=self.texts[row["reason"]],
             **{name: float(row[name]) for name in ANGLES},
         )
+
+    def __getitem__(self, region: str) -> SlopeEstimate:
+        return self.final[region]
+
+    @cached_property
+    def final(self) -> dict[str, SlopeEstimate]:
+        """The final estimate of each target region, by its name."""
+        return final_estimates(self, self.regions)
 
     @property
     def minutes(self) -> int:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
@@ -73,6 +74,30 @@ class Work(Generic[Note]):
 def cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Who carries out runs: `jobs` processes of this computer, or the Dask cluster at `address`.
+
+    Without `jobs` there is one process for each core.
+    """
+
+    jobs: int | None = None
+    address: str | None = None
+
+    @contextmanager
+    def executor(self, runs: int) -> Iterator[Executor]:
+        """The executor for so many runs; no more processes than runs."""
+        if self.address is not None:
+            with dask(self.address) as executor:
+                yield executor
+            return
+        with local(max(1, min(self.jobs or cores(), runs))) as executor:
+            yield executor
+
+
+THIS_PROCESS = Workers(1)
 
 
 @contextmanager

@@ -21,9 +21,9 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.views.report import Part, write_campaign_report, write_report
 from fieldkit.views.report.pdf import refuse_without_printer, write_pdf
 from fieldkit.views.report.series import series
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.provenance import command_line
-from fieldkit.workflows.sources import log_warning, notify_damage
+from fieldkit.workflows.sources import config_for, log_warning, notify_damage
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator, Minute

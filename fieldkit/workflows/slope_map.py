@@ -1,46 +1,92 @@
-"""From a session to its slope map: mean pictures of the minutes that the estimator trusts, summed and solved.
+"""Slope maps: tilt and azimuth of every pixel, from mean frames of the minutes that the estimator trusts.
 
-The estimator goes over the session first, so a minute has the same sun, light, reference and flags for
-a pixel as for a region; then the pictures of the window's minutes are read once more. A clouded minute,
-which a region's estimate hardly hears, is left out. The surface model is the paper's.
+The estimator goes over the session first, so a minute has the same sun, irradiance, reference and flags
+for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
+which barely affect a region's estimate, are excluded. The surface model is the paper's.
+
+>>> slope_map("recordings/20261211T030000Z.h5").to_xarray()          # doctest: +SKIP
 """
 
 from __future__ import annotations
 
+import math
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 import fieldkit
-from fieldkit.config import Config
 from fieldkit.estimation.bins import MinuteBin, RegionColumns
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.errors import FieldkitError, IntegrityError, NoAnswerError, StorageError
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeState, final_estimates
+from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import surface_temperature_k
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.schema import LIBVER, attach, iso_utc, put_scale, set_attributes
+from fieldkit.views import formatting, slope_map_image
+from fieldkit.workflows.batch import Failures, Progress, no_progress
 from fieldkit.workflows.cache import code_version
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers
 from fieldkit.workflows.provenance import command_line
+from fieldkit.workflows.sources import config_for, reading
 
-LEFT_OUT = Quality.CLOUD | Quality.LOW_SUN
+if TYPE_CHECKING:
+    import xarray as xr
+
+EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
 LEAST_MINUTES = 3
+ENDINGS = (".png", ".nc")
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """Which minutes a map is made of, and with which parameters.
+
+    `window` counts seconds back from the last usable minute: a number, "all", or "weather" for as far
+    as the regions' own slopes look; None as configured. `settings` are ``KEY=VALUE`` over the
+    configuration; `present` takes the campaign's ``fieldkit.toml`` and regions as they are now.
+    """
+
+    window: float | Literal["all", "weather"] | None = None
+    settings: tuple[str, ...] = ()
+    present: bool = False
+
+
+DEFAULTS = MapOptions()
+
+
+@dataclass(frozen=True)
+class MappedRegion:
+    """A region of a map: median tilt, quartiles, azimuth of the mean normal, shares of the states.
+
+    `tilt_region_deg` are the medians over the pixels of the ends of their 90 % regions. Angles in degrees.
+    """
+
+    region: str
+    tilt_deg: float
+    azimuth_deg: float
+    tilt_low_deg: float
+    tilt_high_deg: float
+    tilt_region_deg: tuple[float, float]
+    pixels: int
+    states: dict[str, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +96,8 @@ class MappedSession:
     `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
     """
 
+    path: Path
+    options: MapOptions
     slopes: SlopeMap
     bounds: PixelBounds
     camera: StreamInfo
@@ -63,47 +111,185 @@ class MappedSession:
     flags: Quality
     damaged: int = 0
 
+    @property
+    def states(self) -> dict[str, float]:
+        """The share of the pixels in each state that occurs."""
+        return _shares(self.slopes.state)
 
-def map_of(
-    session: Session, config: Config, window_s: float | None, *, present: bool = False
-) -> MappedSession:
-    """Tilt and azimuth of every pixel from the last `window_s` seconds of a session that can be used.
+    @property
+    def notes(self) -> list[str]:
+        """What was configured for regions and does not apply to pixels, and what spoils the map."""
+        holds = {
+            "the map is by the paper's model: the full one is for regions": self.settings.model == "full",
+            "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
+            == "known",
+            "the frame moved within the window: edges are smeared; choose another --window": bool(
+                self.flags & Quality.MOVED
+            ),
+        }
+        return [note for note, applies in holds.items() if applies]
 
-    `window_s` infinite means all of it, None as far back as the regions' own slopes look. Raises
-    `NoAnswerError` where there is no reference, no camera of known temperatures, or fewer than
-    three minutes of both pictures and light.
+    @property
+    def damage(self) -> IntegrityError | None:
+        """The error for frames that do not match their checksum; the map was made without them."""
+        if not self.damaged:
+            return None
+        text = f"{self.path}: {self.damaged} frames do not match their checksum; the map is made without them"
+        return IntegrityError(text, fix=f"fieldkit check {self.path}")
+
+    def by_region(self) -> list[MappedRegion]:
+        """Each region of the map in numbers."""
+        return [_mapped_region(self, region) for region in self.regions]
+
+    def to_xarray(self) -> xr.Dataset:
+        """The arrays over (y, x), rows downwards; needs ``fieldkit[lab]``."""
+        import xarray as xr
+
+        arrays = {name: getattr(self.slopes, name) for name in VARIABLES}
+        arrays |= {name: getattr(self.bounds, name) for name in BOUNDS}
+        attributes = VARIABLES | BOUNDS
+        return xr.Dataset(
+            {name: (("y", "x"), values, attributes[name]) for name, values in arrays.items()},
+            attrs={"session": self.path.name, "minutes": self.minutes},
+        )
+
+    def write(self, base: str | Path | None = None) -> list[Path]:
+        """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files. Raises `StorageError`.
+
+        Without `base` they go to the campaign's results, or beside a session elsewhere.
+        """
+        base = default_base(self.path) if base is None else Path(base)
+        files = [base.with_name(base.name + ending) for ending in ENDINGS]
+        image, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
+        try:
+            base.parent.mkdir(parents=True, exist_ok=True)
+            image.write_bytes(_image(self))
+            with open_session(self.path) as session:
+                write_map(arrays, self, session)
+            for part, file in zip(parts, files, strict=True):
+                part.replace(file)  # as a whole: a viewer may have the previous one open
+        except OSError as error:
+            raise StorageError(
+                f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
+            ) from error
+        return files
+
+
+def slope_map(session: str | Path | Session, options: MapOptions = DEFAULTS) -> MappedSession:
+    """Estimate tilt and azimuth of every pixel of a session.
+
+    Parameters
+    ----------
+    session
+        A session or its file; it may still be recording.
+    options
+        Which minutes to use, and with which parameters.
+
+    Returns
+    -------
+    MappedSession
+        The map, with `to_xarray`, `by_region` and `write`.
+
+    Raises
+    ------
+    SessionError, ConfigError
+        If the session cannot be read, or a setting is wrong.
+    NoAnswerError
+        If there is no reference region, no camera of known temperatures, or fewer than three minutes
+        of frames under steady sun.
     """
-    estimator = estimator_for(session, config, present=present)
+    if isinstance(session, Session):
+        return _mapped(session, options)
+    with reading(Path(session)) as opened:
+        return _mapped(opened, options)
+
+
+def map_sessions(
+    bases: Mapping[Path, Path],
+    options: MapOptions = DEFAULTS,
+    *,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+) -> tuple[dict[Path, tuple[MappedSession, list[Path]]], Failures]:
+    """Map sessions and write each under its base: maps and files by session, and what failed.
+
+    Workers read the recordings; the files are written here. Raises `StorageError`.
+    """
+    made: dict[Path, tuple[MappedSession, list[Path]]] = {}
+    failures: Failures = {}
+    with workers.executor(len(bases)) as executor:
+        work: Work[Path] = Work(executor)
+        for path in bases:
+            work.hand_out(path, partial(slope_map, path.resolve(), options))
+        for done, (path, found) in enumerate(work.results(), start=1):
+            on_progress(done, len(bases))
+            if isinstance(found, FieldkitError):
+                failures[path] = found
+                continue
+            made[path] = found, found.write(bases[path])
+            if (damage := found.damage) is not None:
+                failures[path] = damage
+    return {path: made[path] for path in bases if path in made}, failures
+
+
+def default_base(session: Path) -> Path:
+    """``results/NAME/slope-map`` of the campaign, or ``NAME-slope-map`` beside a session elsewhere."""
+    parent = session.resolve().parent
+    if parent.name == "recordings":
+        return parent.parent / "results" / session.stem / "slope-map"
+    return parent / f"{session.stem}-slope-map"
+
+
+def _mapped(session: Session, options: MapOptions) -> MappedSession:
+    config = config_for(session, options.settings, present=options.present)
+    estimator = estimator_for(session, config, present=options.present)
     instruments = Instruments(tuple(session.streams.values()), estimator.settings)
     camera = instruments.camera
-    field = RegionColumns(estimator.regions)
-    if camera is None or not field.references.size:
+    if camera is None or not RegionColumns(estimator.regions).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    answers = final_estimates(estimates_of(minutes_of(session, estimator)), estimator.regions)
-    weather_ns = max((one.window_start_ns for one in answers.values() if one.state in WITH_SLOPE), default=0)
-    chosen = chosen_minutes(estimator.bins, field, window_s, weather_ns)
+    estimates = list(estimates_of(minutes_of(session, estimator)))
+    chosen = _window(estimator, estimates, options)
     if len(chosen) < LEAST_MINUTES:
         raise NoAnswerError(
-            f"{session.path}: {len(chosen)} minutes have pictures, reference, sun and steady light; "
+            f"{session.path}: {len(chosen)} minutes have frames, reference, sun and steady irradiance; "
             f"a map needs {LEAST_MINUTES}",
-            fix="fieldkit check tells what is missing; --window all takes the whole session",
+            fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
     slopes, bounds = _solved(session, camera, estimator, chosen)
     return MappedSession(
-        slopes,
-        bounds,
-        camera,
-        estimator.site,
-        estimator.regions,
-        estimator.settings,
-        instruments.label,
-        chosen[0].start_ns,
-        chosen[-1].start_ns + MINUTE_NS,
-        len(chosen),
-        _flags(chosen),
-        session.damaged.get(camera.name, 0),
+        path=session.path,
+        options=options,
+        slopes=slopes,
+        bounds=bounds,
+        camera=camera,
+        site=estimator.site,
+        regions=estimator.regions,
+        settings=estimator.settings,
+        irradiance_model=instruments.label,
+        start_ns=chosen[0].start_ns,
+        end_ns=chosen[-1].start_ns + MINUTE_NS,
+        minutes=len(chosen),
+        flags=_flags(chosen),
+        damaged=session.damaged.get(camera.name, 0),
     )
+
+
+def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], options: MapOptions) -> list[MinuteBin]:
+    """The minutes that the options choose."""
+    final = final_estimates(estimates, estimator.regions)
+    weather_ns = max((one.window_start_ns for one in final.values() if one.state in WITH_SLOPE), default=0)
+    window_s: float | None
+    match options.window:
+        case None:
+            window_s = estimator.settings.window_s
+        case "all":
+            window_s = math.inf
+        case "weather":
+            window_s = None
+        case seconds:
+            window_s = seconds
+    return chosen_minutes(estimator.bins, RegionColumns(estimator.regions), window_s, weather_ns)
 
 
 def chosen_minutes(
@@ -122,7 +308,7 @@ def chosen_minutes(
 
 def _is_useful(one: MinuteBin, field: RegionColumns) -> bool:
     known = np.isfinite(one.dni_w_m2) and np.isfinite(one.temperature_k[field.references]).any()
-    return bool(known and not one.flags & LEFT_OUT)
+    return bool(known and not one.flags & EXCLUDED)
 
 
 def _flags(bins: Sequence[MinuteBin]) -> Quality:
@@ -195,6 +381,35 @@ def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArra
     return total / pictures if pictures else np.full(camera.shape, np.nan)
 
 
+def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:
+    slopes = found.slopes
+    inside = region.mask((slopes.state.shape[0], slopes.state.shape[1]))
+    known = inside & np.isfinite(slopes.tilt_deg)
+    low, middle, high, azimuth, least, most = (math.nan,) * 6
+    if known.any():
+        low, middle, high = (float(q) for q in np.percentile(slopes.tilt_deg[known], (25, 50, 75)))
+        normals = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known])
+        azimuth = float(tilt_azimuth(normals.mean(axis=0))[1])
+        bounds = (found.bounds.tilt_low_deg, found.bounds.tilt_high_deg)
+        least, most = (float(np.median(bound[known])) for bound in bounds)
+    shares = _shares(slopes.state[inside])
+    return MappedRegion(region.name, middle, azimuth, low, high, (least, most), int(inside.sum()), shares)
+
+
+def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
+    """The share of the pixels in each state that occurs."""
+    shares = {state.name.lower(): float((states == state).mean()) for state in SlopeState if states.size}
+    return {name: share for name, share in shares.items() if share}
+
+
+def _image(found: MappedSession) -> bytes:
+    begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
+    day = formatting.local_time(found.start_ns, found.site).date()
+    zone = formatting.zone_name(found.start_ns, found.site)
+    caption = f"{day} {begin}-{end} {zone}, {found.minutes} min"
+    return slope_map_image.png(found.slopes, found.bounds, found.regions, found.path.stem, caption)
+
+
 # Written as netCDF-4 with CF conventions; by h5py, since netCDF-4 is HDF5 with dimension scales.
 
 _PLACE = {"units": "degree", "coordinates": "latitude longitude"}
@@ -234,11 +449,11 @@ BOUNDS: dict[str, dict[str, Any]] = {
 """The same of how sure each pixel is: noise, misfit and stated systematic uncertainties included."""
 
 
-def write_map(path: Path, found: MappedSession, session: Session, settings: tuple[str, ...]) -> None:
-    """Write a map; `settings` are the ``KEY=VALUE`` it was made with. Raises `OSError`."""
+def write_map(path: Path, found: MappedSession, session: Session) -> None:
+    """Write the arrays of a map with where they come from. Raises `OSError`."""
     rows, cols = found.slopes.state.shape
     with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:
-        set_attributes(file, _provenance(found, session, settings))
+        set_attributes(file, _provenance(found, session))
         put_scale(file, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(file, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
         for name, attributes in VARIABLES.items():
@@ -276,7 +491,7 @@ def _region_numbers(found: MappedSession) -> np.ndarray[Any, np.dtype[np.uint8]]
     return numbers
 
 
-def _provenance(found: MappedSession, session: Session, settings: tuple[str, ...]) -> dict[str, Any]:
+def _provenance(found: MappedSession, session: Session) -> dict[str, Any]:
     surface = found.settings.surface
     references = [region.name for region in found.regions if region.kind is RegionKind.REFERENCE]
     return {
@@ -291,7 +506,7 @@ def _provenance(found: MappedSession, session: Session, settings: tuple[str, ...
         "session_id": session.session_id,
         "code_version": code_version(),
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
-        "settings": " ".join(settings),
+        "settings": " ".join(found.options.settings),
         "time_coverage_start": iso_utc(found.start_ns),
         "time_coverage_end": iso_utc(found.end_ns),
         "minutes": found.minutes,

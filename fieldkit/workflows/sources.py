@@ -5,17 +5,25 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
+from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import Session, open_session
 
+TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
+"""Tables of ``fieldkit.toml`` whose keys enter an estimate."""
+
 log_warning = logging.getLogger(__name__).warning
+log_info = logging.getLogger(__name__).info
 """Where remarks of a workflow go unless its caller wants them."""
 
 
@@ -88,6 +96,23 @@ def config_for(session: Session, settings: Sequence[str] = (), *, present: bool 
 def _site_settings(site: Site) -> tuple[str, ...]:
     """A site as settings, which stand above the campaign's file and below those given after them."""
     return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
+
+
+def settings_from(values: Mapping[str, Any]) -> list[str]:
+    """``KEY=VALUE`` of Python values by key; a key may omit its table where only one table has it."""
+    return [f"{qualified_key(name)}={tomlkit.item(value).as_string()}" for name, value in values.items()]
+
+
+def qualified_key(name: str) -> str:
+    """``surface.albedo`` of ``albedo``; raises `ConfigError` where no table or more than one has it."""
+    if "." in name:
+        return name
+    found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise ConfigError(f"{name} is ambiguous", fix=f'say which: estimate({{"{found[0]}": ...}})')
+    raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")
 
 
 def regions_for(session: Session, config: Config, *, present: bool = False) -> tuple[Region, ...]:

@@ -4,23 +4,153 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
-from fieldkit.workflows.batch import Outcome, Run, run_of
-from fieldkit.workflows.sources import Source
+from fieldkit.workflows.batch import (
+    Outcome,
+    Progress,
+    Run,
+    estimated,
+    no_progress,
+    readable_sources,
+    run_of,
+    session_names,
+)
+from fieldkit.workflows.executors import THIS_PROCESS, Workers
+from fieldkit.workflows.provenance import provenance
+from fieldkit.workflows.result_files import write_results
+from fieldkit.workflows.sources import Source, log_info, qualified_key
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What a sweep found: a table with a row for each session, set of parameters and region, and the ranking.
+
+    `ranking` is None where no region of known tilt was estimated. `failures` has the sessions that could not
+    be estimated, or that are damaged in part, and why. Of its `runs`, `cached` were estimated before.
+    """
+
+    grid: Grid
+    columns: Mapping[str, Sequence[Any]]
+    ranking: Ranking | None
+    failures: Mapping[Path, FieldkitError]
+    sources: tuple[Source, ...] = ()
+    runs: int = 0
+    cached: int = 0
+
+    @property
+    def best(self) -> dict[str, str]:
+        """The best set by the key of each parameter; empty without a ranking."""
+        if self.ranking is None:
+            return {}
+        return dict(setting.split("=", 1) for setting in self.grid.sets[self.ranking.best])
+
+    def to_frame(self) -> pd.DataFrame:
+        """The table as a pandas frame; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        return pd.DataFrame(dict(self.columns))
+
+    def write(self, base: Path) -> list[Path]:
+        """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`."""
+        about = {
+            **provenance(self.sources, self.failures),
+            "parameters": {parameter.key: parameter.values for parameter in self.grid.parameters},
+            "ranking": self.ranking_document(),
+        }
+        return write_results(base, self.columns, about)
+
+    def ranking_document(self) -> dict[str, Any] | None:
+        """The ranking as the result file holds it; None without one."""
+        if (ranking := self.ranking) is None:
+            return None
+        return {
+            "best": self.best,
+            "error_deg": ranking.error_deg[ranking.best],
+            "worst_deg": ranking.worst_deg,
+            "left_out_deg": ranking.left_out_deg,
+            "same_choice": ranking.same_choice,
+            "sessions": ranking.folds,
+            "sessions_without_slopes": ranking.silent,
+            "uncertain_share": ranking.uncertain_share,
+            "sensitivity": {
+                effect.key: dict(zip(effect.values, effect.error_deg, strict=True))
+                for effect in ranking.effects
+            },
+            "warnings": ranking.warnings,
+        }
+
+
+def sweep(
+    sessions: Iterable[str | Path],
+    parameters: Mapping[str, Sequence[Any]] | Grid,
+    *,
+    present: bool = False,
+    workers: Workers = THIS_PROCESS,
+    on_progress: Progress = no_progress,
+    notify: Callable[[str], None] = log_info,
+) -> Sweep:
+    """Estimate sessions with every combination of parameters; what was estimated before is cached.
+
+    Parameters
+    ----------
+    sessions
+        Session files.
+    parameters
+        Values to try by key of ``fieldkit.toml``, or their grid:
+        ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``.
+    present
+        Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    workers
+        Who estimates; this process by default.
+    on_progress
+        Called with the number of finished runs and of all.
+    notify
+        Receives how many runs there are, before the first.
+
+    Returns
+    -------
+    Sweep
+        Sessions that cannot be estimated are in its `failures`.
+
+    Raises
+    ------
+    ConfigError
+        For a key or value that no estimate has.
+    """
+    grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
+    sources, failures = readable_sources(map(Path, sessions), present=present)
+    runs = runs_of(sources, grid)
+    notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
+    table = SweepTable(grid, session_names(sources))
+    for outcome in estimated(runs, failures, workers, on_progress):
+        table.add(outcome)
+    return Sweep(grid, table.columns(), table.ranking(), failures, tuple(sources), len(runs), table.cached)
+
+
+def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:
+    """Every session with every set; raises `ConfigError`, also for a key of no effect."""
+    runs = [run_of(source, one, number) for source in sources for number, one in enumerate(grid.sets)]
+    for parameter in grid.varied if sources else ():
+        tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
+        if tried[0].key == tried[1].key:
+            tables = "surface, air, irradiance, estimator, slab, site"
+            raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
+    return runs
 
 
 # Grids of parameters
@@ -64,7 +194,7 @@ def read_grid(settings: Sequence[str]) -> Grid:
     ``LOW:HIGH:STEP`` counts with both ends, in decimal, so that 0.15:0.35:0.05 holds 0.3 and not
     0.30000000000000004. ``A,B,C`` is a list; a list in brackets is one value.
     """
-    parameters = [_parameter(setting) for setting in settings]
+    parameters = [_written(setting) for setting in settings]
     keys = [parameter.key for parameter in parameters]
     for key in keys:
         if keys.count(key) > 1:
@@ -72,7 +202,21 @@ def read_grid(settings: Sequence[str]) -> Grid:
     return Grid(tuple(parameters))
 
 
-def _parameter(setting: str) -> Parameter:
+def grid_of(parameters: Mapping[str, Sequence[Any]]) -> Grid:
+    """The grid of Python values by key; raises `ConfigError`."""
+    return Grid(tuple(_parameter(qualified_key(name), values) for name, values in parameters.items()))
+
+
+def _parameter(key: str, values: Sequence[Any]) -> Parameter:
+    """A key and its values as ``fieldkit.toml`` would have them."""
+    if isinstance(values, str) or not len(values):
+        raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
+    plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
+    written = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]
+    return Parameter(key, tuple(dict.fromkeys(written)))
+
+
+def _written(setting: str) -> Parameter:
     key, equals, text = (part.strip() for part in setting.partition("="))
     if not equals or not key or not text:
         raise ConfigError(f"--set {setting}: no value", fix="write it as --set surface.albedo=0.15:0.35:0.05")
@@ -92,53 +236,6 @@ def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[s
             fix="write LOW:HIGH:STEP, STEP above 0",
         )
     return [format(low + count * step, "f") for count in range(int((high - low) / step) + 1)]
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """What a sweep found: a table with a row for each session, set of parameters and bed, and the ranking.
-
-    `ranking` is None where no bed of known tilt was answered. `failures` has the sessions that could not
-    be estimated, and why.
-    """
-
-    grid: Grid
-    columns: Mapping[str, Sequence[Any]]
-    ranking: Ranking | None
-    failures: Mapping[Path, FieldkitError]
-
-    @property
-    def best(self) -> dict[str, str]:
-        """The best set by the key of each parameter; empty without a ranking."""
-        if self.ranking is None:
-            return {}
-        return dict(setting.split("=", 1) for setting in self.grid.sets[self.ranking.best])
-
-    def to_frame(self) -> pd.DataFrame:
-        """The table as a pandas frame; needs ``fieldkit[lab]``."""
-        import pandas as pd
-
-        return pd.DataFrame(dict(self.columns))
-
-
-def names_of(sources: Sequence[Source]) -> dict[Path, str]:
-    """How the tables call each session: by its file's name, or its path where two have the same name."""
-    stems = [source.path.stem for source in sources]
-    return {
-        source.path: stem if stems.count(stem) == 1 else str(source.path)
-        for source, stem in zip(sources, stems, strict=True)
-    }
-
-
-def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:
-    """Every session with every set; raises `ConfigError`, also for a key of no effect."""
-    runs = [run_of(source, one, number) for source in sources for number, one in enumerate(grid.sets)]
-    for parameter in grid.varied if sources else ():
-        tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
-        if tried[0].key == tried[1].key:
-            tables = "surface, air, irradiance, estimator, slab, site"
-            raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
-    return runs
 
 
 # Ranking. A set's error is the mean over sessions of the mean over regions of the median absolute tilt
@@ -280,7 +377,7 @@ def _effect(parameter: Parameter, sets: Sequence[tuple[str, ...]], error_deg: Fl
     return Effect(parameter.key, parameter.values, tuple(float(mean) for mean in means))
 
 
-class Summary:
+class SweepTable:
     """Rows of a sweep, in the order of sessions, sets and beds however the runs came in.
 
     `cached` counts the runs that were known before.

@@ -1,4 +1,4 @@
-"""``fieldkit estimate table.csv``: read the table and work out its slopes.
+"""Tables of measured temperatures as CSV files, for `fieldkit.workflows.estimate.estimate_table`.
 
 Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per target (or
 ``_c`` for both), ``irradiance_w_m2`` (direct normal), ``ghi_w_m2`` (global horizontal) or
@@ -15,32 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.table import TemperatureTable, slopes_of_table
+from fieldkit.estimation.table import TemperatureTable
 from fieldkit.model.errors import ConfigError
-from fieldkit.model.site import Site
-from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import FloatArray
 
 Row = Mapping[str, str | None]
 LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
 OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2")
-
-
-def estimate_table(
-    path: Path,
-    site: Site,
-    settings: EstimatorSettings,
-    *,
-    reference_slope_deg: tuple[float, float] = (0.0, 0.0),
-    azimuths_deg: Mapping[str, float] | None = None,
-) -> tuple[SlopeEstimate, ...]:
-    """Slopes of all targets of a table file; raises `ConfigError` for a file that is no such table."""
-    table = read_table(path)
-    return slopes_of_table(
-        table, site, settings, reference_slope_deg=reference_slope_deg, azimuths_deg=azimuths_deg
-    )
 
 
 def read_table(path: Path) -> TemperatureTable:

@@ -17,7 +17,7 @@ from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.estimate import config_for
+from fieldkit.workflows.sources import config_for
 from tests.harness.calibration_days import (
     FAST,
     TRUE_EMISSIVITY,

@@ -16,7 +16,8 @@ from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import ESTIMATE_ANGLES, journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.records import MinuteRecord
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
 
 FIELDKIT = (sys.executable, "-m", "fieldkit")
 RECORD = ("record", "--for", "3h", "--set", "simulation.speed=max", "-q")

@@ -20,8 +20,9 @@ from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.record import PreparedRecording, open_instruments
+from fieldkit.workflows.sources import config_for
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")
 

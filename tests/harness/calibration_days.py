@@ -16,7 +16,8 @@ from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.model.samples import Sample
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
 
 TRUE_EMISSIVITY = 0.80
 FAST = ("--set", "simulation.speed=max", "--set", f"simulation.emissivity={TRUE_EMISSIVITY}")

@@ -15,7 +15,8 @@ from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.screen import THEMES, snapshot
 from fieldkit.workflows import report
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
 
 FAST = ("--set", "simulation.speed=max")
 

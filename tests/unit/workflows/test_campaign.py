@@ -14,8 +14,9 @@ from fieldkit.cli import main
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.campaign import CampaignSession, qualified_key
-from fieldkit.workflows.estimate import config_for, estimator_for, minutes_of
+from fieldkit.workflows.campaign import CampaignSession
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for, qualified_key
 
 
 @pytest.fixture

@@ -4,11 +4,17 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.table import slopes_of_table
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.physics.irradiance import IrradianceModel
-from fieldkit.workflows.temperature_table import estimate_table, read_table
+from fieldkit.workflows.temperature_table import read_table
+
+
+def slopes_of(path, site, settings, **more):
+    return slopes_of_table(read_table(path), site, settings, **more)
+
 
 SITE = Site(35.558675, 139.395232, 9.0)
 WHOLE = EstimatorSettings(window_s=None)
@@ -31,7 +37,7 @@ def table(tmp_path):
 
 
 def test_the_golden_table_gives_ten_degrees_south(table):
-    (bed,) = estimate_table(table(CASE_1), SITE, WHOLE)
+    (bed,) = slopes_of(table(CASE_1), SITE, WHOLE)
     assert bed.region == "bed"
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
     assert bed.azimuth_deg == pytest.approx(180.0, abs=0.005)
@@ -49,7 +55,7 @@ def test_celsius_unsorted_rows_and_other_zones_are_the_same_table(table):
         hour = int(time[11:13]) - 9
         cells = [f"{float(k) - 273.15:.5f}" for k in kelvin]
         celsius.append(",".join([f"2017-08-30T{hour:02d}:00:00Z", *cells, irradiance]))
-    (bed,) = estimate_table(table("\n".join(celsius)), SITE, WHOLE)
+    (bed,) = slopes_of(table("\n".join(celsius)), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
 
 
@@ -60,7 +66,7 @@ def test_lux_on_the_horizontal_is_as_good(table):
     for row, up in zip(rows, sun_up, strict=True):
         lines.append(row.rsplit(",", 1)[0] + f",{800 * up * 0.44 * 246.78:.3f}")
     settings = EstimatorSettings(window_s=None, irradiance=IrradianceModel(diffuse="none"))
-    (bed,) = estimate_table(table("\n".join(lines)), SITE, settings)
+    (bed,) = slopes_of(table("\n".join(lines)), SITE, settings)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
 
@@ -77,10 +83,10 @@ def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
     """800 W/m2 of beam and a sky of 100 W/m2; then one of 15 % of the global light."""
     sun_up = [0.891975, 0.849206, 0.754695, 0.614874]
     measured = with_light("ghi_w_m2,diffuse_w_m2", [f"{800 * up + 100:.4f},100" for up in sun_up])
-    (bed,) = estimate_table(table(measured), SITE, WHOLE)
+    (bed,) = slopes_of(table(measured), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
     assumed = with_light("ghi_w_m2", [f"{800 * up / 0.85:.4f}" for up in sun_up])
-    (bed,) = estimate_table(table(assumed), SITE, WHOLE)
+    (bed,) = slopes_of(table(assumed), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
 
@@ -102,15 +108,15 @@ def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
 def test_light_that_the_model_does_not_take_is_refused(table, columns, model, complaint):
     settings = EstimatorSettings(window_s=None, irradiance=model)
     with pytest.raises(ConfigError, match=complaint):
-        estimate_table(table(with_light(columns, ["500"] * 4)), SITE, settings)
+        slopes_of(table(with_light(columns, ["500"] * 4)), SITE, settings)
 
 
 def test_leaning_reference_and_known_azimuth(table):
     swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
-    (bed,) = estimate_table(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
+    (bed,) = slopes_of(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
     assert bed.tilt_deg == pytest.approx(0.0, abs=0.01)
     settings = EstimatorSettings(window_s=None, azimuth="known")
-    (bed,) = estimate_table(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
+    (bed,) = slopes_of(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
 
 
@@ -119,13 +125,13 @@ def test_flagged_and_empty_cells_are_left_out(table):
     flagged = [lines[0] + ",flags", *(line + ",0" for line in lines[1:])]
     flagged.append("2017-08-30T14:30:00+09:00,318.0,340.0,800,32")
     flagged.append("2017-08-30T14:40:00+09:00,,340.0,800,")
-    (bed,) = estimate_table(table("\n".join(flagged)), SITE, WHOLE)
+    (bed,) = slopes_of(table("\n".join(flagged)), SITE, WHOLE)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
     assert bed.n_bins == 4
 
 
 def test_two_rows_are_too_few_and_say_so(table):
-    (bed,) = estimate_table(table("\n".join(CASE_1.splitlines()[:3])), SITE, WHOLE)
+    (bed,) = slopes_of(table("\n".join(CASE_1.splitlines()[:3])), SITE, WHOLE)
     assert bed.state == SlopeState.TOO_FEW
     assert np.isnan(bed.tilt_deg)
 
@@ -154,7 +160,7 @@ def test_a_file_that_is_not_there_is_a_config_error(tmp_path):
 
 def test_a_table_that_runs_into_the_night_ends_with_its_last_sun(table):
     night = "2017-08-30T21:00:00+09:00,298.0,297.9,0\n2017-08-30T22:00:00+09:00,297.5,297.4,\n"
-    (day,), (both,) = (estimate_table(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
+    (day,), (both,) = (slopes_of(table(text), SITE, WHOLE) for text in (CASE_1, CASE_1 + night))
     assert both == day
 
 
@@ -193,7 +199,7 @@ def test_slopes_anywhere_on_earth_from_a_sun_that_is_not_ours(table, place):
     columns |= {f"{name}_k": kelvin(*truth) for name, truth in truths.items()}
     text = pd.DataFrame({**columns, "irradiance_w_m2": 800.0}).to_csv(index=False)
     site = Site(latitude, longitude, elevation)
-    found = estimate_table(table(text), site, WHOLE, reference_slope_deg=reference)
+    found = slopes_of(table(text), site, WHOLE, reference_slope_deg=reference)
     assert {one.region for one in found} == set(truths)
     for one in found:
         true_tilt, true_azimuth = truths[one.region]
