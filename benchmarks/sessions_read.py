@@ -44,7 +44,7 @@ def _recorded(path: Path, info: StreamInfo, count: int) -> SessionWriter:
     ready = pictures((info.shape[0], info.shape[1]))
     for number in range(count):
         writer.append(frame(info, ready[number % len(ready)], clock))
-        while writer._bricks.is_behind():
+        while writer._file_thread.is_behind():
             time.sleep(0.01)
     return writer
 
@@ -121,7 +121,7 @@ def _live() -> list[Result]:
 def _killed(path: Path, info: StreamInfo) -> None:
     """A recording that ended without being sealed; its file is as far as one in its own time would be."""
     writer = _recorded(path, info, RECOVERY_FRAMES)
-    while writer._bricks._next_id < RECOVERY_FRAMES:
+    while writer._file_thread._next_id < RECOVERY_FRAMES:
         time.sleep(0.01)
     writer.abandon()
 

@@ -22,10 +22,10 @@ from benchmarks.result import Result
 from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, pictures
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
-from fieldkit.sessions import bricks, schema
-from fieldkit.sessions.bricks import FrameWriter
+from fieldkit.sessions import chunks, file_tree
+from fieldkit.sessions.chunks import FrameWriter
+from fieldkit.sessions.file_tree import LIBVER, put_frames
 from fieldkit.sessions.layout import chunk_shape
-from fieldkit.sessions.schema import LIBVER, put_frames
 from fieldkit.sessions.writer import SessionWriter
 
 RAW_FRAMES = 600
@@ -54,25 +54,25 @@ def _rate_once(work: Callable[[Path], None], data: Frames) -> float:
 
 def _sustained() -> list[Result]:
     info = camera(*LARGE)
-    data = np.tile(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
+    data = np.chunk(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
     ways: dict[str, Callable[[Path], None]] = {
         "os.write": lambda place: _os_write(place / "raw", data),
         "twice": lambda place: _os_write_twice(place, data),
-        "bricks": lambda place: _bricks(place / "bricks.h5", info, data),
+        "chunks": lambda place: _chunks(place / "chunks.h5", info, data),
         "both": lambda place: _session_uncompressed(place / "session.h5", info, data),
     }
     for name, write in (("mcap", _mcap), ("zarr", _zarr)):
         if importlib.util.find_spec(name):
             ways[name] = _into(write, data)
     rates = _rates(ways, data)
-    plain, alone = rates["os.write"], rates["bricks"]
+    plain, alone = rates["os.write"], rates["chunks"]
     note = f"os.write {plain:.0f} MB/s"
     return [
-        Result("bricks alone, uncompressed, over os.write", alone / plain, "x", ">= 0.5", note),
-        Result("journal and bricks, uncompressed, over os.write", rates["both"] / plain, "x", ">= 0.3", note),
+        Result("chunks alone, uncompressed, over os.write", alone / plain, "x", ">= 0.5", note),
+        Result("journal and chunks, uncompressed, over os.write", rates["both"] / plain, "x", ">= 0.3", note),
         Result("everything by os.write to two files at once, over os.write", rates["twice"] / plain, "x", ""),
         *(
-            Result(f"bricks alone, uncompressed, over {name}", alone / rates[name], "x", ">= 1")
+            Result(f"chunks alone, uncompressed, over {name}", alone / rates[name], "x", ">= 1")
             for name in ("mcap", "zarr")
             if name in rates
         ),
@@ -97,8 +97,8 @@ def _os_write(path: Path, data: Frames) -> None:
     os.close(descriptor)
 
 
-def _plain_pack(tile: Frames, _: int) -> memoryview:
-    return tile.data.cast("B")
+def _plain_pack(chunk: Frames, _: int) -> memoryview:
+    return chunk.data.cast("B")
 
 
 def _os_write_twice(place: Path, data: Frames) -> None:
@@ -106,11 +106,11 @@ def _os_write_twice(place: Path, data: Frames) -> None:
         list(two.map(lambda name: _os_write(place / name, data), ("one", "other")))
 
 
-def _bricks(path: Path, info: StreamInfo, data: Frames) -> None:
+def _chunks(path: Path, info: StreamInfo, data: Frames) -> None:
     with (
         h5py.File(path, "w", libver=LIBVER) as file,
         ThreadPoolExecutor(2) as pool,
-        mock.patch.object(bricks, "pack", _plain_pack),
+        mock.patch.object(chunks, "pack", _plain_pack),
     ):
         dataset = _plain_dataset(file, "counts", chunk_shape(info), info.shape, 65535)
         file.swmr_mode = True
@@ -141,15 +141,15 @@ def _session_uncompressed(path: Path, info: StreamInfo, data: Frames) -> None:
     """A whole recording, journal included, up to where every byte is in both and synced."""
     clock = HostClock()
     with (
-        mock.patch.object(schema, "put_bricks", _plain_dataset),
-        mock.patch.object(bricks, "pack", _plain_pack),
+        mock.patch.object(file_tree, "put_frames", _plain_dataset),
+        mock.patch.object(chunks, "pack", _plain_pack),
     ):
         writer = SessionWriter(path, header(info), clock)
         for one in data:
             writer.append(frame(info, one, clock))
         writer._stop()
-        writer._bricks.finish(0)
-        writer._bricks.close()
+        writer._file_thread.finish(0)
+        writer._file_thread.close()
         writer._session_lock.release()
 
 
@@ -206,7 +206,7 @@ def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
 def _against_naive(shape: tuple[int, int], rate_hz: float, words: str, must: float) -> Result:
     info = camera(shape, rate_hz)
     few = pictures(shape, NAIVE_FRAMES)
-    many = np.tile(few, (5, 1, 1))
+    many = np.chunk(few, (5, 1, 1))
     ours = _rate(lambda place: _compressed(place / "a.h5", info, many), many) / few[0].nbytes * 1e6
     naive = _rate(lambda place: _naive(place / "a.h5", few), few, 1) / few[0].nbytes * 1e6
     note = f"{ours:.0f} against {naive:.1f} frames/s"

@@ -2,7 +2,7 @@
 
 Kelvin are brightness temperatures by the law that the camera declared, unless another calibration is
 given. Flags are verified: a sample that does not match its checksum has `Quality.BAD_CRC`. A region's time
-series reads only the tiles of the frame that the region lies in, where the seal vouches for the rest.
+series reads only the chunks of the frame that the region lies in, where the seal vouches for the rest.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def region_series(
     chosen = tuple(session.regions if regions is None else regions)
     reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
     curves = [_curve(reader, region, convert) for region in chosen]
-    # a tile's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
+    # a chunk's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
     flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()
     for curve in curves:
         flags = flags | curve.flags

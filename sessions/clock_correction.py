@@ -18,7 +18,7 @@ from fieldkit.disk import one_at_a_time, put_in_place
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.errors import StorageError
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.guarded import GuardedFile
+from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.stored import columns_of

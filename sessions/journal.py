@@ -68,7 +68,7 @@ class Chunk:
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class SessionIdentity:
     """What every part of a journal repeats: whose it is."""
 
     session_id: str
@@ -84,7 +84,7 @@ class Journal:
     journal, everything before is.
     """
 
-    def __init__(self, folder: Path, identity: Identity, part_bytes: int = PART_BYTES) -> None:
+    def __init__(self, folder: Path, identity: SessionIdentity, part_bytes: int = PART_BYTES) -> None:
         self.folder = folder
         self.bytes_written = 0
         self.next_id = 0
@@ -111,10 +111,10 @@ class Journal:
         return self._number
 
     @property
-    def written(self) -> Written:
+    def written(self) -> WrittenCount:
         """What was appended so far, from any thread: an entry may be missing, never a record too many."""
         records = self.next_id  # read first: it is counted last
-        return Written(records, tuple(self._samples))
+        return WrittenCount(records, tuple(self._samples))
 
     def append(self, record: Record) -> tuple[int, int | None]:
         """Commit one record; its number, from 0 without gaps, and a sample's checksum."""
@@ -178,7 +178,7 @@ class Journal:
                     self._next.close()
 
 
-def create_part(path: Path, identity: Identity) -> sqlite3.Connection:
+def create_part(path: Path, identity: SessionIdentity) -> sqlite3.Connection:
     """Make and open a database of the journal; its name and first page are on disk when this returns."""
     delete_part(path)  # what an attempt that failed may have left
     uri = path.absolute().as_uri()
@@ -230,13 +230,13 @@ def delete_part(part: Path) -> None:
 # --- keeping it small
 
 
-class Keeper:
+class RetainedPart:
     """Keeps the journal small: where the chunks of the file lie, and what must outlive a full part.
 
     Used by the one thread that writes the session file.
     """
 
-    def __init__(self, folder: Path, identity: Identity) -> None:
+    def __init__(self, folder: Path, identity: SessionIdentity) -> None:
         self._path = folder / KEPT_NAME
         cameras = [str(n) for n, info in enumerate(identity.header.streams) if info.is_camera]
         self._cameras = ", ".join(cameras)
@@ -376,7 +376,7 @@ NAME = "written"
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class WrittenCount:
     """How many records a journal was given, and how many of them were samples of each stream."""
 
     records: int
@@ -388,7 +388,7 @@ class Written:
         return self.records - sum(self.samples)
 
 
-def note_written(folder: Path, written: Written) -> None:
+def note_written(folder: Path, written: WrittenCount) -> None:
     """Replace the count; raises `OSError`."""
     numbers = struct.pack(f"<{1 + len(written.samples)}q", written.records, *written.samples)
     descriptor = os.open(folder / NAME, os.O_WRONLY | os.O_CREAT, 0o644)
@@ -398,12 +398,12 @@ def note_written(folder: Path, written: Written) -> None:
         os.close(descriptor)
 
 
-def read_written(folder: Path, streams: int) -> Written:
+def read_written(folder: Path, streams: int) -> WrittenCount:
     """What was counted; zeros where that is not known: an older journal, or a damaged count."""
     size = 8 * (1 + streams)
     with suppress(OSError):
         data = (folder / NAME).read_bytes()
         if len(data) == size + 4 and zlib.crc32(data[:size]).to_bytes(4, "little") == data[size:]:
             records, *samples = struct.unpack(f"<{1 + streams}q", data[:size])
-            return Written(records, tuple(samples))
-    return Written(0, (0,) * streams)
+            return WrittenCount(records, tuple(samples))
+    return WrittenCount(0, (0,) * streams)

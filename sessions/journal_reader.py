@@ -18,7 +18,7 @@ from typing import Any
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Quality, Sample
-from fieldkit.sessions.journal import Chunk, Identity, open_part
+from fieldkit.sessions.journal import Chunk, SessionIdentity, open_part
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.records import (
     Entry,
@@ -161,15 +161,15 @@ class JournalReader:
             for row in self._select(part, "SELECT * FROM chunk WHERE dataset = ? AND n = ?", dataset, n):
                 yield Chunk(*row)
 
-    def _open(self) -> Identity:
-        identity: Identity | None = None
+    def _open(self) -> SessionIdentity:
+        identity: SessionIdentity | None = None
         for path in sorted(self.folder.glob("[0-9]*.sqlite")):
             try:
                 database = self._open_part(path)
                 self._parts[path.name] = database
                 found = database.execute(_SESSION).fetchone()
                 if found is not None:
-                    identity = identity or Identity(
+                    identity = identity or SessionIdentity(
                         found[0], found[1], found[2], SessionHeader.from_json(found[3])
                     )
             except (sqlite3.Error, SessionError, UnicodeDecodeError) as error:

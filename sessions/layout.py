@@ -1,4 +1,4 @@
-"""The session file on paper: names, tables, and how pictures are cut into bricks.
+"""The session file on paper: names, tables, and how frames are cut into chunks.
 
 Here is what the format says, not how it is written or read. Every table is one HDF5
 group, every `Column` one dataset in it; all numbers little-endian, all text UTF-8 of a
@@ -22,7 +22,7 @@ from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.sessions.plain import build
+from fieldkit.sessions.json_forms import build
 
 # --- what is declared before the first sample
 
@@ -129,12 +129,12 @@ RECORDING, SEALED, RECOVERED = 0, 1, 2
 """What `/entry/complete` holds; 0 stands for interrupted as well."""
 
 FRAME_DATASETS = ("counts", "metadata_rows")
-"""Datasets of a camera that are cut into bricks."""
+"""Datasets of a camera of frames, cut into chunks."""
 
 MOST_BLOCK_BYTES = 268_435_456
-"""A brick in memory: eight pictures of 16 million pixels, 64 of two million."""
+"""All chunks over the same frames in memory: eight frames of 16 million pixels, 64 of two million."""
 
-_TILE_ROWS, _TILE_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
+_CHUNK_ROWS, _CHUNK_COLS, _MIN_DEPTH, _MAX_DEPTH = 60, 80, 8, 64
 
 _CHUNK_BYTES = 65_536
 
@@ -364,15 +364,15 @@ def _health_columns(streams: int) -> list[Column]:
 
 
 def chunk_shape(info: StreamInfo) -> tuple[int, int, int]:
-    """One second deep, tiles near 60 x 80 pixels: live after a second; a region's curve reads few tiles."""
+    """One second deep, near 60 x 80 pixels: live after a second; a region's time series reads few chunks."""
     rows, cols = info.shape
     most = max(1, MOST_BLOCK_BYTES // (2 * rows * cols))
     depth = min(int(np.clip(round(info.rate_hz), _MIN_DEPTH, _MAX_DEPTH)), most)
-    return depth, _divisor_near(rows, _TILE_ROWS), _divisor_near(cols, _TILE_COLS)
+    return depth, _divisor_near(rows, _CHUNK_ROWS), _divisor_near(cols, _CHUNK_COLS)
 
 
 def _divisor_near(length: int, wanted: int) -> int:
-    """Divisor of `length` nearest to `wanted` by ratio, so that no tile is cut."""
+    """Divisor of `length` nearest to `wanted` by ratio, so that no chunk is cut."""
     divisors = [n for n in range(1, length + 1) if length % n == 0]
     return min(divisors, key=lambda n: max(n / wanted, wanted / n))
 

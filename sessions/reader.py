@@ -1,6 +1,6 @@
 """Opening a session: sealed, recovered, interrupted, or while it is being recorded.
 
-Nothing is changed and nothing is read before it is asked for; samples come a brick at a
+Nothing is changed and nothing is read before it is asked for; samples come a block of frames at a
 time. Times are as they were recorded, or as the time map in force corrects them; estimates
 stay as they were computed.
 """
@@ -30,10 +30,10 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions import analysis, tables
+from fieldkit.sessions import analysis, entry_rows
 from fieldkit.sessions.analysis import RegionSeries
 from fieldkit.sessions.digests import object_digest
-from fieldkit.sessions.journal import Identity
+from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
     FORMAT_NAME,
     FORMAT_VERSION,
@@ -176,11 +176,11 @@ class Session:
     # --- what was declared
 
     @property
-    def identity(self) -> Identity:
+    def identity(self) -> SessionIdentity:
         """Whose journal this session's is."""
         start = datetime.fromisoformat(decode_text(scalar(self._file, "entry/start_time")))
         start_us = (start - datetime.fromtimestamp(0, UTC)) // timedelta(microseconds=1)
-        return Identity(self.session_id, start_us * 1000, self.anchor_ns, self.header)
+        return SessionIdentity(self.session_id, start_us * 1000, self.anchor_ns, self.header)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -214,7 +214,7 @@ class Session:
         return self._reader(name)
 
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
-        """The samples of the streams named (all if none is), by monotonic time, a brick at a time.
+        """The samples of the streams named (all if none is), by monotonic time, a block of frames at a time.
 
         Their `time_ns` is as the time map in force corrects it, if there is one and not as `recorded`.
         """
@@ -313,26 +313,28 @@ class Session:
         """What happened, in the order it was noticed."""
         table = self.table("events")
         steps = [] if recorded else self.time_map()
-        return [mapped_event(steps, event) for event in tables.events_from(table, self._exact(table))]
+        return [mapped_event(steps, event) for event in entry_rows.events_from(table, self._exact(table))]
 
     def health(self, *, recorded: bool = False) -> list[Health]:
         """How the recording was doing, second by second."""
         table = self.table("health")
         steps = [] if recorded else self.time_map()
         streams = tuple(info.name for info in self.header.streams)
-        return [mapped_health(steps, one) for one in tables.health_from(table, self._exact(table), streams)]
+        return [
+            mapped_health(steps, one) for one in entry_rows.health_from(table, self._exact(table), streams)
+        ]
 
     def clock_checks(self) -> list[ClockCheck]:
         """Comparisons of the clocks, none of them applied."""
-        return tables.clock_checks_from(self.table("clock"))
+        return entry_rows.clock_checks_from(self.table("clock"))
 
     def region_history(self) -> list[RegionRecord]:
         """Every outline of every region and since when it holds."""
-        return tables.regions_from(self.table("regions"))
+        return entry_rows.regions_from(self.table("regions"))
 
     def estimates(self) -> list[SlopeEstimate]:
         """The slopes as they were estimated while recording."""
-        return tables.estimates_from(self.table("estimates"), self.header.region_names)
+        return entry_rows.estimates_from(self.table("estimates"), self.header.region_names)
 
     def irradiance(self) -> dict[str, NDArray[Any]]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""

@@ -23,7 +23,7 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.plain import build
+from fieldkit.sessions.json_forms import build
 
 _STAMPS = struct.Struct("<qqqqqHd")
 _STAMP_COLUMNS = np.dtype(

@@ -19,15 +19,15 @@ from pathlib import Path
 from fieldkit.disk import put_in_place
 from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
 from fieldkit.model.samples import Event, EventKind, Severity
-from fieldkit.sessions.bricks import PackedBlock
 from fieldkit.sessions.check import integrity_findings
-from fieldkit.sessions.guarded import GuardedFile
+from fieldkit.sessions.chunks import PackedBlock
+from fieldkit.sessions.file_tree import put_rows
+from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
 from fieldkit.sessions.reader import Session, open_interrupted, open_session
-from fieldkit.sessions.salvage import Lost, RecoveryStatistics, Salvage
-from fieldkit.sessions.schema import put_rows
+from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
 
@@ -44,7 +44,7 @@ class RecoveryReport:
     path: Path
     counts: dict[str, int]
     from_journal: dict[str, int]
-    lost: tuple[Lost, ...] = ()
+    lost: tuple[LostRange, ...] = ()
     damage: tuple[str, ...] = ()
     crashed: Path | None = None
     was_complete: bool = False
@@ -139,8 +139,8 @@ def _recover(path: Path, notes: Sequence[Event]) -> RecoveryReport:
         return replace(report, path=path, crashed=kept)
     sealed, salvage = _rebuild(path, RECOVERED, kept, notes)
     return RecoveryReport(
-        path, sealed.counts, {name: tally.from_journal for name, tally in salvage.tallies.items()},
-        tuple(run for tally in salvage.tallies.values() for run in tally.lost),
+        path, sealed.counts, {name: stats.from_journal for name, stats in salvage.statistics.items()},
+        tuple(run for stats in salvage.statistics.values() for run in stats.lost),
         tuple(dict.fromkeys(salvage.damage)), kept, bytes=sealed.bytes,
     )  # fmt: skip
 
@@ -185,7 +185,7 @@ def _told_by(session: Session) -> RecoveryReport:
     counts = {name: session.count(name) for name in session.streams}
     summary = events[-1].data if events else {}
     lost = tuple(
-        Lost(one.stream, *(int(one.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
+        LostRange(one.stream, *(int(one.data[key]) for key in ("first", "last", "after_ns", "before_ns")))
         for one in events
         if one.stream
     )
@@ -228,7 +228,7 @@ def _keep(path: Path, keep_as: Path) -> None:
 
 
 def _made(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[SealReport, Salvage]:
-    """The new file, sealed; if a brick taken as it was does not verify, made again sample by sample."""
+    """The new file, sealed; if a block taken as it was does not verify, made again sample by sample."""
     try:
         return _verified(path, fresh, state, notes, packed=True)
     except (IntegrityError, ValueError, TypeError, OverflowError) as error:
@@ -245,7 +245,7 @@ def _verified(
             _write(fresh, salvage, notes, tell=state == RECOVERED)
         if state == SEALED and salvage.losses:
             raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
-        return seal(fresh, {name: tally.crc32s for name, tally in salvage.tallies.items()}, state), salvage
+        return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
     except (OSError, IntegrityError):
         with suppress(OSError):
             fresh.unlink(missing_ok=True)  # on a full disk it would only be in the way
@@ -256,7 +256,7 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
     with ThreadPoolExecutor(COMPRESSORS) as pool:
         file = SessionFile(fresh, salvage.identity, pool, swmr=False)
         try:
-            for name in salvage.tallies:
+            for name in salvage.statistics:
                 for piece in salvage.samples(name):
                     if isinstance(piece, PackedBlock):
                         file.put_packed(piece)
@@ -264,7 +264,7 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
                         file.put(piece)
             for entry in salvage.entries():
                 file.put(entry)
-            end_ns = max((tally.last_ns for tally in salvage.tallies.values()), default=0)
+            end_ns = max((stats.last_ns for stats in salvage.statistics.values()), default=0)
             end_ns = end_ns or salvage.identity.start_ns
             for event in _told(salvage, notes, end_ns, tell=tell):
                 file.put(event)
@@ -284,8 +284,8 @@ def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) 
         yield replace(note, time_ns=time_ns, mono_ns=time_ns - anchor_ns)
     if not tell:
         return
-    for tally in salvage.tallies.values():
-        for run in tally.lost:
+    for stats in salvage.statistics.values():
+        for run in stats.lost:
             time_ns = run.after_ns or start_ns
             text = f"{run.stream}: {run.count} samples lost, numbers {run.first} to {run.last}"
             data = {
@@ -294,15 +294,15 @@ def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) 
             }  # fmt: skip
             error = Severity.ERROR
             yield Event(EventKind.RECOVERED, time_ns - anchor_ns, time_ns, text, run.stream, error, data)
-    yield _summary(salvage.tallies, end_ns - anchor_ns, end_ns)
+    yield _summary(salvage.statistics, end_ns - anchor_ns, end_ns)
 
 
-def _summary(tallies: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int) -> Event:
-    lost = {name: sum(run.count for run in tally.lost) for name, tally in tallies.items()}
-    kept = sum(tally.kept for tally in tallies.values())
+def _summary(statistics: dict[str, RecoveryStatistics], mono_ns: int, time_ns: int) -> Event:
+    lost = {name: sum(run.count for run in stats.lost) for name, stats in statistics.items()}
+    kept = sum(stats.kept for stats in statistics.values())
     data = {
-        name: {"kept": tally.kept, "from_journal": tally.from_journal, "lost": lost[name]}
-        for name, tally in tallies.items()
+        name: {"kept": stats.kept, "from_journal": stats.from_journal, "lost": lost[name]}
+        for name, stats in statistics.items()
     }
     text = f"session recovered: {kept} samples, {sum(lost.values())} lost"
     severity = Severity.ERROR if any(lost.values()) else Severity.WARNING

@@ -1,6 +1,6 @@
 """What can still be read of an interrupted session: its journal, its file, and the file's loose chunks.
 
-A brick of pictures that the file has whole is taken as it is, packed; of everything else, each
+A block of pictures that the file has whole is taken as it is, packed; of everything else, each
 sample is looked for in the journal, then in the session file, then in the chunks whose places the
 journal remembers (they survive even a file whose own index is destroyed). A sample counts only if
 its checksum matches.
@@ -26,8 +26,8 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Event, Health, Quality, Sample
-from fieldkit.sessions.bricks import PackedBlock, Tile, corners, unpack
-from fieldkit.sessions.journal import Chunk, Identity, read_written
+from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, unpack
+from fieldkit.sessions.journal import Chunk, SessionIdentity, read_written
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns, journal_path
 from fieldkit.sessions.reader import Session, open_interrupted
@@ -43,7 +43,7 @@ _READING_BLOCK = 1024
 class Salvage:
     """Both sides of an interrupted session, opened for reading; a context manager.
 
-    Without `packed` no brick is taken as it is. Raises `SessionError` where neither the file nor
+    Without `packed` no block is taken as it is. Raises `SessionError` where neither the file nor
     the journal can be read.
     """
 
@@ -57,7 +57,7 @@ class Salvage:
         self._journal = self._try_journal()
         self.identity = self._identity()
         self._written = read_written(journal_path(path), len(self.identity.header.streams))
-        self.tallies = {info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams}
+        self.statistics = {info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams}
 
     def __enter__(self) -> Salvage:
         return self
@@ -73,7 +73,7 @@ class Salvage:
     @property
     def losses(self) -> list[str]:
         """In words, what does not come back: damage of the file alone is made good by the journal."""
-        runs = [run for tally in self.tallies.values() for run in tally.lost]
+        runs = [run for stats in self.statistics.values() for run in stats.lost]
         return [*(f"{run.stream}: {run.count} samples lost" for run in runs), *self._journal_damage]
 
     def _try_session(self) -> Session | None:
@@ -97,7 +97,7 @@ class Salvage:
         self._journal_damage = journal.damage  # it grows while the journal is read
         return journal
 
-    def _identity(self) -> Identity:
+    def _identity(self) -> SessionIdentity:
         if self._journal is not None:
             return self._journal.identity
         if self._session is not None:
@@ -109,27 +109,27 @@ class Salvage:
         )
 
     def samples(self, stream: str) -> Iterator[Sample | PackedBlock]:
-        """Every sample of a stream that can be had, by number; whole bricks of pictures in one piece."""
+        """Every sample of a stream that can be had, by number; whole blocks of pictures in one piece."""
         place = [info.name for info in self.identity.header.streams].index(stream)
-        info, tally = self.identity.header.streams[place], self.tallies[stream]
+        info, stats = self.identity.header.streams[place], self.statistics[stream]
         stored = StoredSamples(self._session, info, self._file_damage)
         loose = LooseChunks(self._path, self._session, self._journal, info)
         ids, seqs = self._journalled(place)
         numbers = np.union1d(seqs, stored.numbers)
         for wanted in _blocks(numbers, chunk_shape(info)[0] if info.is_camera else _READING_BLOCK):
             inside = ids[np.searchsorted(seqs, wanted[0]) : np.searchsorted(seqs, wanted[-1], "right")]
-            brick = self._whole_brick(place, loose, wanted, inside, tally)
-            if brick is not None:
-                yield brick
+            block = self._whole_block(place, loose, wanted, inside, stats)
+            if block is not None:
+                yield block
                 continue
             for seq, row in self._rows(place, wanted, inside):
                 sample = _found(row, info, stored, loose, seq)
-                if sample is not None and tally.expects(seq):
-                    tally.from_journal += not stored.has(seq)
-                    tally.keep_sample(sample)
+                if sample is not None and stats.expects(seq):
+                    stats.from_journal += not stored.has(seq)
+                    stats.keep_sample(sample)
                     yield sample
         journalled = self._journal.total(place) if self._journal else 0
-        tally.finish(max(stored.total, journalled, self._written.samples[place]))
+        stats.finish(max(stored.total, journalled, self._written.samples[place]))
 
     def _journalled(self, place: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Numbers of the journal's records of a stream, and of the samples in them, by the latter."""
@@ -138,28 +138,28 @@ class Salvage:
         by_seq = both[np.argsort(both[:, 1], kind="stable")]
         return by_seq[:, 0], by_seq[:, 1]
 
-    def _whole_brick(
+    def _whole_block(
         self,
         place: int,
         loose: LooseChunks,
         wanted: NDArray[np.int64],
         ids: NDArray[np.int64],
-        tally: RecoveryStatistics,
+        stats: RecoveryStatistics,
     ) -> PackedBlock | None:
-        """The brick of these samples, if both sides have it whole and nothing before it is lost."""
+        """The block of these samples, if both sides have it whole and nothing before it is lost."""
         info = self.identity.header.streams[place]
         whole = info.is_camera and len(wanted) == len(ids) == chunk_shape(info)[0]
-        if not (self._packed and whole and wanted[0] == tally.kept and self._journal is not None):
+        if not (self._packed and whole and wanted[0] == stats.kept and self._journal is not None):
             return None
         rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), pictures=False))
         if [row.seq for row in rows] != wanted.tolist():
             return None
-        tiles = loose.packed(int(wanted[0]))
-        if tiles is None:
+        chunks = loose.packed(int(wanted[0]))
+        if chunks is None:
             return None
         for row in rows:
-            tally.keep(row.seq, row.mono_ns, row.time_ns, row.crc32)
-        return PackedBlock(info.name, [row.columns() for row in rows], tiles)
+            stats.keep(row.seq, row.mono_ns, row.time_ns, row.crc32)
+        return PackedBlock(info.name, [row.columns() for row in rows], chunks)
 
     def _rows(
         self, place: int, wanted: NDArray[np.int64], ids: NDArray[np.int64]
@@ -235,7 +235,7 @@ def _time_map(session: Session) -> dict[str, NDArray[Any]]:
 
 
 def _blocks(numbers: NDArray[np.int64], depth: int) -> list[NDArray[np.int64]]:
-    """Sorted numbers, those of each brick together."""
+    """Sorted numbers, those of each block together."""
     borders = np.flatnonzero(np.diff(numbers // depth)) + 1
     return [block for block in np.split(numbers, borders) if block.size]
 
@@ -283,7 +283,7 @@ def _lost_rows(session: Session) -> Iterator[str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class LostRange:
     """A run of lost samples: first and last number, and UTC of the samples around it (0: there is none)."""
 
     stream: str
@@ -305,7 +305,7 @@ class RecoveryStatistics:
     stream: str
     kept: int = 0
     from_journal: int = 0
-    lost: list[Lost] = field(default_factory=list)
+    lost: list[LostRange] = field(default_factory=list)
     crc32s: list[int] = field(default_factory=list)
     last_mono_ns: int = 0
     last_ns: int = 0
@@ -329,7 +329,7 @@ class RecoveryStatistics:
 
     def _lose(self, until: int, before_ns: int) -> None:
         if until > self._next:
-            self.lost.append(Lost(self.stream, self._next, until - 1, self.last_ns, before_ns))
+            self.lost.append(LostRange(self.stream, self._next, until - 1, self.last_ns, before_ns))
 
     def expects(self, seq: int) -> bool:
         """Whether this number comes after all that were kept."""
@@ -414,15 +414,15 @@ class LooseChunks:
         self._session = session
         self._journal = journal
         self._info = info
-        self._bricks: dict[str, tuple[int, NDArray[np.uint16]]] = {}
+        self._blocks: dict[str, tuple[int, NDArray[np.uint16]]] = {}
         self._indexes: dict[str, Index] = {}
 
-    def packed(self, start: int) -> list[Tile] | None:
-        """Every tile of the brick that begins with that row, packed; None if one is not as it was written."""
+    def packed(self, start: int) -> list[PackedChunk] | None:
+        """Every chunk of the block that begins with that row, packed; None if one is not as written."""
         if self._session is None:
             return None
-        tiles = []
-        for dataset in self._session.stream(self._info.name).bricks:
+        chunks = []
+        for dataset in self._session.stream(self._info.name).frame_datasets:
             if dataset.shape[0] < start + dataset.chunks[0]:
                 return None
             index = self._indexes.get(dataset.name) or self._indexes.setdefault(dataset.name, _index(dataset))
@@ -435,8 +435,8 @@ class LooseChunks:
                 data = _read_at(self._path, chunk) if chunk is not None else None
                 if data is None:
                     return None
-                tiles.append(Tile(dataset.name, corner, data))
-        return tiles
+                chunks.append(PackedChunk(dataset.name, corner, data))
+        return chunks
 
     def get(self, row: SampleRow) -> Sample | None:
         """The picture of a row, put together from the chunks that can be read."""
@@ -448,24 +448,27 @@ class LooseChunks:
         more = self._picture("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
         return row.with_bytes(counts, more).sample(self._info)
 
-    def _picture(self, name: str, seq: int, tile: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
-        start = seq - seq % tile[0]
-        if self._bricks.get(name, (-1, None))[0] != start:
-            self._bricks[name] = start, self._brick(f"/{self._info.name}/{name}", start, tile, shape)
-        picture: bytes = self._bricks[name][1][seq - start].tobytes()
+    def _picture(self, name: str, seq: int, cut: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
+        start = seq - seq % cut[0]
+        if self._blocks.get(name, (-1, None))[0] != start:
+            self._blocks[name] = (
+                start,
+                self._block(f"/{self._info.name}/{name}", start, cut, shape),
+            )
+        picture: bytes = self._blocks[name][1][seq - start].tobytes()
         return picture
 
-    def _brick(
-        self, dataset: str, start: int, tile: tuple[int, int, int], shape: tuple[int, ...]
+    def _block(
+        self, dataset: str, start: int, cut: tuple[int, int, int], shape: tuple[int, ...]
     ) -> NDArray[np.uint16]:
-        """The brick with every tile that can be read; later places of a chunk overrule earlier ones."""
-        brick = np.zeros((tile[0], *shape), "<u2")
+        """The block with every chunk that can be read; later places of a chunk overrule earlier ones."""
+        block = np.zeros((cut[0], *shape), "<u2")
         for chunk in sorted(self._noted(dataset, start), key=lambda chunk: chunk.offset):
             data = _read_at(self._path, chunk)
             if data is not None:
                 y, x = chunk.y, chunk.x
-                brick[:, y : y + tile[1], x : x + tile[2]] = unpack(data, tile)
-        return brick
+                block[:, y : y + cut[1], x : x + cut[2]] = unpack(data, cut)
+        return block
 
     def _noted(self, dataset: str, start: int) -> list[Chunk]:
         return list(self._journal.chunks(dataset, start)) if self._journal is not None else []

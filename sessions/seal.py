@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fieldkit.disk import sync
 from fieldkit.model.errors import IntegrityError
 from fieldkit.model.samples import Quality
-from fieldkit.sessions.guarded import write_in_place
+from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session, open_session

@@ -1,4 +1,4 @@
-"""The HDF5 side of a session, for the one thread that owns it: records in, bricks and rows out.
+"""The HDF5 side of a session, for the one thread that owns it: records in, blocks and rows out.
 
 Everything exists before the first record (see `schema`). In SWMR mode another process may
 read what `flush` has handed over.
@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 
 from fieldkit.disk import sync
 from fieldkit.model.samples import Frame, Reading, Sample
-from fieldkit.sessions.bricks import FrameWriter, PackedBlock, TableWriter
-from fieldkit.sessions.guarded import GuardedFile, write_in_place, write_new
-from fieldkit.sessions.journal import Chunk, Identity, Journal, Keeper
+from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter
+from fieldkit.sessions.entry_rows import EntryRows
+from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
+from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_new
+from fieldkit.sessions.journal import Chunk, Journal, RetainedPart, SessionIdentity
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.layout import encode_text, entry_columns, raw_width, stream_columns
 from fieldkit.sessions.records import Entry, Record, RegionRecord, sample_bytes, sample_crc32
-from fieldkit.sessions.schema import ISO_WIDTH, file_image, iso_utc
-from fieldkit.sessions.tables import EntryRows
 
 PARTIAL_AFTER_S = 1.3
-"""How long a brick may wait for its last frame before it is written as it is."""
+"""How long a block may wait for its last frame before it is written as it is."""
 
 
 class SessionFile:
@@ -41,7 +41,7 @@ class SessionFile:
     good as at its last `flush`.
     """
 
-    def __init__(self, path: Path, identity: Identity, pool: Executor, *, swmr: bool = True) -> None:
+    def __init__(self, path: Path, identity: SessionIdentity, pool: Executor, *, swmr: bool = True) -> None:
         self.path = path
         self._header = identity.header
         write_new(path, file_image(identity))
@@ -53,7 +53,7 @@ class SessionFile:
             self._guarded.discard()
             raise
 
-    def _begin(self, identity: Identity, pool: Executor, *, swmr: bool) -> None:
+    def _begin(self, identity: SessionIdentity, pool: Executor, *, swmr: bool) -> None:
         self._streams = {
             info.name: _Stream(self._file[info.name], info, pool) for info in self._header.streams
         }
@@ -87,12 +87,12 @@ class SessionFile:
             self._tables[table].append(row)
         return []
 
-    def put_packed(self, brick: PackedBlock) -> None:
-        """Take a whole brick as another file has it; all bricks before it must be complete."""
-        self._streams[brick.stream].put_packed(brick)
+    def put_packed(self, block: PackedBlock) -> None:
+        """Take a whole block as another file has it; all blocks before it must be complete."""
+        self._streams[block.stream].put_packed(block)
 
     def flush(self, *, everything: bool = False) -> list[Chunk]:
-        """Hand over to the kernel what is due: all rows, and bricks that have waited long (or all)."""
+        """Hand over to the kernel what is due: all rows, and blocks that have waited long (or all)."""
         chunks = [chunk for stream in self._streams.values() for chunk in stream.write(force=everything)]
         for table in self._tables.values():
             table.write()
@@ -130,19 +130,19 @@ class SessionFile:
 
 
 class _Stream:
-    """One stream of samples: its columns and, of a camera, its bricks."""
+    """One stream of samples: its columns and, of a camera, its blocks."""
 
     def __init__(self, group: h5py.Group, info: Any, pool: Executor) -> None:
         self._table = TableWriter(group, stream_columns(info))
         names = [name for name in ("counts", "metadata_rows") if name in group]
-        self._bricks = [FrameWriter(group[name], pool) for name in names]
+        self._writers = [FrameWriter(group[name], pool) for name in names]
         self._raw_width = raw_width(info)
         self._waiting: list[dict[str, Any]] = []
         self._waiting_since = 0.0
 
     @property
     def bytes_written(self) -> int:
-        return sum(brick.bytes_written for brick in self._bricks)
+        return sum(writer.bytes_written for writer in self._writers)
 
     @property
     def count(self) -> int:
@@ -155,22 +155,22 @@ class _Stream:
             return []
         if not self._waiting:
             self._waiting_since = time.monotonic()
-        for brick, picture in zip(self._bricks, (sample.counts, sample.metadata_rows), strict=False):
-            brick.put(picture)
+        for writer, frame in zip(self._writers, (sample.counts, sample.metadata_rows), strict=False):
+            writer.put(frame)
         self._waiting.append(row)
-        return self.write(force=True) if self._bricks[0].is_full else []
+        return self.write(force=True) if self._writers[0].is_full else []
 
-    def put_packed(self, brick: PackedBlock) -> None:
-        for writer in self._bricks:
-            writer.copy(brick.tiles)
-        self._table.append(*brick.rows)
+    def put_packed(self, block: PackedBlock) -> None:
+        for writer in self._writers:
+            writer.copy(block.chunks)
+        self._table.append(*block.rows)
 
     def write(self, *, force: bool) -> list[Chunk]:
-        """Write the bricks if due, then the rows that go with them."""
+        """Write the blocks if due, then the rows that go with them."""
         chunks: list[Chunk] = []
         if self._waiting and (force or time.monotonic() - self._waiting_since > PARTIAL_AFTER_S):
-            for brick in self._bricks:
-                chunks += brick.write()
+            for writer in self._writers:
+                chunks += writer.write()
             self._table.append(*self._waiting)
             self._waiting.clear()
         self._table.write()
@@ -213,14 +213,14 @@ class FileThread(threading.Thread):
     """
 
     def __init__(
-        self, path: Path, journal: Journal, identity: Identity, failed: Callable[[Exception], None]
+        self, path: Path, journal: Journal, identity: SessionIdentity, failed: Callable[[Exception], None]
     ) -> None:
-        super().__init__(name="session-bricks", daemon=True)
+        super().__init__(name="session-file", daemon=True)
         self._pool = ThreadPoolExecutor(COMPRESSORS, thread_name_prefix="session-compress")
         self._journal = journal
         self._identity = identity
         self._failed = failed
-        self._keeper = Keeper(journal.folder, identity)
+        self._retained = RetainedPart(journal.folder, identity)
         self.file = SessionFile(path, identity, self._pool)
         self.error: Exception | None = None
         self._offers: queue.SimpleQueue[tuple[int, Record, int | None] | None] = queue.SimpleQueue()
@@ -280,7 +280,7 @@ class FileThread(threading.Thread):
         else:
             self.file.discard()
         self._pool.shutdown()
-        self._keeper.close()
+        self._retained.close()
 
     def _step(self) -> bool:
         due = self._flushed_at + FLUSH_EVERY_S - time.monotonic()
@@ -339,11 +339,11 @@ class FileThread(threading.Thread):
         ):
             self._note(self.file.flush(everything=True))
             self.file.sync()
-            self._keeper.retire(full.popleft()[0])
+            self._retained.retire(full.popleft()[0])
 
     def _note(self, chunks: list[Chunk]) -> None:
         if chunks:
-            self._keeper.note_chunks(chunks)
+            self._retained.note_chunks(chunks)
 
 
 def _size(record: Record) -> int:

@@ -70,7 +70,7 @@ class _Part:
 
     start: int
     columns: Columns
-    bricks: list[NDArray[np.uint16]]
+    frames: list[NDArray[np.uint16]]
 
     def __len__(self) -> int:
         return len(self.columns["seq"])
@@ -100,15 +100,15 @@ class StreamReader:
 
     def _open_pictures(self) -> list[h5py.Dataset]:
         shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
-        return [self._brick_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
+        return [self._frame_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
 
-    def _brick_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
+    def _frame_dataset(self, name: str, shape: tuple[int, ...]) -> h5py.Dataset:
         dataset = dataset_of(self._group, name, shape, "u2")
-        brick = (chunk_shape(self.info)[0], *shape)
-        if 2 * math.prod(brick) > MOST_BLOCK_BYTES:
+        block = (chunk_shape(self.info)[0], *shape)
+        if 2 * math.prod(block) > MOST_BLOCK_BYTES:
             raise SessionError(f"{dataset.name} has pictures of {shape}, larger than any camera's")
         chunks = dataset.chunks or (math.inf,)
-        if any(side > most for side, most in zip(chunks, brick, strict=False)):
+        if any(side > most for side, most in zip(chunks, block, strict=False)):
             raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
         return dataset
 
@@ -167,13 +167,13 @@ class StreamReader:
         """The pictures as stored; raises `SessionError` where the stream has none."""
         if not self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is not a camera")
-        return self.bricks[0]
+        return self.frame_datasets[0]
 
     @cached_property
-    def bricks(self) -> list[h5py.Dataset]:
-        """The datasets that are cut into bricks: of a camera its counts and metadata rows, else none.
+    def frame_datasets(self) -> list[h5py.Dataset]:
+        """The datasets of frames: of a camera its counts and metadata rows, else none.
 
-        Raises `SessionError` where a brick is not as large as it is said to be.
+        Raises `SessionError` where a block is not as large as it is said to be.
         """
         for dataset in self._pictures:
             check_inflation(dataset)
@@ -209,7 +209,7 @@ class StreamReader:
     def pictures(self, start: int = 0, stop: int | None = None) -> Iterator[Pictures]:
         """The frames of a camera as arrays, a chunk at a time."""
         for part in self._parts(start, stop):
-            counts, *more = part.bricks
+            counts, *more = part.frames
             rows = more[0] if more else np.empty((len(part), *self.info.metadata_shape), np.uint16)
             yield Pictures(part.start, counts, rows, part.columns["flags"])
 
@@ -224,7 +224,7 @@ class StreamReader:
             counts, bad = self._read(self.counts, start, stop, box)
             rows = np.empty((stop - start, 0, 0), np.uint16)
             if with_rows:
-                rows, also_bad = self._read(self.bricks[1], start, stop)
+                rows, also_bad = self._read(self.frame_datasets[1], start, stop)
                 bad |= also_bad
             flags = self._flagged(self.column("flags", start, stop), start, bad)
             yield Pictures(start, counts, rows, flags)
@@ -237,10 +237,10 @@ class StreamReader:
             block["time_ns"] = exact_time_ns(block["time"], block["mono_ns"], self._anchor_ns)
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
-                bricks = [self._read(dataset, first, until)[0] for dataset in self.bricks]
-                bad = stored_crc32s(columns, _bodies(columns, bricks)) != columns["crc32"]
+                frames = [self._read(dataset, first, until)[0] for dataset in self.frame_datasets]
+                bad = stored_crc32s(columns, _bodies(columns, frames)) != columns["crc32"]
                 columns["flags"] = self._flagged(columns["flags"], first, bad)
-                yield _Part(first, columns, bricks)
+                yield _Part(first, columns, frames)
 
     def _flagged(self, flags: NDArray[np.uint16], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint16]:
         """Flags of the rows from `start` on with what was found out about them, which is remembered."""
@@ -266,17 +266,17 @@ class StreamReader:
             yield build_reading(self.info, _stamps(part.columns, row), values.tobytes(), raw.tobytes())
 
     def _frames(self, part: _Part) -> Iterator[Sample]:
-        for row, (counts, more) in enumerate(_bodies(part.columns, part.bricks)):
+        for row, (counts, more) in enumerate(_bodies(part.columns, part.frames)):
             fpa = float(part.columns["fpa_temperature"][row])
             yield build_frame(self.info, _stamps(part.columns, row), counts.tobytes(), more.tobytes(), fpa)
 
 
 def _bodies(
-    columns: Columns, bricks: list[NDArray[np.uint16]]
+    columns: Columns, frames: list[NDArray[np.uint16]]
 ) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
     """What was measured and what came with it, row by row: see `fieldkit.sessions.records.sample_bytes`."""
-    if bricks:
-        return zip(bricks[0], bricks[1] if len(bricks) > 1 else repeat(_NOTHING), strict=False)
+    if frames:
+        return zip(frames[0], frames[1] if len(frames) > 1 else repeat(_NOTHING), strict=False)
     lengths = columns["raw_length"].tolist()
     raws = (row[:length] for row, length in zip(columns["raw"], lengths, strict=True))
     return zip(columns["value"].reshape(len(lengths), -1), raws, strict=True)

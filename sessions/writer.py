@@ -3,7 +3,7 @@
 ::
 
     append -> journal row -> (returns)
-                 '-> hand-over -> brick thread -> compress pool -> session.h5
+                 '-> hand-over -> file thread -> compress pool -> session.h5
     each second, on its own thread: fdatasync of the journal
 
 `close` completes the file, compares every sample with the journal, and only then lets the
@@ -31,7 +31,7 @@ from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, Sto
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.journal import Identity, Journal, SyncThread
+from fieldkit.sessions.journal import Journal, SessionIdentity, SyncThread
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import SEALED, SessionHeader, check_new, check_region, journal_path, raw_width
 from fieldkit.sessions.lock import SessionLock
@@ -66,13 +66,13 @@ class SessionWriter:
         self._folder = journal_path(path)
         self._open()
         atexit.register(self.abandon)
-        clock.hold_until(self._bricks.caught_up)
+        clock.hold_until(self._file_thread.caught_up)
         for region in header.regions:
             self.region(region, self._identity.start_ns)
 
     def _open(self) -> None:
         start, anchor = self._clock.to_utc_ns(self._clock.mono_ns()), self._clock.to_utc_ns(0)
-        self._identity = Identity(str(uuid.uuid4()), start, anchor, self.header)
+        self._identity = SessionIdentity(str(uuid.uuid4()), start, anchor, self.header)
         with contextlib.ExitStack() as undo:
             try:
                 self._make(undo)
@@ -87,7 +87,7 @@ class SessionWriter:
                 ) from error
             undo.pop_all()
         self._syncer = SyncThread(self._journal, self._disk_did_not_confirm)
-        self._bricks.start()
+        self._file_thread.start()
         self._syncer.start()
 
     def _make(self, undo: contextlib.ExitStack) -> None:
@@ -104,8 +104,8 @@ class SessionWriter:
         _reserve(self._folder)
         self._journal = Journal(self._folder, self._identity)
         undo.callback(self._journal.close)
-        self._bricks = FileThread(self.path, self._journal, self._identity, self._brick_side_failed)
-        undo.callback(self._bricks.close)
+        self._file_thread = FileThread(self.path, self._journal, self._identity, self._file_failed)
+        undo.callback(self._file_thread.close)
         sync(self.path.parent)
 
     # --- what comes in
@@ -113,7 +113,7 @@ class SessionWriter:
     @property
     def bytes_written(self) -> int:
         """Bytes given to the disk so far, in the journal and in the file."""
-        return self._journal.bytes_written + self._bricks.file.bytes_written
+        return self._journal.bytes_written + self._file_thread.file.bytes_written
 
     @property
     def sync_ms(self) -> float:
@@ -173,7 +173,7 @@ class SessionWriter:
             raise SessionError(f"{self.path} is closed")
         number, crc32 = self._journal.append(record)
         self._syncer.notice()
-        self._bricks.offer(number, record, crc32)
+        self._file_thread.offer(number, record, crc32)
 
     # --- the end
 
@@ -211,7 +211,7 @@ class SessionWriter:
         """
         if self._report is None:
             self._stop(at_once=True)
-            self._bricks.close()
+            self._file_thread.close()
             self._session_lock.release()
 
     def discard(self) -> None:
@@ -224,9 +224,9 @@ class SessionWriter:
         atexit.unregister(self.abandon)
         with self._lock:
             self.is_closed = True
-        self._bricks.stop(at_once=at_once)
+        self._file_thread.stop(at_once=at_once)
         self._syncer.stop()  # while the file catches up
-        self._bricks.join()
+        self._file_thread.join()
         self._journal.close()
 
     def _seal(self) -> SealReport:
@@ -242,19 +242,19 @@ class SessionWriter:
     def _finish_file(self, end_ns: int) -> bool:
         """Complete the file; False if it must be made again from the journal."""
         try:
-            if self._bricks.error is None:
-                self._bricks.finish(end_ns)
+            if self._file_thread.error is None:
+                self._file_thread.finish(end_ns)
                 return True
         except (OSError, RuntimeError) as error:
             log.warning("the session file could not be completed: %s", error)
         finally:
-            self._bricks.close()
+            self._file_thread.close()
         return False
 
     def _disk_did_not_confirm(self, text: str) -> None:
         self._tell(text, Severity.ERROR)
 
-    def _brick_side_failed(self, error: Exception) -> None:
+    def _file_failed(self, error: Exception) -> None:
         text = f"the session file cannot be written: {error}; recording goes on in the journal"
         self._tell(text, Severity.ERROR)
 

@@ -92,11 +92,11 @@ def _write(
     session: Session, folder: Path, kind: str, stream: str | None, every: int
 ) -> tuple[list[Path], list[str]]:
     """The files, and what could not be read for them."""
-    from fieldkit.sessions.formats import mcap_out, pictures_out, tables_out
+    from fieldkit.sessions.formats import images_out, mcap_out, tables_out
 
     samples = {
         "mcap": mcap_out.export_mcap,
-        "png": pictures_out.export_pngs, "mp4": pictures_out.export_mp4, "tiff": pictures_out.export_tiffs,
+        "png": images_out.export_pngs, "mp4": images_out.export_mp4, "tiff": images_out.export_tiffs,
     }  # fmt: skip
     try:
         if kind in ("csv", "parquet"):

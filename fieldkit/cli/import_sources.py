@@ -88,13 +88,13 @@ def _jma(source: Path, given: dict[str, Any]) -> ImportedRecording:
 
 
 def _is_purethermal(source: Path) -> bool:
-    from fieldkit.sessions.formats.purethermal import is_purethermal
+    from fieldkit.sessions.formats.purethermal_files import is_purethermal
 
     return is_purethermal(source)
 
 
 def _purethermal(source: Path, given: dict[str, Any]) -> ImportedRecording:
-    from fieldkit.sessions.formats.purethermal import read_purethermal
+    from fieldkit.sessions.formats.purethermal_files import read_purethermal
 
     return read_purethermal(source, given["name"] or "camera")
 

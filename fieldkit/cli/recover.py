@@ -15,7 +15,7 @@ from fieldkit.model.errors import FieldkitError, IntegrityError
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
-    from fieldkit.sessions.salvage import Lost
+    from fieldkit.sessions.salvage import LostRange
 
 
 @click.command(cls=Command)
@@ -88,7 +88,7 @@ def _print(report: RecoveryReport, *, kept: bool) -> None:
         say(f"the file as it was: {report.crashed.name} (fieldkit recover --tidy deletes it)")
 
 
-def _between(run: Lost) -> Iterator[str]:
+def _between(run: LostRange) -> Iterator[str]:
     """When the lost samples were taken: after the last one kept before them, before the next one kept."""
     yield f"after {_utc(run.after_ns)}" if run.after_ns else "from the beginning"
     yield f"and before {_utc(run.before_ns)}" if run.before_ns else "to the end"

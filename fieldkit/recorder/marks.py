@@ -21,7 +21,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.tables import event_fits
+from fieldkit.sessions.entry_rows import event_fits
 
 _LATEST_NS = 2**63 - 1
 TEN_YEARS_S = 10 * 365.25 * 86_400

@@ -36,8 +36,8 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.sessions.file_tree import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.sessions.schema import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.views import formatting, slope_map_image
 from fieldkit.workflows.batch import Failures, Progress, no_progress
 from fieldkit.workflows.cache import code_version

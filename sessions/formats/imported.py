@@ -1,6 +1,6 @@
 """Writing what was recorded elsewhere as a session; where it came from is told in an event.
 
-Foreign recordings have no monotonic clock, so their UTC stands for it. Stamps are kept as
+Imported recordings have no monotonic clock, so their UTC stands for it. Stamps are kept as
 they came: pictures that waited somewhere and arrived in bunches are flagged, not moved.
 """
 
@@ -78,12 +78,12 @@ class StampedClock:
         """Nothing to do: the writer reads back what it was not handed."""
 
 
-def write_imported(path: Path, header: SessionHeader, foreign: ImportedRecording, source: str) -> SealReport:
-    """Write a foreign recording as a session and seal it; `source` names the files it came from.
+def write_imported(path: Path, header: SessionHeader, imported: ImportedRecording, source: str) -> SealReport:
+    """Write an imported recording as a session and seal it; `source` names the files it came from.
 
     Raises `ConfigError` where it has no samples, `StorageError`, `RefusedError`.
     """
-    samples = iter(foreign.samples)
+    samples = iter(imported.samples)
     first = next(samples, None)
     if first is None:
         raise ConfigError(f"{source} has no samples", fix="check that it is the right file, and whole")
@@ -91,7 +91,7 @@ def write_imported(path: Path, header: SessionHeader, foreign: ImportedRecording
     writer = SessionWriter(path, header, clock)
     try:
         _tell(writer, clock, Severity.INFO, f"imported from {source}")
-        for severity, text in foreign.remarks:
+        for severity, text in imported.remarks:
             _tell(writer, clock, severity, text)
         for sample in _chain(first, samples):
             clock.now_ns = max(clock.now_ns, sample.time_ns)

@@ -38,39 +38,39 @@ class _Cut:
                 yield one
 
 
-def cut_to(session: Session, foreign: ImportedRecording) -> ImportedRecording:
+def cut_to(session: Session, imported: ImportedRecording) -> ImportedRecording:
     """What of a recording belongs to the session's time, and two intervals more on either side."""
-    margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in foreign.streams}
+    margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
     kept = _Cut(
-        foreign.samples, {name: (first_ns - more, last_ns + more) for name, more in margin_ns.items()}
+        imported.samples, {name: (first_ns - more, last_ns + more) for name, more in margin_ns.items()}
     )
-    left_out = sum(1 for _ in foreign.samples) - sum(1 for _ in kept)
+    left_out = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
     if not left_out:
-        return foreign
+        return imported
     said = f"{left_out} samples from before or after the session were left out"
-    return replace(foreign, samples=kept, remarks=(*foreign.remarks, (Severity.INFO, said)))
+    return replace(imported, samples=kept, remarks=(*imported.remarks, (Severity.INFO, said)))
 
 
-def merge(session: Session, foreign: ImportedRecording, path: Path, source: str) -> SealReport:
-    """Write `session` with the streams of `foreign` as a new session at `path`, and seal it.
+def merge(session: Session, imported: ImportedRecording, path: Path, source: str) -> SealReport:
+    """Write `session` with the streams of `imported` as a new session at `path`, and seal it.
 
     Raises `ConfigError` where a stream of that name is there, or the times do not meet, `SessionError`
     where the session is not finished: a part of it would be missing from the new one for good.
     """
     session.require_finished()
-    taken = {info.name for info in foreign.streams} & set(session.streams)
+    taken = {info.name for info in imported.streams} & set(session.streams)
     if taken:
         raise ConfigError(
             f"{session.path} has a stream {taken.pop()!r} already", fix="another name: --as NAME"
         )
-    time_ns = [one.time_ns for one in foreign.samples]
+    time_ns = [one.time_ns for one in imported.samples]
     if not time_ns or max(time_ns) < session.start_ns or min(time_ns) > session.end_ns:
         raise ConfigError(
             f"{source} and {session.path} do not overlap in time",
             fix="check --zone and --offset of the logger",
         )
-    header = replace(session.header, streams=(*session.header.streams, *foreign.streams))
+    header = replace(session.header, streams=(*session.header.streams, *imported.streams))
     steps = session.time_map()
     began = recorded_mono_ns(steps, session.start_ns, session.anchor_ns)
     clock = StampedClock(began, session.anchor_ns)
@@ -80,10 +80,10 @@ def merge(session: Session, foreign: ImportedRecording, path: Path, source: str)
         for entry in session.entries():
             if not isinstance(entry, RegionRecord) or (entry.region.name, entry.region.vertices) not in drawn:
                 writer.put(entry)
-        for severity, text in ((Severity.INFO, f"stream added from {source}"), *foreign.remarks):
+        for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.remarks):
             now = clock.mono_ns()
             writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
-        for sample in _by_time(session, foreign.samples, steps):
+        for sample in _by_time(session, imported.samples, steps):
             writer.append(sample)
             clock.now_ns = sample.mono_ns
     except BaseException:
@@ -112,23 +112,23 @@ def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
 _ZONE_S = 1500.0
 
 
-def aligned(session: Session, foreign: ImportedRecording) -> ImportedRecording:
+def aligned(session: Session, imported: ImportedRecording) -> ImportedRecording:
     """The log with its times moved onto the session's curves of the same quantity; a remark says how far.
 
     Raises `NoAnswerError` where no stream of the session determines the offset.
     """
-    readings = [sample for sample in foreign.samples if isinstance(sample, Reading)]
-    name, found = _best_stream(session, foreign.streams, readings)
+    readings = [sample for sample in imported.samples if isinstance(sample, Reading)]
+    name, found = _best_stream(session, imported.streams, readings)
     shift_ns = round(found.offset_s * 1e9)
     moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
     said = (
         f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
         f"correlation {found.correlation:.3f}"
     )
-    remarks = [*foreign.remarks, (Severity.INFO, said)]
+    remarks = [*imported.remarks, (Severity.INFO, said)]
     if abs(found.offset_s) > _ZONE_S:
         remarks.append((Severity.WARNING, "that is no clock's drift: is --zone right, or summer time?"))
-    return ImportedRecording(foreign.streams, moved, tuple(remarks), foreign.site)
+    return ImportedRecording(imported.streams, moved, tuple(remarks), imported.site)
 
 
 def _best_stream(

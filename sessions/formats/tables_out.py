@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError
-from fieldkit.sessions.bricks import corners, pack
+from fieldkit.sessions.chunks import corners, pack
+from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import Session
-from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.stream_reader import StreamReader
 
 if TYPE_CHECKING:
@@ -185,8 +185,8 @@ def _verify(reader: StreamReader, file: h5py.File) -> None:
     """Verified flags in place of those stored, and chunks that cannot be read replaced by the fill value."""
     file["flags"][:] = reader.flags()
     rows = np.array(sorted(reader.damaged), np.int64)
-    for brick in reader.bricks:
-        copy = file[brick.name.rsplit("/", 1)[1]]
+    for frames in reader.frame_datasets:
+        copy = file[frames.name.rsplit("/", 1)[1]]
         depth = copy.chunks[0]
         missing = pack(np.full(copy.chunks, copy.fillvalue, np.uint16))
         for first in np.unique(rows // depth * depth).tolist():

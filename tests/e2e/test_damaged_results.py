@@ -42,7 +42,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _pictures(path: Path, bit: int) -> None:
-    """A bit within the packed chunk of the second brick."""
+    """A bit within the packed chunk of the second block."""
     with h5py.File(path) as file:
         chunk = file["camera/counts"].id.get_chunk_info_by_coord((9, 0, 0))
     data = bytearray(path.read_bytes())

@@ -33,7 +33,7 @@ for seq in range(frames):
     if seq % 9 == 0:
         writer.append(sample(head.streams[1], seq // 9))
         writer.append(sample(head.streams[2], seq // 9))
-    while writer._bricks.is_behind():  # as the simulated clock waits
+    while writer._file_thread.is_behind():  # as the simulated clock waits
         time.sleep(0.005)
     if seq % (frames // 20) == 0:
         memory.append(resident_mb())

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 from fieldkit.model.errors import FieldkitError, StorageError
-from fieldkit.sessions import bricks, journal, session_file, writer
+from fieldkit.sessions import chunks, journal, session_file, writer
 from fieldkit.sessions.journal import Journal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, header, sample
@@ -32,7 +32,7 @@ MARKS = "marks"
 def hurry() -> None:
     """Everything that happens each second or each few hundred megabytes happens all the time."""
     journal.SYNC_EVERY_S = 0.02
-    bricks.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
+    chunks.BEGIN_BYTES = journal.BEGIN_BYTES = 5_000
     writer.RESERVE_BYTES = 100_000
     session_file.FLUSH_EVERY_S = 0.01
     session_file.SYNC_EVERY_S = 0.05

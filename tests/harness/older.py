@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.sessions.guarded import write_in_place
+from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.schema import LIBVER
 
 _SINCE_1_1 = ("integrity/object_sha256", "integrity/object", "integrity/columns_crc32", "time_map/crc32")
 

@@ -93,9 +93,9 @@ def long_interrupted(folder: Path) -> Recorded:
             assert time.monotonic() < deadline
             time.sleep(0.05)
         assert not writer._journal.part_path(1).exists()
-        writer._bricks.stop()
-        writer._bricks.join()
-        writer._bricks._keeper._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        writer._file_thread.stop()
+        writer._file_thread.join()
+        writer._file_thread._retained._database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         writer.abandon()
     (folder / "a.h5.journal" / "reserve").unlink()
     return Recorded(folder, head, 120, needs_file=True)

@@ -174,17 +174,17 @@ def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_pat
     shutil.copytree(recordings, folder)
     torn = sorted(folder.glob("*.h5"))[1]
     with open_session(torn) as session:
-        brick = session.group("camera")["counts"].id.get_chunk_info(1)
+        block = session.group("camera")["counts"].id.get_chunk_info(1)
     with torn.open("r+b") as file:
-        file.seek(brick.byte_offset)
-        file.write(b"\xaa" * brick.size)
+        file.seek(block.byte_offset)
+        file.write(b"\xaa" * block.size)
     found = fieldkit("estimate", folder, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 7
     assert f"{torn} has damaged samples in 3 minutes; they are excluded" in found.stderr
     assert "1 of 3 sessions are damaged in part" in found.stderr
     table = [row for row in rows(tmp_path / "r.csv") if row["session"].endswith("s2")]
     damaged = [row["temperature_k"] for row in table if "bad_crc" in row["flags"]]
-    assert damaged == [""] * 9  # three minutes of three beds: nothing rather than the filling of a lost brick
+    assert damaged == [""] * 9  # three minutes of three beds: nothing rather than the filling of a lost block
     assert fieldkit("estimate", torn).exit_code == 7
 
 

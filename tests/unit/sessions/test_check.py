@@ -131,7 +131,7 @@ def test_changed_byte_of_a_picture_is_found(tmp_path: Path) -> None:
     assert "do not match their checksum" in said(path, "camera", "fail")
     with open_session(path) as session:
         bad = [frame.seq for frame in session.samples("camera") if frame.quality & Quality.BAD_CRC]
-        assert bad == list(range(18, 27))  # the third brick, and no other frame
+        assert bad == list(range(18, 27))  # the third block, and no other frame
 
 
 def test_changed_byte_of_a_table_is_found(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from fieldkit.model.errors import IncompleteError, IntegrityError, SessionError
 from fieldkit.model.samples import Frame, Quality, Reading
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
-from fieldkit.sessions.formats.pictures_out import export_pngs, export_tiffs
+from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -63,12 +63,12 @@ def flip(name: str, row: int, bit: int) -> Callable[[Path], None]:
     return change
 
 
-def spoil(name: str, brick: int) -> Callable[[Path], None]:
+def spoil(name: str, block: int) -> Callable[[Path], None]:
     """One bit in the middle of a compressed chunk: it cannot be read any more."""
 
     def change(path: Path) -> None:
         with h5py.File(path, "r") as file:
-            place = file[name].id.get_chunk_info_by_coord((brick * DEPTH, 0, 0))
+            place = file[name].id.get_chunk_info_by_coord((block * DEPTH, 0, 0))
         with path.open("r+b") as raw:
             raw.seek(place.byte_offset + place.size // 2)
             byte = raw.read(1)[0]
@@ -142,13 +142,13 @@ def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., Sess
     assert np.isfinite(kelvin[~bad]).all()
 
 
-@pytest.mark.parametrize("brick", [0, 3])
-def test_a_region_goes_on_behind_an_unreadable_chunk(damaged: Callable[..., Session], brick: int) -> None:
+@pytest.mark.parametrize("block", [0, 3])
+def test_a_region_goes_on_behind_an_unreadable_chunk(damaged: Callable[..., Session], block: int) -> None:
     with damaged() as session:
         whole = session.region_series()
-    with damaged(spoil("camera/counts", brick)) as session:
+    with damaged(spoil("camera/counts", block)) as session:
         series = session.region_series()
-    lost = np.arange(FRAMES) // DEPTH == brick
+    lost = np.arange(FRAMES) // DEPTH == block
     assert ((series.flags & BAD) != 0).tolist() == lost.tolist()
     assert np.isnan(series.mean_k[lost]).all()
     assert np.array_equal(series.mean_k[~lost], whole.mean_k[~lost])

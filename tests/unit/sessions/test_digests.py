@@ -13,12 +13,12 @@ import pytest
 
 from fieldkit.sessions.check import check, worst
 from fieldkit.sessions.clock_correction import apply_time_map
+from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.formats.imported import ImportedRecording
 from fieldkit.sessions.formats.merged import merge
-from fieldkit.sessions.guarded import write_in_place
+from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.recovery import recover
-from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0

@@ -14,14 +14,14 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions import journal as journal_module
 from fieldkit.sessions import session_file
-from fieldkit.sessions.journal import Identity, Journal, Keeper, SyncThread, wal_of
+from fieldkit.sessions.journal import Journal, RetainedPart, SessionIdentity, SyncThread, wal_of
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
 from fieldkit.sessions.session_file import FileThread
 from tests.harness.recording import START_NS, header, same, sample
 
 HEADER = header((24, 32))
-IDENTITY = Identity("a-session", START_NS, 77, HEADER)
+IDENTITY = SessionIdentity("a-session", START_NS, 77, HEADER)
 ENTRIES = (
     Event(EventKind.CLOUD, 5, 6, "Wolke ☁", "lux", Severity.WARNING, {"depth": 0.25}),
     Health(7, 8, (StreamHealth("camera", 1, 2, 3, 4, 5),), 9, 10, 1.5, 2.5, 3.5),
@@ -91,9 +91,9 @@ def test_closing_copies_nothing_and_reading_changes_nothing(tmp_path: Path) -> N
 
 def test_retired_part_leaves_all_but_the_pictures(tmp_path: Path) -> None:
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
-    keeper = Keeper(journal.folder, IDENTITY)
+    retained = RetainedPart(journal.folder, IDENTITY)
     part, end = journal.full_parts.popleft()
-    keeper.retire(part)
+    retained.retire(part)
     assert not part.exists()
     with JournalReader(journal.folder) as reader:
         rows = list(reader.rows())
@@ -103,7 +103,7 @@ def test_retired_part_leaves_all_but_the_pictures(tmp_path: Path) -> None:
         assert all(row.stream == 0 and row.number < end for row in gone)
         assert all(row.sample(HEADER.streams[0]) is None for row in gone)
         assert list(reader.crc32s(0)) == [row.crc32 for row in reader.stream_rows(0)]
-    keeper.close()
+    retained.close()
     journal.close()
 
 
@@ -175,16 +175,16 @@ def test_parts_stay_until_the_file_has_their_records(tmp_path: Path, monkeypatch
     journal = filled(tmp_path / "journal", 40, part_bytes=15_000)
     parts = [part for part, _ in journal.full_parts]
     assert len(parts) > 2
-    bricks = FileThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
-    bricks._shorten_journal()
+    thread = FileThread(tmp_path / "a.h5", journal, IDENTITY, lambda error: None)
+    thread._shorten_journal()
     assert all(part.exists() for part in parts)  # the file has nothing yet
-    bricks._catch_up(journal.full_parts[0][1])
+    thread._catch_up(journal.full_parts[0][1])
     there_at_sync: list[bool] = []
-    monkeypatch.setattr(bricks.file, "sync", lambda: there_at_sync.append(parts[0].exists()))
-    bricks._shorten_journal()
+    monkeypatch.setattr(thread.file, "sync", lambda: there_at_sync.append(parts[0].exists()))
+    thread._shorten_journal()
     assert there_at_sync == [True]  # the file is on the disk before the part is gone
     assert [part.exists() for part in parts] == [False] + [True] * (len(parts) - 1)
-    bricks.close()
+    thread.close()
     journal.close()
 
 

@@ -16,8 +16,8 @@ import pytest
 from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
+from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -151,9 +151,9 @@ def _packed_chunk_that_swells(file: h5py.File) -> None:
     """Half a gigabyte of zeros, packed to half a megabyte, where a picture of 24 x 32 is expected."""
     packer = zlib.compressobj(1)
     packed = b"".join(packer.compress(bytes(2**20)) for _ in range(560)) + packer.flush()
-    tile = file["camera/counts"].chunks
+    chunk = file["camera/counts"].chunks
     assert len(packed) < 3_000_000
-    file["camera/counts"].id.write_direct_chunk((0, *([0] * (len(tile) - 1))), packed)
+    file["camera/counts"].id.write_direct_chunk((0, *([0] * (len(chunk) - 1))), packed)
 
 
 def _other_shape(file: h5py.File) -> None:

@@ -43,7 +43,7 @@ def recorded(path: Path, frames: int, *, sealed: bool) -> None:
         writer.close()
     else:
         writer._stop()
-        writer._bricks.close()
+        writer._file_thread.close()
         writer._session_lock.release()
 
 
@@ -114,7 +114,7 @@ def test_run_lost_in_the_middle_is_told_with_the_times_around_it(sealed: Path, t
     assert (run.after_ns, run.before_ns) == (sample(camera, 899).time_ns, sample(camera, 909).time_ns)
 
 
-def test_whole_bricks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_blocks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.h5"
     recorded(path, 95, sealed=False)
     unpacked: list[int] = []
@@ -122,7 +122,7 @@ def test_whole_bricks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(SessionFile, "put", lambda self, *record: (unpacked.append(1), put(self, *record))[1])
     report = recover(path)
     assert report.lost_samples == 0
-    assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last brick
+    assert len(unpacked) < 2 * 95 + 30  # the meters' samples, the entries, the last block
     with open_session(path) as session, h5py.File(report.crashed) as before, h5py.File(path) as after:
         found = list(session.stream("camera").samples())
         assert all(same(item, sample(HEADER.streams[0], seq)) for seq, item in enumerate(found))
@@ -130,7 +130,7 @@ def test_whole_bricks_are_taken_as_they_are(tmp_path: Path, monkeypatch: pytest.
         assert packed[0] == packed[1]
 
 
-def test_brick_that_is_not_as_it_was_written_is_made_from_the_journal(tmp_path: Path) -> None:
+def test_block_that_is_not_as_it_was_written_is_made_from_the_journal(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     recorded(path, 95, sealed=False)
     with h5py.File(path) as file:
@@ -141,7 +141,7 @@ def test_brick_that_is_not_as_it_was_written_is_made_from_the_journal(tmp_path: 
     assert recover(path).lost_samples == 0
 
 
-def test_brick_that_does_not_verify_is_made_again_sample_by_sample(
+def test_block_that_does_not_verify_is_made_again_sample_by_sample(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The journal itself is damaged: one row's stamp is not the one that its checksum is of."""
@@ -242,9 +242,9 @@ def test_events_that_a_torn_journal_lost_come_from_the_file_once_and_in_order(tm
     for n in range(200):
         writer.event(Event(EventKind.MARK, n, START_NS + n, f"mark {n} {'about the wind ' * 12}"))
         writer.append(sample(HEADER.streams[0], n))
-    writer._bricks.stop()
-    writer._bricks.join()  # all of it is in the file
-    writer._bricks.file.flush(everything=True)
+    writer._file_thread.stop()
+    writer._file_thread.join()  # all of it is in the file
+    writer._file_thread.file.flush(everything=True)
     writer.abandon()
     log = wal_of(journal_path(path) / "000001.sqlite")
     data = bytearray(log.read_bytes())

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.sessions.journal import Chunk, Identity, Journal, Keeper, open_part, wal_of
+from fieldkit.sessions.journal import Chunk, Journal, RetainedPart, SessionIdentity, open_part, wal_of
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.torn_log import salvaged_part
 from tests.harness.recording import START_NS, header, sample
@@ -18,7 +18,7 @@ SMALL, LARGE = header((24, 32)), header((300, 512))
 
 def journalled(folder: Path, head: object = SMALL, frames: int = 12) -> Journal:
     folder.mkdir()
-    journal = Journal(folder, Identity("a-session", START_NS, 77, head))  # type: ignore[arg-type]
+    journal = Journal(folder, SessionIdentity("a-session", START_NS, 77, head))  # type: ignore[arg-type]
     for seq in range(frames):
         for info in journal._identity.header.streams:
             journal.append(sample(info, seq))
@@ -119,10 +119,10 @@ def test_log_whose_header_is_torn_costs_no_row(tmp_path: Path) -> None:
 
 
 def test_log_that_began_again_after_a_checkpoint_is_whole(tmp_path: Path) -> None:
-    keeper = Keeper(tmp_path, Identity("a-session", START_NS, 77, SMALL))
+    retained = RetainedPart(tmp_path, SessionIdentity("a-session", START_NS, 77, SMALL))
     for n in range(0, 40_000, 100):
-        keeper.note_chunks(Chunk("/camera/counts", m, 0, 0, 4096 * m, 4000, m) for m in range(n, n + 100))
-    keeper.close()
+        retained.note_chunks(Chunk("/camera/counts", m, 0, 0, 4096 * m, 4000, m) for m in range(n, n + 100))
+    retained.close()
     part = tmp_path / "000000.sqlite"
     assert wal_of(part).read_bytes()[12:16] != bytes(4)
     assert is_whole(part)

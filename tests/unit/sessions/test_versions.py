@@ -18,9 +18,9 @@ from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
+from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
 from fieldkit.sessions.layout import SEALED, Column
 from fieldkit.sessions.reader import open_session
-from fieldkit.sessions.schema import LIBVER, put_columns, put_rows
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header

@@ -237,7 +237,7 @@ def test_recording_goes_on_when_the_file_fails(tmp_path: Path, monkeypatch: pyte
     clock = CountedClock()
     writer = SessionWriter(tmp_path / "a.h5", HEADER, clock)
     appended = fill(writer, 60, clock)
-    while writer._bricks.error is None:
+    while writer._file_thread.error is None:
         threading.Event().wait(0.005)
     appended += [sample(HEADER.streams[0], 60, clock.mono_ns())]
     appended[-1] = appended[-1]._replace(time_ns=clock.to_utc_ns(appended[-1].mono_ns))
@@ -259,7 +259,7 @@ def test_session_of_which_something_is_lost_is_not_sealed(
     monkeypatch.setattr(SessionFile, "put", failing_at(40, put))
     writer = SessionWriter(path, HEADER, clock)
     fill(writer, 80, clock)
-    while writer._bricks.error is None:
+    while writer._file_thread.error is None:
         threading.Event().wait(0.005)
     monkeypatch.setattr(SessionFile, "put", put)
     with sqlite3.connect(journal_path(path) / "000001.sqlite") as database:

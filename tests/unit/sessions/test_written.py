@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.sessions import journal as journal_module
-from fieldkit.sessions.journal import NAME, Written, note_written, read_written
+from fieldkit.sessions.journal import NAME, WrittenCount, note_written, read_written
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.writer import SessionWriter
@@ -31,14 +31,14 @@ def interrupted(path: Path) -> Path:
 
 def test_count_is_of_every_record_and_of_the_samples_of_each_stream(tmp_path: Path) -> None:
     written = read_written(interrupted(tmp_path / "a.h5"), 3)
-    assert written == Written(10 + REGIONS, (7, 3, 0))
+    assert written == WrittenCount(10 + REGIONS, (7, 3, 0))
     assert written.entries == REGIONS
 
 
 def test_a_count_is_replaced_as_a_whole(tmp_path: Path) -> None:
     for number in (2**40, 3):
-        note_written(tmp_path, Written(number, (number, 0)))
-        assert read_written(tmp_path, 2) == Written(number, (number, 0))
+        note_written(tmp_path, WrittenCount(number, (number, 0)))
+        assert read_written(tmp_path, 2) == WrittenCount(number, (number, 0))
 
 
 @pytest.mark.parametrize("place", [0, 9, 30, 35])
@@ -48,11 +48,11 @@ def test_a_damaged_count_says_nothing(tmp_path: Path, place: int) -> None:
     assert len(data) == 36
     data[place] ^= 1
     (folder / NAME).write_bytes(data)
-    assert read_written(folder, 3) == Written(0, (0, 0, 0))
+    assert read_written(folder, 3) == WrittenCount(0, (0, 0, 0))
     (folder / NAME).write_bytes(data[:-1])
-    assert read_written(folder, 3) == Written(0, (0, 0, 0))
+    assert read_written(folder, 3) == WrittenCount(0, (0, 0, 0))
     (folder / NAME).unlink()  # as in a journal of an earlier version
-    assert read_written(folder, 3) == Written(0, (0, 0, 0))
+    assert read_written(folder, 3) == WrittenCount(0, (0, 0, 0))
     assert recover(tmp_path / "a.h5").lost_samples == 0
 
 

@@ -19,14 +19,14 @@ from fieldkit.model.samples import Event, EventKind, Frame, Reading
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.camera_laws import temperature_k
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
+from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.formats.images_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.formats.mcap_out import export_mcap
-from fieldkit.sessions.formats.pictures_out import export_mp4, export_pngs, export_tiffs
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.formats.tiff import read_tags
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import Session, open_session
-from fieldkit.sessions.schema import LIBVER
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
@@ -155,8 +155,8 @@ def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> Non
     folder.mkdir()
     paths = export_tiffs(session, folder, every=4)
     assert len(paths) == FRAMES // 4 + 1
-    foreign = read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
-    frames = list(foreign.samples)
+    imported = read_stills(folder, Scale(0.01), times=folder / "times.csv", zone=UTC)
+    frames = list(imported.samples)
     originals = [frame for frame in session.samples("camera") if frame.seq % 4 == 0]
     assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
@@ -169,10 +169,10 @@ def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
     folder.mkdir()
     export_tiffs(session, folder)
     (folder / "times.csv").unlink()
-    foreign = read_stills(folder, None)
+    imported = read_stills(folder, None)
     originals = list(session.samples("camera"))
-    frames = list(foreign.samples)
-    assert (foreign.streams[0].scale, foreign.streams[0].offset) == (0.01, 0.0)
+    frames = list(imported.samples)
+    assert (imported.streams[0].scale, imported.streams[0].offset) == (0.01, 0.0)
     assert [frame.time_ns // 1000 for frame in frames] == [frame.time_ns // 1000 for frame in originals]
     assert [frame.quality for frame in frames] == [frame.quality for frame in originals]
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))

@@ -41,26 +41,26 @@ def written(tmp_path: Path, text: str) -> Path:
     return path
 
 
-def readings(foreign: ImportedRecording) -> list[Reading]:
-    return [one for one in foreign.samples if isinstance(one, Reading)]
+def readings(imported: ImportedRecording) -> list[Reading]:
+    return [one for one in imported.samples if isinstance(one, Reading)]
 
 
 def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     columns = LogColumns(values=("Tair_Avg", "Tsand_Avg"))
-    foreign = read_log(written(tmp_path, TOA5), "tower", zone=DENVER, columns=columns)
-    first, second = readings(foreign)
+    imported = read_log(written(tmp_path, TOA5), "tower", zone=DENVER, columns=columns)
+    first, second = readings(imported)
     assert first.time_ns == 1_778_601_660_000_000_000  # 2026-05-12T16:01:00Z
     assert first.values == (293.65, 304.4)
     assert np.isnan(second.values[0])
-    assert foreign.streams[0].channels == ("Tair_Avg", "Tsand_Avg")
+    assert imported.streams[0].channels == ("Tair_Avg", "Tsand_Avg")
     assert any(
-        "--offset -30s" in text for _, text in foreign.remarks
+        "--offset -30s" in text for _, text in imported.remarks
     )  # the rows stand at the ends of minutes
 
 
 def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
-    foreign = read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
-    assert {info.name: info.channels for info in foreign.streams} == {
+    imported = read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
+    assert {info.name: info.channels for info in imported.streams} == {
         "tower-temperature": ("Tair_Avg", "Tsand_Avg"),
         "tower-irradiance": ("SWin_Avg",),
     }
@@ -68,9 +68,9 @@ def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -
 
 def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5)
-    foreign = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
-    assert [one.values for one in readings(foreign)] == [(812.5,), (813.0,)]
-    assert (foreign.streams[0].unit, foreign.streams[0].quantity) == ("W m-2", "irradiance")
+    imported = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
+    assert [one.values for one in readings(imported)] == [(812.5,), (813.0,)]
+    assert (imported.streams[0].unit, imported.streams[0].quantity) == ("W m-2", "irradiance")
     assert read_table(path, "utf-8").head[:3] == ["TIMESTAMP", "RECORD", "Batt_Min [Volts]"]
 
 
@@ -84,27 +84,27 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
     said = read_log(path, "sun", zone=DENVER, columns=sun, measures="ghi")
     assert said.streams[0].measures == ("ghi",)
     named = written(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"))
-    foreign = read_log(named, "sun", zone=DENVER, columns=LogColumns(values=("DNI_Avg",)))
-    assert foreign.streams[0].measures == ("dni",)
-    assert not any("--measures" in text for _, text in [*said.remarks, *foreign.remarks])
+    imported = read_log(named, "sun", zone=DENVER, columns=LogColumns(values=("DNI_Avg",)))
+    assert imported.streams[0].measures == ("dni",)
+    assert not any("--measures" in text for _, text in [*said.remarks, *imported.remarks])
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
-    foreign = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
-    assert not any("--offset" in text for _, text in foreign.remarks)
+    imported = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
+    assert not any("--offset" in text for _, text in imported.remarks)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
 def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: str) -> None:
     columns = LogColumns(values=("Temp",))
-    foreign = read_log(written(tmp_path, text), "bed3", time_format=HOBO_TIME, columns=columns)
-    first, second, event = readings(foreign)
+    imported = read_log(written(tmp_path, text), "bed3", time_format=HOBO_TIME, columns=columns)
+    first, second, event = readings(imported)
     assert first.time_ns == 1_778_605_200_000_000_000  # 2026-05-12T17:00:00Z
     assert first.values[0] == pytest.approx(293.15)  # 68 °F are 20 °C
     assert second.values[0] == pytest.approx(294.15)
     assert np.isnan(event.values[0])
-    assert foreign.streams[0].channels == ("Temp",)
+    assert imported.streams[0].channels == ("Temp",)
 
 
 def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path: Path) -> None:
@@ -115,14 +115,14 @@ def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path: Pa
 
 def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> None:
     columns = LogColumns(values=("Intensity",))
-    foreign = read_log(written(tmp_path, HOBO), "lux", time_format=HOBO_TIME, columns=columns)
-    assert [one.values[0] for one in readings(foreign)][:2] == [52_356.0, 52_400.0]
+    imported = read_log(written(tmp_path, HOBO), "lux", time_format=HOBO_TIME, columns=columns)
+    assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
 
 
 def test_a_zone_that_is_given_is_taken_before_that_of_the_table(tmp_path: Path) -> None:
     columns = LogColumns(values=("Temp",))
-    foreign = read_log(written(tmp_path, HOBO), "x", zone=DENVER, time_format=HOBO_TIME, columns=columns)
-    assert readings(foreign)[0].time_ns == 1_778_601_600_000_000_000  # summer time: 2026-05-12T16:00:00Z
+    imported = read_log(written(tmp_path, HOBO), "x", zone=DENVER, time_format=HOBO_TIME, columns=columns)
+    assert readings(imported)[0].time_ns == 1_778_601_600_000_000_000  # summer time: 2026-05-12T16:00:00Z
 
 
 def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None:
@@ -136,9 +136,9 @@ def test_sensors_of_a_hobo_are_called_by_label_or_number(tmp_path: Path) -> None
         ",".join(f'"{head}"' for head in heads)
         + "\n2026-05-12 10:00:00,20,21,22\n2026-05-12 10:00:10,20,21,22\n"
     )
-    foreign = read_log(written(tmp_path, text), "x")
-    assert foreign.streams[0].channels == ("bed", "Temp 12", "Temp 13")
-    assert readings(foreign)[0].time_ns == 1_778_547_600_000_000_000  # 2026-05-12T01:00:00Z
+    imported = read_log(written(tmp_path, text), "x")
+    assert imported.streams[0].channels == ("bed", "Temp 12", "Temp 13")
+    assert readings(imported)[0].time_ns == 1_778_547_600_000_000_000  # 2026-05-12T01:00:00Z
 
 
 @pytest.mark.parametrize("separator", ["\u2028", "\x85"])

@@ -29,9 +29,9 @@ def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
     tmp_path: Path, unit: str, cell: str, stored: str, value: float
 ) -> None:
     path = table(tmp_path / "log.csv", f"time,dni [{unit}]\n2026-05-12T10:00:00,{cell}\n")
-    foreign = read_log(path, "log", zone=UTC)
-    (reading,) = foreign.samples
-    assert foreign.streams[0].unit == stored
+    imported = read_log(path, "log", zone=UTC)
+    (reading,) = imported.samples
+    assert imported.streams[0].unit == stored
     assert reading.values == pytest.approx((value,), rel=1e-7)
 
 
@@ -54,22 +54,22 @@ def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
 def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s]\n"
     rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3\n2026-05-12T10:00:00,21.5,68,63.986,850,2\n"
-    foreign = read_log(table(tmp_path / "log.csv", text + rows), "logger", zone=UTC)
-    found = {info.name: (info.quantity, info.unit, info.channels) for info in foreign.streams}
+    imported = read_log(table(tmp_path / "log.csv", text + rows), "logger", zone=UTC)
+    found = {info.name: (info.quantity, info.unit, info.channels) for info in imported.streams}
     assert found == {
         "logger-temperature": ("temperature", "K", ("bed", "air")),
         "logger-illuminance": ("illuminance", "lx", ("light",)),
         "logger-irradiance": ("irradiance", "W m-2", ("dni",)),
     }
-    assert foreign.streams[2].measures == ("dni",)
-    readings = {name: [one.values for one in foreign.samples if one.stream == name] for name in found}
+    assert imported.streams[2].measures == ("dni",)
+    readings = {name: [one.values for one in imported.samples if one.stream == name] for name in found}
     assert readings["logger-temperature"][0] == pytest.approx((294.65, 293.15))
     assert readings["logger-temperature"][1] == pytest.approx((295.65, float("nan")), nan_ok=True)
     assert readings["logger-illuminance"] == [pytest.approx((63_986.0,)), pytest.approx((64_100.0,))]
     assert readings["logger-irradiance"][0] == (850.0,)
-    times = [one.time_ns for one in foreign.samples]
+    times = [one.time_ns for one in imported.samples]
     assert times == sorted(times)
-    said = [text for _, text in foreign.remarks]
+    said = [text for _, text in imported.remarks]
     assert said[0] == "log.csv: 2 rows"
     assert "1 cells stand for no value (like -9999 or inf)" in said
     assert any("left out for their unit: wind [m/s]" in text for text in said)

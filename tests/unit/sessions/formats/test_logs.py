@@ -31,17 +31,17 @@ def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
     path = table(
         tmp_path, "time,T1 [C],T2 [C],note\n2026/05/12 10:00:00,20.5,,dry\n2026/05/12 10:00:10,21,19,wet\n"
     )
-    foreign = read_log(
+    imported = read_log(
         path, "logger", zone=TOKYO, time_format="yyyy/mm/dd HH:MM:SS", offset_ns=12_000_000_000
     )
-    first, second = (one for one in foreign.samples if isinstance(one, Reading))
+    first, second = (one for one in imported.samples if isinstance(one, Reading))
     assert first.time_ns == 1_778_547_612_000_000_000  # 2026-05-12T01:00:12Z
     assert first.values[0] == 293.65
     assert np.isnan(first.values[1])
     assert second.values == (294.15, 292.15)
-    (info,) = foreign.streams
+    (info,) = imported.streams
     assert (info.unit, info.channels, info.rate_hz) == ("K", ("T1", "T2"), 0.1)
-    assert "+12 s" in foreign.remarks[0][1]
+    assert "+12 s" in imported.remarks[0][1]
 
 
 def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
@@ -50,8 +50,8 @@ def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
         "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n",
         "cp1252",
     )
-    foreign = read_log(path, "lux", columns=LogColumns(values=("Licht",)), encoding="cp1252")
-    assert [one.values for one in foreign.samples if isinstance(one, Reading)] == [(52300.5,), (1.0,)]
+    imported = read_log(path, "lux", columns=LogColumns(values=("Licht",)), encoding="cp1252")
+    assert [one.values for one in imported.samples if isinstance(one, Reading)] == [(52300.5,), (1.0,)]
 
 
 @pytest.mark.parametrize(
@@ -66,8 +66,8 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
     tmp_path: Path, text: str, time_format: str | None, unit: str
 ) -> None:
     """Layout: HOBO's own option "Separate date and time into two columns" (HOBOware User's Guide)."""
-    foreign = read_log(table(tmp_path, text), "logger", zone=TOKYO, time_format=time_format, unit=unit)
-    found = [one for one in foreign.samples if isinstance(one, Reading)]
+    imported = read_log(table(tmp_path, text), "logger", zone=TOKYO, time_format=time_format, unit=unit)
+    found = [one for one in imported.samples if isinstance(one, Reading)]
     assert [one.time_ns // 10**9 for one in found] == [1_778_547_600, 1_778_547_610]  # 2026-05-12T01:00:00Z
     assert [one.values for one in found] == [(293.65,), (294.15,)]
 
@@ -84,24 +84,24 @@ def test_numbers_that_stand_for_no_value_are_missing(
     tmp_path: Path, unit: str, cells: tuple[str, ...], missing: int
 ) -> None:
     rows = "".join(f"2026-05-12T01:0{minute}:00Z,{cell}\n" for minute, cell in enumerate(cells))
-    foreign = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
-    values = [one.values[0] for one in foreign.samples if isinstance(one, Reading)]
+    imported = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
+    values = [one.values[0] for one in imported.samples if isinstance(one, Reading)]
     assert np.isnan(values).sum() == missing
-    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in foreign.remarks]
+    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in imported.remarks]
 
 
 def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
-    foreign = read_log(path, "logger")
+    imported = read_log(path, "logger")
     assert [
-        text for _, text in foreign.remarks if text.startswith("left out for their unit: RH [%], P [hPa];")
+        text for _, text in imported.remarks if text.startswith("left out for their unit: RH [%], P [hPa];")
     ]
     assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).remarks) == 1
 
 
 def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
-    foreign = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
-    assert foreign.streams[0].rate_hz == 1 / 86_400
+    imported = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
+    assert imported.streams[0].rate_hz == 1 / 86_400
 
 
 @pytest.mark.parametrize(
@@ -142,10 +142,10 @@ def local_log(tmp_path: Path, minutes: Sequence[int], *, newest_first: bool = Fa
 def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
     tmp_path: Path, minutes: range, newest_first: bool
 ) -> None:
-    foreign = read_log(local_log(tmp_path, minutes, newest_first=newest_first), "logger", zone=BERLIN)
+    imported = read_log(local_log(tmp_path, minutes, newest_first=newest_first), "logger", zone=BERLIN)
     found = [
         ((one.time_ns - END_OF_SUMMER_NS) / 60e9, one.values[0] - 273.15)
-        for one in foreign.samples
+        for one in imported.samples
         if isinstance(one, Reading)
     ]
     assert [minute for minute, _ in found] == list(minutes)
@@ -165,8 +165,8 @@ def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(
 
 def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
-    foreign = read_log(path, "logger", zone=ZoneInfo("Etc/GMT-2"))
-    times = [one.time_ns for one in foreign.samples]
+    imported = read_log(path, "logger", zone=ZoneInfo("Etc/GMT-2"))
+    times = [one.time_ns for one in imported.samples]
     assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
 
 
@@ -190,9 +190,9 @@ def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
     tmp_path: Path, cells: list[str], expected: list[float]
 ) -> None:
     rows = "".join(f"2026-05-12T01:0{minute}:00Z;{cell}\n" for minute, cell in enumerate(cells))
-    foreign = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
-    assert [one.values[0] for one in foreign.samples if isinstance(one, Reading)] == expected
-    assert len(foreign.remarks) == 1
+    imported = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
+    assert [one.values[0] for one in imported.samples if isinstance(one, Reading)] == expected
+    assert len(imported.remarks) == 1
 
 
 @pytest.mark.parametrize("mark", [";", "\t"])
@@ -221,8 +221,8 @@ def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
     with open_session(tmp_path / "old.h5") as session:
         start_s = session.start_ns / 1e9
         rows = "".join(f"{start_s + n + 0.01:.3f},{n}\n" for n in range(-10, 11))
-        foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
-        cut = cut_to(session, foreign)
+        imported = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+        cut = cut_to(session, imported)
         found = [one.values[0] - 273.15 for one in cut.samples if isinstance(one, Reading)]
         # it is twenty milliseconds long: of readings a second apart, two on either side and the one within
         assert found == pytest.approx([-2, -1, 0, 1, 2], abs=1e-9)
@@ -238,9 +238,9 @@ def test_stream_is_added_beside_an_old_session(tmp_path: Path) -> None:
     before = (tmp_path / "old.h5").read_bytes()
     start_s = START_NS / 1e9 + 5.01
     rows = "".join(f"{start_s + n / 100:.2f},{20 + n}\n" for n in range(2))
-    foreign = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
+    imported = read_log(table(tmp_path, "time,T1 [C]\n" + rows), "logger")
     with open_session(tmp_path / "old.h5") as session:
-        report = merge(session, foreign, tmp_path / "new.h5", "log.csv")
+        report = merge(session, imported, tmp_path / "new.h5", "log.csv")
         with pytest.raises(ConfigError, match="already"):
             merge(session, read_log(tmp_path / "log.csv", "lux"), tmp_path / "x.h5", "log.csv")
         late = table(tmp_path, "time,T1 [C]\n2031-01-01T00:00:00Z,1\n")

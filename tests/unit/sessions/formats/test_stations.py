@@ -18,8 +18,8 @@ from tests.harness import foreign_files
 from tests.shared_data import shared
 
 
-def readings(foreign: ImportedRecording, stream: str) -> list[Reading]:
-    return [one for one in foreign.samples if isinstance(one, Reading) and one.stream == stream]
+def readings(imported: ImportedRecording, stream: str) -> list[Reading]:
+    return [one for one in imported.samples if isinstance(one, Reading) and one.stream == stream]
 
 
 def utc(reading: Reading) -> str:
@@ -28,17 +28,17 @@ def utc(reading: Reading) -> str:
 
 def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
     """Expected: the extremes and the conventions in the README beside the file."""
-    foreign = read_station(shared("data/weather/slv16001.dat"), "slv")
-    assert foreign.site == STATIONS["alamosa"]
-    units = {info.name: (info.quantity, info.unit) for info in foreign.streams}
+    imported = read_station(shared("data/weather/slv16001.dat"), "slv")
+    assert imported.site == STATIONS["alamosa"]
+    units = {info.name: (info.quantity, info.unit) for info in imported.streams}
     assert units["slv-direct"] == ("irradiance", "W m-2")
     assert units["slv-air"] == ("air_temperature", "K")
-    assert {info.name: info.measures for info in foreign.streams if info.measures} == {
+    assert {info.name: info.measures for info in imported.streams if info.measures} == {
         "slv-direct": ("dni",), "slv-diffuse": ("dhi",), "slv-global": ("ghi",),
         "slv-longwave-down": ("longwave_down",), "slv-longwave-up": ("longwave_up",),
     }  # fmt: skip
     assert len(units) == 8
-    direct = readings(foreign, "slv-direct")
+    direct = readings(imported, "slv-direct")
     assert len(direct) == 1440
     assert max(one.values[0] for one in direct) == 1076.1
     assert utc(direct[0]) == "2015-12-31T23:59:30+00:00"
@@ -59,18 +59,18 @@ def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) ->
     path = tmp_path / "data.csv"
     path.write_bytes(foreign_files.obsdl())
     assert is_obsdl(path)
-    foreign = read_obsdl(path, "jma")
-    sums = readings(foreign, "jma-global")
+    imported = read_obsdl(path, "jma")
+    sums = readings(imported, "jma-global")
     assert sums[0].values == (1000.0,)  # 3.6 MJ/m² in an hour
     assert utc(sums[0]) == "2024-06-01T01:30:00+00:00"  # 11 h of Japan is the end of the hour
     assert np.isnan(sums[1].values[0])  # quality 4
-    air = readings(foreign, "jma-air")
+    air = readings(imported, "jma-air")
     assert (air[0].values, utc(air[0])) == ((294.65,), "2024-06-01T02:00:00+00:00")
-    assert [one.values for one in readings(foreign, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
-    times = [one.time_ns for one in foreign.samples if isinstance(one, Reading)]
+    assert [one.values for one in readings(imported, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
+    times = [one.time_ns for one in imported.samples if isinstance(one, Reading)]
     assert times == sorted(times)
-    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were left out") in foreign.remarks
-    assert any("風速: station or instrument changed" in text for _, text in foreign.remarks)
+    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were left out") in imported.remarks
+    assert any("風速: station or instrument changed" in text for _, text in imported.remarks)
 
 
 def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
@@ -82,13 +82,13 @@ def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
 
 def test_real_daily_download_is_read() -> None:
     """Expected: the rows as they stand in the file."""
-    foreign = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
-    air = readings(foreign, "kyoto-air")
-    assert foreign.streams[1].channels == ("平均気温", "最高気温", "最低気温")
+    imported = read_obsdl(shared("data/weather/jma_obsdl_kyoto_daily_201406.csv"), "kyoto")
+    air = readings(imported, "kyoto-air")
+    assert imported.streams[1].channels == ("平均気温", "最高気温", "最低気温")
     assert len(air) == 30
     assert air[0].values == pytest.approx((27.4 + 273.15, 36.0 + 273.15, 19.1 + 273.15))
     assert utc(air[0]) == "2014-06-01T03:00:00+00:00"  # noon in Japan
-    assert readings(foreign, "kyoto-sea-level-pressure")[1].values == pytest.approx((101240.0,))
+    assert readings(imported, "kyoto-sea-level-pressure")[1].values == pytest.approx((101240.0,))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
@@ -102,18 +102,18 @@ def test_download_that_was_saved_again_as_utf8_is_read(tmp_path: Path, encoding:
 def test_pressure_of_vapour_is_not_that_of_the_air(tmp_path: Path) -> None:
     """Names of items: JMA obsdl; 24.1 hPa of vapour in air of 1004.0 hPa."""
     head = ",東京,東京\r\n年月日時,蒸気圧(hPa),現地気圧(hPa)\r\n"
-    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
-    assert [info.channels for info in foreign.streams] == [("現地気圧",)]
-    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((100_400.0,))
+    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,24.1,1004.0\r\n"), "jma")
+    assert [info.channels for info in imported.streams] == [("現地気圧",)]
+    assert readings(imported, "jma-pressure")[0].values == pytest.approx((100_400.0,))
 
 
 def test_pressure_reduced_to_the_sea_is_not_the_stations(tmp_path: Path) -> None:
     """Names of items: JMA obsdl; on Mount Fuji 640 hPa stand against 1015 hPa at the sea."""
     head = ",富士山,富士山\r\n年月日時,海面気圧(hPa),現地気圧(hPa)\r\n"
-    foreign = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
-    assert readings(foreign, "jma-pressure")[0].values == pytest.approx((64_000.0,))
-    assert readings(foreign, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
-    quantities = {info.name: info.quantity for info in foreign.streams}
+    imported = read_obsdl(obsdl(tmp_path, f"{head}2024/7/1 12:00:00,1015.0,640.0\r\n"), "jma")
+    assert readings(imported, "jma-pressure")[0].values == pytest.approx((64_000.0,))
+    assert readings(imported, "jma-sea-level-pressure")[0].values == pytest.approx((101_500.0,))
+    quantities = {info.name: info.quantity for info in imported.streams}
     assert quantities["jma-sea-level-pressure"] == "air_pressure_at_mean_sea_level"  # CF standard name
 
 
@@ -160,9 +160,9 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
     hours = ["0"] * 10 + ["324", "XXX", "180"] + ["0"] * 11
     path = table(tmp_path, [(1, hours, "504]"), (2, ["XXX"] * 24, "XXXX")])
     assert is_radiation_table(path)
-    foreign = read_radiation_table(path, "tat")
-    direct = readings(foreign, "tat-direct")
-    assert foreign.streams[0].measures == ("dni",)
+    imported = read_radiation_table(path, "tat")
+    direct = readings(imported, "tat-direct")
+    assert imported.streams[0].measures == ("dni",)
     assert len(direct) == 48
     assert direct[10].values == pytest.approx((900.0,))  # 3.24 MJ/m² from 10 to 11 h
     assert utc(direct[10]) == "2024-06-01T01:30:00+00:00"

@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.sessions.schema import LIBVER
+from fieldkit.sessions.file_tree import LIBVER
 
 
 def write_in_place(path: Path, values: Mapping[str, Any]) -> None:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.sessions.bricks import FrameWriter, TableWriter, pack, strategy_for, unpack
-from fieldkit.sessions.formats.purethermal import read_purethermal
+from fieldkit.sessions.chunks import FrameWriter, TableWriter, pack, strategy_for, unpack
+from fieldkit.sessions.file_tree import put_frames
+from fieldkit.sessions.formats.purethermal_files import read_purethermal
 from fieldkit.sessions.layout import Column, chunk_shape
-from fieldkit.sessions.schema import put_frames
 from tests.shared_data import shared
 
 
@@ -22,7 +22,7 @@ def camera(rows: int, cols: int, rate_hz: float) -> StreamInfo:
     return StreamInfo("camera", "brightness_temperature", "K", (rows, cols), 0.01, rate_hz=rate_hz)
 
 
-def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> None:
+def test_the_hdf5_library_reads_the_blocks_of_a_large_camera(tmp_path: Path) -> None:
     info = camera(512, 640, 30.0)
     frames = np.random.default_rng(2).integers(29000, 29100, (35, 512, 640)).astype("<u2")
     with h5py.File(tmp_path / "a.h5", "w") as file, ThreadPoolExecutor(2) as pool:
@@ -35,7 +35,7 @@ def test_the_hdf5_library_reads_the_bricks_of_a_large_camera(tmp_path: Path) -> 
         assert np.array_equal(dataset[:], frames)
 
 
-def test_brick_shapes_of_the_known_cameras() -> None:
+def test_block_shapes_of_the_known_cameras() -> None:
     # The first and last are those the format description was measured with.
     assert chunk_shape(camera(120, 160, 9.0)) == (9, 60, 80)
     assert chunk_shape(camera(192, 256, 25.0)) == (25, 64, 64)
@@ -45,12 +45,12 @@ def test_brick_shapes_of_the_known_cameras() -> None:
 
 @pytest.mark.parametrize("strategy", [zlib.Z_DEFAULT_STRATEGY, zlib.Z_RLE])
 def test_chunk_unpacks_to_what_was_packed(strategy: int) -> None:
-    tile = np.random.default_rng(1).integers(0, 65536, (9, 60, 80)).astype("<u2")
-    assert np.array_equal(unpack(pack(tile, strategy), tile.shape), tile)
+    chunk = np.random.default_rng(1).integers(0, 65536, (9, 60, 80)).astype("<u2")
+    assert np.array_equal(unpack(pack(chunk, strategy), chunk.shape), chunk)
     with pytest.raises(ValueError, match="chunk"):
-        unpack(pack(tile)[:-20], tile.shape)
+        unpack(pack(chunk)[:-20], chunk.shape)
     with pytest.raises(ValueError, match="chunk"):
-        unpack(b"not zlib at all", tile.shape)
+        unpack(b"not zlib at all", chunk.shape)
 
 
 def test_noise_is_packed_by_runs_and_a_quiet_picture_by_repeats() -> None:
@@ -62,7 +62,7 @@ def test_noise_is_packed_by_runs_and_a_quiet_picture_by_repeats() -> None:
 
 
 def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
-    """A PureThermal's, see the README beside it; measured in the file, whole bricks alone."""
+    """A PureThermal's, see the README beside it; measured in the file, whole blocks alone."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
     frames = [sample.counts for sample in read_purethermal(source).samples]
     info = camera(120, 160, 9.0)
@@ -76,9 +76,9 @@ def test_a_real_recording_is_packed_2_8_times_smaller(tmp_path: Path) -> None:
         assert writer.length * 2 * 120 * 160 / size >= 2.8
 
 
-def test_hdf5_reads_bricks_and_their_places_are_told(tmp_path: Path) -> None:
+def test_hdf5_reads_blocks_and_their_places_are_told(tmp_path: Path) -> None:
     frames = np.random.default_rng(2).integers(29_000, 29_050, (20, 120, 160)).astype("<u2")
-    path = tmp_path / "bricks.h5"
+    path = tmp_path / "blocks.h5"
     with h5py.File(path, "w", libver=("v110", "v110")) as file, ThreadPoolExecutor(2) as pool:
         dataset = file.create_dataset(
             "counts", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(9, 60, 80), fillvalue=65535,
@@ -88,15 +88,15 @@ def test_hdf5_reads_bricks_and_their_places_are_told(tmp_path: Path) -> None:
         chunks = []
         for number, frame in enumerate(frames):
             writer.put(frame)
-            if writer.is_full or number in (3, 19):  # 3: a brick written before it is full, then again
+            if writer.is_full or number in (3, 19):  # 3: a block written before it is full, then again
                 chunks += writer.write()
         file.flush()
         assert np.array_equal(dataset[:], frames)
         assert len(chunks) == 4 * 4
     data = path.read_bytes()
     for chunk in chunks[4:8]:
-        tile = unpack(data[chunk.offset : chunk.offset + chunk.size], (9, 60, 80))
-        assert np.array_equal(tile, frames[0:9, chunk.y : chunk.y + 60, chunk.x : chunk.x + 80])
+        block = unpack(data[chunk.offset : chunk.offset + chunk.size], (9, 60, 80))
+        assert np.array_equal(block, frames[0:9, chunk.y : chunk.y + 60, chunk.x : chunk.x + 80])
 
 
 def test_table_grows_in_all_columns_over_chunk_borders(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import fieldkit
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions.digests import DIGEST_CHARS, object_paths
-from fieldkit.sessions.journal import Identity
+from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
     FILL_COUNT,
     FORMAT_NAME,
@@ -38,7 +38,7 @@ ISO_WIDTH = 32
 _PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-headless", "pyserial", "pyusb")
 
 
-def file_image(identity: Identity) -> bytes:
+def file_image(identity: SessionIdentity) -> bytes:
     """The bytes of a session file without samples, made in memory: there no disk can fail."""
     name = str(uuid.uuid4())  # two files in memory may not have the same one, whichever threads make them
     with h5py.File(name, "w", libver=LIBVER, track_order=True, driver="core", backing_store=False) as file:
@@ -48,7 +48,7 @@ def file_image(identity: Identity) -> bytes:
         return image
 
 
-def _tree(file: h5py.File, identity: Identity) -> None:
+def _tree(file: h5py.File, identity: SessionIdentity) -> None:
     header = identity.header
     _root_attributes(file, identity)
     _entry(file, identity)
@@ -64,7 +64,7 @@ def _tree(file: h5py.File, identity: Identity) -> None:
     _digests(file)
 
 
-def _root_attributes(file: h5py.File, identity: Identity) -> None:
+def _root_attributes(file: h5py.File, identity: SessionIdentity) -> None:
     header = identity.header
     set_attributes(
         file,
@@ -81,7 +81,7 @@ def _root_attributes(file: h5py.File, identity: Identity) -> None:
     )  # fmt: skip
 
 
-def _entry(file: h5py.File, identity: Identity) -> None:
+def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     header = identity.header
     entry = put_group(file, "entry", "NXentry", default=next((s.name for s in header.streams), ""))
     put_text(entry, "title", header.title)
@@ -335,11 +335,11 @@ def put_rows(group: h5py.Group, rows: Mapping[str, NDArray[Any]]) -> None:
 
 
 def put_frames(
-    group: h5py.Group, name: str, bricks: tuple[int, ...], shape: tuple[int, ...], fill: int | None
+    group: h5py.Group, name: str, chunks: tuple[int, ...], shape: tuple[int, ...], fill: int | None
 ) -> h5py.Dataset:
-    """A growing dataset of pictures, empty, cut into bricks."""
+    """A growing dataset of frames, empty, cut into chunks."""
     return group.create_dataset(
-        name, (0, *shape), "<u2", maxshape=(None, *shape), chunks=bricks, fillvalue=fill,
+        name, (0, *shape), "<u2", maxshape=(None, *shape), chunks=chunks, fillvalue=fill,
         shuffle=True, compression="gzip", compression_opts=1, track_order=True,
     )  # fmt: skip
 

@@ -17,9 +17,9 @@ from fieldkit.model.samples import Frame, is_damaged
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
+from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tiff import PictureTags, write_tiff
 from fieldkit.sessions.reader import Session
-from fieldkit.sessions.schema import iso_utc
 
 TIFF_KELVIN_PER_COUNT = 0.01
 _WIDTH, _BAR = 640, 36

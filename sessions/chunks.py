@@ -1,4 +1,4 @@
-"""Growing datasets, written as direct chunks: pictures as compressed bricks, columns as plain chunks.
+"""Growing datasets, written as direct chunks: frames compressed, columns as plain chunks.
 
 Direct chunks leave nothing half-written inside the HDF5 library, so a full disk is an
 error at that write and not a crash at exit; and compression happens in our own threads
@@ -31,8 +31,8 @@ _TAIL = 256
 
 
 @dataclass(frozen=True, slots=True)
-class Tile:
-    """One chunk of a brick as it lies in the file: its dataset, first row and column, packed bytes."""
+class PackedChunk:
+    """One chunk as it lies in the file: its dataset, first row and column, packed bytes."""
 
     dataset: str
     corner: tuple[int, int]
@@ -41,29 +41,29 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class PackedBlock:
-    """A whole brick of a camera as another file has it: the columns of its samples, and every tile."""
+    """A whole block of a camera as another file has it: the columns of its samples, and every chunk."""
 
     stream: str
     rows: list[dict[str, Any]]
-    tiles: list[Tile]
+    chunks: list[PackedChunk]
 
 
-def pack(tile: NDArray[np.uint16], strategy: int = zlib.Z_DEFAULT_STRATEGY) -> bytes:
+def pack(chunk: NDArray[np.uint16], strategy: int = zlib.Z_DEFAULT_STRATEGY) -> bytes:
     """A chunk of 16-bit numbers that HDF5's gzip and shuffle filters read; `strategy` is zlib's."""
-    numbers = tile.reshape(-1)
+    numbers = chunk.reshape(-1)
     planes = np.empty((2, numbers.size), np.uint8)
     planes[0], planes[1] = numbers.astype(np.uint8), numbers >> 8
     squeezer = zlib.compressobj(_LEVEL, strategy=strategy)
     return squeezer.compress(planes.data) + squeezer.flush()
 
 
-def strategy_for(tile: NDArray[np.uint16]) -> int:
-    """For tiles like this one: look for runs alone, unless looking for all repeats saves a twentieth.
+def strategy_for(chunk: NDArray[np.uint16]) -> int:
+    """For chunks like this one: look for runs alone, unless looking for all repeats saves a twentieth.
 
     Runs alone (`Z_RLE`) take half the time and in noise find as much; a quiet recording they leave a sixth
     larger.
     """
-    by_runs, by_repeats = (len(pack(tile, strategy)) for strategy in (zlib.Z_RLE, zlib.Z_DEFAULT_STRATEGY))
+    by_runs, by_repeats = (len(pack(chunk, strategy)) for strategy in (zlib.Z_RLE, zlib.Z_DEFAULT_STRATEGY))
     return zlib.Z_DEFAULT_STRATEGY if by_repeats < _WORTH_IT * by_runs else zlib.Z_RLE
 
 
@@ -80,13 +80,13 @@ def unpack(data: bytes, shape: tuple[int, ...]) -> NDArray[np.uint16]:
 
 
 def corners(dataset: h5py.Dataset) -> list[tuple[int, int]]:
-    """First row and column of each tile that the pictures of a dataset are cut into."""
+    """First row and column of each chunk that the frames of a dataset are cut into."""
     _, rows, cols = dataset.chunks
     return [(y, x) for y in range(0, dataset.shape[1], rows) for x in range(0, dataset.shape[2], cols)]
 
 
 class FrameWriter:
-    """One dataset of pictures: gathers frames into a brick and writes it tile by tile."""
+    """One dataset of frames: gathers frames into a block and writes it chunk by chunk."""
 
     def __init__(self, dataset: h5py.Dataset, pool: Executor) -> None:
         self._dataset, self._name = dataset, dataset.name
@@ -96,29 +96,29 @@ class FrameWriter:
         self._corners = corners(dataset)
         self._fill = int(dataset.fillvalue)
         down, across = dataset.shape[1] // rows, dataset.shape[2] // cols
-        # Cut while it is gathered, so that each tile lies in one piece when the brick is full.
-        self._tiles = np.empty((down, across, self.depth, rows, cols), "<u2")
+        # Cut while it is gathered, so that each chunk lies in one piece when the block is full.
+        self._chunks = np.empty((down, across, self.depth, rows, cols), "<u2")
         self.length = 0
         self.bytes_written = 0
 
     @property
     def is_full(self) -> bool:
-        """Whether the brick has its last frame."""
+        """Whether the block has its last frame."""
         return self.length > 0 and self.length % self.depth == 0
 
-    def put(self, picture: NDArray[np.uint16]) -> None:
-        """Take one frame; write the brick before the next when it is full."""
-        down, across, depth, rows, cols = self._tiles.shape
-        self._tiles[:, :, self.length % depth] = picture.reshape(down, rows, across, cols).swapaxes(1, 2)
+    def put(self, frame: NDArray[np.uint16]) -> None:
+        """Take one frame; write the block before the next when it is full."""
+        down, across, depth, rows, cols = self._chunks.shape
+        self._chunks[:, :, self.length % depth] = frame.reshape(down, rows, across, cols).swapaxes(1, 2)
         self.length += 1
 
     def write(self) -> list[Chunk]:
-        """Write the brick as it is, filled up to its depth, and say where its chunks lie."""
+        """Write the block as it is, filled up to its depth, and say where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
-        self._tiles[:, :, self.length - start :] = self._fill
-        down, across = self._tiles.shape[:2]
-        strategy = strategy_for(self._tiles[down // 2, across // 2])
-        packed = self._pool.map(partial(_packed, strategy), self._tiles)  # some are written meanwhile
+        self._chunks[:, :, self.length - start :] = self._fill
+        down, across = self._chunks.shape[:2]
+        strategy = strategy_for(self._chunks[down // 2, across // 2])
+        packed = self._pool.map(partial(_packed, strategy), self._chunks)  # some are written meanwhile
         before = self._file.get_filesize()
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
         chunks = [
@@ -129,14 +129,14 @@ class FrameWriter:
             begin_sync(self._file.get_vfd_handle(), before, written)
         return chunks
 
-    def copy(self, tiles: Iterable[Tile]) -> None:
-        """Write those of the tiles that are of this dataset; the brick before them must be complete."""
+    def copy(self, chunks: Iterable[PackedChunk]) -> None:
+        """Write those of the chunks that are of this dataset; the block before them must be complete."""
         start, self.length = self.length, self.length + self.depth
         self._dataset.id.set_extent((self.length, *self._dataset.shape[1:]))
-        for tile in tiles:
-            if tile.dataset == self._dataset.name:
-                self._dataset.id.write_direct_chunk((start, *tile.corner), tile.data)
-                self.bytes_written += len(tile.data)
+        for chunk in chunks:
+            if chunk.dataset == self._dataset.name:
+                self._dataset.id.write_direct_chunk((start, *chunk.corner), chunk.data)
+                self.bytes_written += len(chunk.data)
 
     def _write_chunk(self, corner: tuple[int, int, int], data: bytes, crc32: int) -> Chunk:
         end = self._file.get_filesize()
@@ -161,8 +161,8 @@ class FrameWriter:
 
 
 def _packed(strategy: int, strip: NDArray[np.uint16]) -> list[tuple[bytes, int]]:
-    """Packed bytes of each tile of a strip, and their checksum."""
-    return [(data, zlib.crc32(data)) for data in (pack(tile, strategy) for tile in strip)]
+    """Packed bytes of each chunk of a strip, and their checksum."""
+    return [(data, zlib.crc32(data)) for data in (pack(chunk, strategy) for chunk in strip)]
 
 
 class _ColumnWriter:
