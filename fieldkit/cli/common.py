@@ -10,12 +10,15 @@ import errno
 import json
 import logging
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -140,6 +143,15 @@ def say_damage(session: Session) -> None:
     from fieldkit.workflows.sources import notify_damage
 
     notify_damage(session, say_warning)
+
+
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Turn a `ConfigError` about an option's value into a usage error (exit code 2)."""
+    try:
+        yield
+    except ConfigError as error:
+        raise click.UsageError(error.message) from error
 
 
 def say_warning(text: str) -> None:

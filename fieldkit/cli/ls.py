@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, say
-from fieldkit.cli.session_paths import recordings_folder, sessions_in
+from fieldkit.cli.session_paths import recordings_folder
 from fieldkit.model.errors import SessionError
 from fieldkit.views import formatting
+from fieldkit.workflows.recordings import sessions_in
 
 if TYPE_CHECKING:
     from fieldkit.sessions.reader import Session

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.session_paths import report_interrupted, sessions_in
+from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
+from fieldkit.workflows.recordings import sessions_in
 
 if TYPE_CHECKING:
     from datetime import time

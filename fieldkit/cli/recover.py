@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
-from fieldkit.cli.session_paths import find_session, is_interrupted, recordings_folder, sessions_in
+from fieldkit.cli.session_paths import find_session, recordings_folder
 from fieldkit.model.errors import FieldkitError, IntegrityError
+from fieldkit.workflows.recordings import delete_crash_files, is_interrupted, recover_session, sessions_in
 
 if TYPE_CHECKING:
     from fieldkit.sessions.recovery import RecoveryReport
@@ -27,9 +28,6 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
 
     Safe to interrupt and to run again; a finished session is not changed. Exit code 7 if samples are lost.
     """
-    from fieldkit.recorder.marks import left_marks, marks_folder
-    from fieldkit.sessions.recovery import recover
-
     folder = recordings_folder(ctx)
     named = [find_session(ctx, path) for path in paths]
     found = named or [path for path in sessions_in(folder) if is_interrupted(path)]
@@ -39,7 +37,7 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     refused: FieldkitError | None = None
     for path in found:
         try:
-            reports.append(recover(path, left_marks(marks_folder(path))))
+            reports.append(recover_session(path))
         except FieldkitError as error:  # the others are recovered all the same
             if len(found) > 1:
                 say(f"{path}: {error}")
@@ -47,9 +45,9 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
             continue
         if not options(ctx).json:
             _print(reports[-1], kept=not tidy)
-    tidied = _tidy(named or sessions_in(folder)) if tidy else []
+    deleted = _tidy(named or sessions_in(folder)) if tidy else []
     if options(ctx).json:
-        names = [str(path) for path in tidied]
+        names = [str(path) for path in deleted]
         print_json({"sessions": [_document(report) for report in reports], "deleted": names})
     if refused is not None:
         raise refused
@@ -58,18 +56,12 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
 
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:
-    """Delete what crashes left beside sessions that are complete now."""
-    from fieldkit.sessions.clock_correction import changing_path
-    from fieldkit.sessions.recovery import crashed_path
-
-    beside = [name(path) for path in sessions for name in (crashed_path, changing_path)]
-    left = [path for path in beside if path.exists()]
-    for path in left:
-        path.unlink()
+    deleted = delete_crash_files(sessions)
+    for path in deleted:
         say(f"deleted {path}")
-    if not left:
+    if not deleted:
         say("nothing to tidy: no file of a crash is left (NAME.h5.crashed)")
-    return left
+    return deleted
 
 
 def _print(report: RecoveryReport, *, kept: bool) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import math
 from pathlib import Path
 from typing import Literal
@@ -12,13 +11,12 @@ import click
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
-from fieldkit.estimation.estimator import Estimator, Minute
-from fieldkit.model.clock import HostClock
-from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
+from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.slope import final_estimates
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.replay import play
 from fieldkit.workflows.sources import config_for
 
 
@@ -59,39 +57,6 @@ def command(
     print_slopes(answers, estimator.regions)
     explain_slopes(answers.values())
     common.say(f"next: fieldkit report {session}")
-
-
-def play(session: Session, estimator: Estimator, speed: float, view: View) -> list[Minute]:
-    """Show everything in its order, `speed` session seconds a real second; the minutes that closed."""
-    clock = HostClock()
-    items = heapq.merge(session.samples(), _told(session), key=lambda item: item.mono_ns)
-    minutes: list[Minute] = []
-    began_ns, first_ns = clock.mono_ns(), None
-    for item in items:
-        first_ns = item.mono_ns if first_ns is None else first_ns
-        due_ns = began_ns + round((item.mono_ns - first_ns) / speed)
-        clock.sleep((due_ns - clock.mono_ns()) / 1e9)
-        view.show(item)
-        if isinstance(item, Frame | Reading):
-            minutes += _closed(estimator.add(item), view)
-    minutes += _closed(estimator.finish(), view)
-    view.close()
-    return minutes
-
-
-def _closed(minutes: list[Minute], view: View) -> list[Minute]:
-    for minute in minutes:
-        for notice in minute.events:
-            view.show(notice)
-        view.show(minute)
-    return minutes
-
-
-def _told(session: Session) -> list[Event | Health]:
-    """What the recorder told, without what the estimator will tell again."""
-    again = (EventKind.CLOUD, EventKind.ESTIMATOR, EventKind.MOVED)
-    told = [event for event in session.events() if event.kind not in again]
-    return sorted([*told, *session.health()], key=lambda item: item.mono_ns)
 
 
 def _view(session: Session, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:

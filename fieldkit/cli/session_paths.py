@@ -10,8 +10,7 @@ import click
 
 from fieldkit.cli.common import options, say
 from fieldkit.model.errors import ConfigError, SessionError
-
-JOURNAL = ".journal"
+from fieldkit.workflows.recordings import began, exists, is_interrupted, sessions_in
 
 
 def recordings_folder(ctx: click.Context) -> Path:
@@ -23,31 +22,6 @@ def recordings_folder(ctx: click.Context) -> Path:
         return find_campaign(start).parent / "recordings"
     except ConfigError:
         return start
-
-
-def sessions_in(folder: Path) -> list[Path]:
-    """The sessions of a folder by name; those included of which only the journal is left."""
-    names = {path.name for path in folder.glob("*.h5")}
-    names |= {path.name.removesuffix(JOURNAL) for path in folder.glob(f"*.h5{JOURNAL}")}
-    return [folder / name for name in sorted(names)]
-
-
-def is_interrupted(path: Path) -> bool:
-    """Whether nobody is writing a session and nobody finished it."""
-    from fieldkit.sessions.lock import is_locked
-    from fieldkit.sessions.reader import open_session
-    from fieldkit.sessions.superblock import is_clean
-
-    journal = path.with_name(path.name + JOURNAL)
-    if is_locked(journal):
-        return False
-    try:
-        if is_clean(path) and not journal.exists():
-            return False  # as nearly all are: not opened
-        with open_session(path) as session:
-            return session.state == "interrupted"
-    except SessionError:
-        return journal.exists()
 
 
 def report_interrupted(paths: Iterable[Path]) -> None:
@@ -71,21 +45,9 @@ def find_sessions(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
 
 def latest_session(ctx: click.Context, path: Path | None) -> Path:
     """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
-    found = max(_resolved(ctx, [path] if path else []), key=_age)
+    found = max(_resolved(ctx, [path] if path else []), key=began)
     report_interrupted([found])
     return found
-
-
-def _age(path: Path) -> tuple[int, int, str]:
-    """When a session began; of two that began together, as on one simulated day, which was written later."""
-    from fieldkit.sessions.reader import open_session
-
-    written_ns = path.stat().st_mtime_ns if path.exists() else 0
-    try:
-        with open_session(path) as session:
-            return session.start_ns, written_ns, path.name
-    except SessionError:  # reported where it is opened for its content
-        return 0, written_ns, path.name
 
 
 def find_session(ctx: click.Context, given: Path) -> Path:
@@ -93,8 +55,8 @@ def find_session(ctx: click.Context, given: Path) -> Path:
 
     Raises `SessionError` where there is neither.
     """
-    path = given if _exists(given) else recordings_folder(ctx) / given
-    if not _exists(path):
+    path = given if exists(given) else recordings_folder(ctx) / given
+    if not exists(path):
         raise SessionError(f"there is no session {given}", fix="fieldkit ls shows the sessions of a campaign")
     return path
 
@@ -112,8 +74,3 @@ def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
         where = f"in {', '.join(map(str, paths))}" if paths else "here"
         raise SessionError(f"there are no sessions {where}", fix="name one, or record one: fieldkit record")
     return found
-
-
-def _exists(path: Path) -> bool:
-    """Whether a path is there, or the journal of a session that is to be at it."""
-    return path.exists() or path.with_name(f"{path.name}{JOURNAL}").exists()

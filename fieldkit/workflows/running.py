@@ -1,16 +1,49 @@
-"""The session that is being recorded: which it is, and whether its recorder responds."""
+"""The running recording of a campaign: which session it is, whether it responds; stop it, add notes to it.
+
+Nothing here opens the session: another process is writing it.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
+import shlex
+import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import datetime, timedelta, tzinfo
+from datetime import time as time_of_day
 from pathlib import Path
 
+from fieldkit.config import Config
+from fieldkit.model.durations import parse_duration
+from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.site import Site
+from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked, owner
 from fieldkit.views import formatting
+from fieldkit.workflows.recordings import is_interrupted
+
+SILENT_AFTER_S = 5.0
+"""A recorder writes its state every second; a slow disk may hold up some of them."""
+SEALED_WITHIN_S = 60.0
+CLOCKS_DIFFER = timedelta(minutes=5)
+"""A clock time up to this far ahead means now, by a watch that is fast; beyond, it means yesterday."""
+YEAR_S = 365.25 * 86_400.0
+FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
+"""A mark further from now is a typing error; a simulated day may lie decades back."""
+log = logging.getLogger(__name__)
+
+
+def running_session(config: Config) -> Path:
+    """The session that is being recorded in a campaign; raises `RefusedError` if there is none."""
+    path = session_in_progress(config.recordings)
+    if path is None:
+        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+    return path
 
 
 def session_in_progress(recordings: Path) -> Path | None:
@@ -19,10 +52,6 @@ def session_in_progress(recordings: Path) -> Path | None:
         if is_locked(journal):
             return journal.with_name(journal.name.removesuffix(".journal"))
     return None
-
-
-SILENT_AFTER_S = 5.0
-"""A recorder writes each second how it is doing; a disk may take some of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,3 +98,117 @@ def _is_stopped(pid: int) -> bool:
     except OSError:
         return False
     return about.rpartition(")")[2].split()[0] in ("T", "t")
+
+
+def stop_recording(config: Config, notify: Callable[[str], None] = log.warning) -> Path:
+    """Ask the running recording to stop and seal, and wait for it; the sealed session.
+
+    A recorder suspended by Ctrl-Z is continued, so that it can seal; `notify` receives a warning if it does
+    not respond. Raises `RefusedError` if none is running or it takes more than a minute, `SessionError`
+    if it ended without sealing.
+    """
+    path = running_session(config)
+    pid = owner(journal_path(path))
+    if pid is None:  # it has ended since
+        raise RefusedError("no recording is running in this campaign", fix="fieldkit record")
+    os.kill(pid, signal.SIGTERM)
+    deadline, is_reported = time.monotonic() + SEALED_WITHIN_S, False
+    while is_locked(journal_path(path)):
+        if not is_reported and (silent := unresponsive_recorder(path)) is not None:
+            is_reported = True
+            notify(silent.at(config.site))
+            _continue(silent, pid, notify)
+        if time.monotonic() > deadline:
+            raise RefusedError(
+                f"process {pid} has not sealed {path.name} within a minute", fix="look at its terminal"
+            )
+        time.sleep(0.1)
+    if is_interrupted(path):
+        raise SessionError(
+            f"the recording ended without sealing {path.name}; its journal is kept",
+            fix=f"fieldkit recover {shlex.quote(str(path))}",
+        )
+    return path
+
+
+def _continue(silent: UnresponsiveRecorder, pid: int, notify: Callable[[str], None]) -> None:
+    if silent.is_stopped:
+        notify("the recorder was suspended; continuing it, so that it can seal")
+        os.kill(pid, signal.SIGCONT)
+
+
+# --- marks: notes on the running recording
+
+
+def add_mark(config: Config, mark: Mark) -> Path:
+    """Add a note to the running recording; its session.
+
+    Raises `RefusedError` if none is running or it has just ended, `StorageError` if the note cannot be
+    written.
+    """
+    session = running_session(config)
+    try:
+        drop_mark(marks_folder(session), mark)
+    except FileNotFoundError:
+        raise RefusedError(
+            f"{session.name} has just ended and is being sealed: the mark comes too late",
+            fix=f"write it down beside {session.name}",
+        ) from None
+    except OSError as error:
+        raise StorageError(f"the mark could not be written beside {session}: {error.strerror}") from error
+    return session
+
+
+def mark_of(config: Config, text: str, *, kind: str = "", at: str = "-0s", to: str | None = None) -> Mark:
+    """A note with its time, or interval, as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
+
+    Raises `ConfigError` for a time that cannot be read, that is years away, or an end before its start.
+    """
+    zone = formatting.zone(config.site)
+    now = datetime.now(zone)
+    mark = Mark(text, kind, parse_when(at, zone, now), parse_when(to, zone, now) if to else None)
+    reject_impossible(mark, now, FAR_IN_SIMULATION_S if config.simulation else FAR_S)
+    return mark
+
+
+def parse_when(text: str, zone: tzinfo, now: datetime) -> When:
+    """Seconds before `now` from ``-30s``, ``-5m``, ``-1h``; else a time as ISO 8601, by default in `zone`.
+
+    ``12:31`` is the last time that clocks showed it. Raises `ConfigError` for anything else.
+    """
+    try:
+        if text.startswith("-"):
+            return -parse_duration(text[1:])
+        if ":" in text[:3]:
+            return _last(time_of_day.fromisoformat(text), zone, now).isoformat()
+        moment = datetime.fromisoformat(text)
+    except ValueError:  # also a `ConfigError`
+        raise ConfigError(
+            f"{text!r} is not a valid time; use -30s, 12:31 or 2026-12-11T12:31+09:00"
+        ) from None
+    return (moment if moment.tzinfo else moment.replace(tzinfo=zone)).isoformat()
+
+
+def _last(shown: time_of_day, zone: tzinfo, now: datetime) -> datetime:
+    """When clocks last showed a time, in its own zone if it has one."""
+    own_zone = shown.tzinfo or zone
+    latest = (now + CLOCKS_DIFFER).timestamp()
+    day = now.astimezone(own_zone).date()
+    moments = [datetime.combine(day + timedelta(days), shown, own_zone) for days in (1, 0, -1)]
+    return next(moment for moment in moments if moment.timestamp() <= latest)
+
+
+def reject_impossible(mark: Mark, now: datetime, far_s: float) -> None:
+    """Raise `ConfigError` for a time further than `far_s` from now, or an end before its start."""
+    ends = [mark.at] if mark.to is None else [mark.at, mark.to]
+    after_s = [_after_s(end, now) for end in ends]
+    for end, seconds in zip(ends, after_s, strict=True):
+        if abs(seconds) > far_s:
+            shown = f"{seconds:g} s" if isinstance(end, float) else end
+            raise ConfigError(f"{shown} is more than {far_s / YEAR_S:.0f} years from now; correct the time")
+    if after_s[-1] < after_s[0]:
+        raise ConfigError("the end lies before the start; give the earlier time to --from")
+
+
+def _after_s(when: When, now: datetime) -> float:
+    return datetime.fromisoformat(when).timestamp() - now.timestamp() if isinstance(when, str) else when

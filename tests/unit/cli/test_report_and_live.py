@@ -10,13 +10,13 @@ from click.testing import CliRunner
 from rich.console import Console
 
 from fieldkit.cli import main
-from fieldkit.cli.status import latest_of
 from fieldkit.pixel_axes import BELOW_PX, LEFT_PX
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.screen import THEMES, snapshot
 from fieldkit.workflows import report
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.sources import config_for
+from fieldkit.workflows.status import latest_of
 
 FAST = ("--set", "simulation.speed=max")
 

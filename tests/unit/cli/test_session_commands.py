@@ -350,7 +350,7 @@ def test_auto_offset_needs_a_session_and_an_offset_its_unit(tmp_path: Path) -> N
     for name in ("events", "a/b", "", "x y"):
         assert "cannot name a stream" in run(import_session, table, "--as", name, "--site=1,2").stderr
     wrong = run(import_session, table, "--offset", "soon", "--site=1,2")
-    assert "write +12s or -2m, or auto" in wrong.stderr
+    assert "use +12s or -2m, or auto" in wrong.stderr
 
 
 @pytest.mark.parametrize("name", ["beds/1", "../../oops", "a\\b"])

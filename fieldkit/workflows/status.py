@@ -1,0 +1,53 @@
+"""The present state of a session that is being recorded, worked out from what is stored so far."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.samples import Sample
+from fieldkit.model.units import SECOND_NS
+from fieldkit.sessions.reader import Session
+from fieldkit.views.latest import RATE_OVER_S, Latest
+from fieldkit.workflows.estimate import estimator_for
+from fieldkit.workflows.sources import config_for
+
+LAST_MINUTES_NS = 150 * SECOND_NS
+"""Samples that hold a whole minute, closed by what came after it."""
+
+
+def latest_of(session: Session) -> Latest:
+    """What the live view of a session's recorder shows now, from what is stored."""
+    latest = Latest(session.site, session.regions, tuple(session.streams.values()), session.header.title)
+    for event in session.events():
+        latest.take(event)
+    for health in session.health()[-RATE_OVER_S - 1 :]:
+        latest.take(health)
+    for name in session.streams:
+        if count := session.count(name):
+            latest.take(next(session.stream(name).samples(count - 1, count)))
+    if (minute := _last_minute(session)) is not None:
+        latest.take(minute)
+    return latest
+
+
+def _last_minute(session: Session) -> Minute | None:
+    """The last minute that closed, measured again from its samples, with the slopes that were stored."""
+    estimator = estimator_for(session, config_for(session))
+    closed = [minute for sample in _last_samples(session) for minute in estimator.add(sample)]
+    if not closed:
+        return None
+    estimates = session.estimates()
+    stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
+    return replace(closed[-1], estimates=tuple(stored), events=())
+
+
+def _last_samples(session: Session) -> Iterator[Sample]:
+    since_ns = session.end_ns - LAST_MINUTES_NS
+    first = {name: int(np.searchsorted(session.times_ns(name), since_ns)) for name in session.streams}
+    parts = (session.stream(name).samples(start) for name, start in first.items())
+    return heapq.merge(*parts, key=lambda sample: sample.mono_ns)
