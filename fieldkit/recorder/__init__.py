@@ -1,13 +1,7 @@
-"""The recorder: one reading thread per device, one thread that writes, estimates and shows.
+"""The recorder: one reading thread per device, and one thread that stores, estimates and shows.
 
-::
-
-    device ─ Feed (thread) ─ Inbox (bounded per stream) ─ Recorder.run ─┬─ session (first)
-                                                                        ├─ estimator
-                                                                        └─ views (may fail)
-
-The recording ends because somebody or the plan says so, or because nothing can be stored
-any more; never because a device, the estimator or a view failed.
+A sample goes from `DeviceReader` through the bounded `SampleQueue` to `Recorder.run`: to the session first,
+then to the estimator, then to the views. A failing device, estimator or view never ends a recording.
 """
 
 from fieldkit.recorder.device_reader import Sampling

@@ -1,8 +1,8 @@
-"""One device's reading thread: read, stamp, put; lost devices are opened again.
+"""One device's reading thread: read, stamp, queue; a lost device is reopened.
 
-A device counts as lost when it says so, when it stays silent past its deadline, or when its
-picture stays frozen. It is closed and opened again by its identity after 1, 2, 4 ... 30 s,
-for as long as the recording lasts; the other devices go on.
+A device is lost when its driver reports it, when it stays silent past its deadline, or when its image is
+frozen. It is closed, and reopened by its identity after 1, 2, 4 ... 30 s for as long as the recording lasts;
+the other devices continue.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from fieldkit.recorder.sample_queue import SampleQueue
 
 READ_TIMEOUT_S = 0.5
 LONGEST_BACK_OFF_S = 30.0
-WORDS_EVERY_NS = 60 * SECOND_NS
-SHUTTER_LEAD_S = 12.0  # a correction takes 1-3 s and the level needs 10 s to settle
+INDICATORS_EVERY_NS = 60 * SECOND_NS
+SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles within 10 s
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Which pictures are kept: every one, or a burst of `burst_frames` each `every_s`.
+    """Which frames are kept: all, or a burst of `burst_frames` every `every_s` seconds.
 
     With `shutter_before_burst` the camera's shutter correction runs 12 s before each burst.
-    Meters are always kept whole.
+    Readings of meters are always kept.
     """
 
     every_s: float | None = None
@@ -40,16 +40,17 @@ class Sampling:
 
 
 class DeviceReader:
-    """Reads one device into the inbox until `end_ns` (monotonic, None: open end) or `stop`.
+    """Reads one device into the queue until `end_ns` (monotonic, None: open end) or `stop`.
 
-    `reopen` opens the same instrument again by its identity.
+    `reopen` opens the same instrument again by its identity. `received` counts its samples; `crashed` is the
+    unexpected error that ended the thread, if any.
     """
 
     def __init__(
         self,
         device: Device,
         reopen: Callable[[], Device],
-        inbox: SampleQueue,
+        queue: SampleQueue,
         clock: Clock,
         sampling: Sampling,
         end_ns: int | None = None,
@@ -58,40 +59,40 @@ class DeviceReader:
         self.received = 0
         self.crashed: BaseException | None = None
         self._device: Device | None = device
-        self._reopen, self._inbox, self._clock, self._sampling = reopen, inbox, clock, sampling
+        self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
         self._end_ns = end_ns
         self._stopping = threading.Event()
         self._last: Sample | None = None
         self._before_loss: Sample | None = None
-        self._doubt = Quality.GOOD
-        self._words: tuple[str, ...] = ()
-        self._words_until_ns = 0
+        self._quality = Quality.GOOD
+        self._indicators: tuple[str, ...] = ()
+        self._indicators_until_ns = 0
         self._rejected_before = 0
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
         self.ready = threading.Event()
 
     def start(self) -> None:
-        """Begin to read; `ready` is set once the thread takes part in the clock."""
+        """Start the thread; `ready` is set once it takes part in the clock."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end; it does within one read."""
+        """Ask the thread to end; it ends within one read."""
         self._stopping.set()
 
     def join(self, timeout_s: float) -> bool:
-        """Wait for the thread; False if it is still stuck in a read."""
+        """Wait for the thread; False if it is still blocked in a read."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
     @property
     def is_running(self) -> bool:
-        """Whether the thread has started and not ended."""
+        """Whether the thread was started and has not ended."""
         return self._thread.is_alive()
 
     @property
     def rejected(self) -> int:
-        """Records dropped because their bytes made no sense, over all openings."""
+        """Number of records dropped because their bytes were invalid, over all openings."""
         device = self._device
         return self._rejected_before + (device.rejected if device is not None else 0)
 
@@ -99,33 +100,33 @@ class DeviceReader:
         with self._clock.taking_part():
             self.ready.set()
             try:
-                self._until_lost(self._begin)
-                while self._goes_on():
-                    self._until_lost(self._read)
-            except Exception as error:  # told as an event: the other devices go on
+                self._handling_loss(self._begin)
+                while self._is_active():
+                    self._handling_loss(self._read)
+            except Exception as error:  # becomes an event, so that the other devices continue
                 self.crashed = error
-                self._tell(
+                self._report(
                     EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
                 )
             finally:
                 self._close()
 
     def _begin(self) -> None:
-        """Leave out what waited since the opening: nobody stamped it when it came."""
+        """Skip what was buffered since the device was opened: its time of arrival is unknown."""
         self._started_ns = self._clock.mono_ns()
         if isinstance(self._device, Camera):
             period_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 0.0
             self._device.skip_until(self._started_ns + round(period_s * SECOND_NS))
 
-    def _goes_on(self) -> bool:
+    def _is_active(self) -> bool:
         ended = self._end_ns is not None and self._clock.mono_ns() >= self._end_ns
         return not (ended or self._stopping.is_set())
 
-    def _until_lost(self, work: Callable[[], None]) -> None:
+    def _handling_loss(self, work: Callable[[], None]) -> None:
         try:
             work()
         except DeviceError as error:
-            self._come_back(error)
+            self._reconnect(error)
 
     def _read(self) -> None:
         if self._sampling.every_s is not None and isinstance(self._device, Camera):
@@ -134,73 +135,73 @@ class DeviceReader:
             self._read_all()
 
     def _read_all(self) -> None:
-        while self._goes_on():
+        while self._is_active():
             self._read_one()
 
     def _read_bursts(self, camera: Camera, every_s: float) -> None:
         period_ns = round(every_s * SECOND_NS)
-        while self._goes_on():
+        while self._is_active():
             late_ns = self._clock.mono_ns() - self._next_burst_ns
             self._next_burst_ns += max(0, late_ns // period_ns) * period_ns
             if self._sampling.shutter_before_burst:
                 self._skip(camera, self._next_burst_ns - round(SHUTTER_LEAD_S * SECOND_NS))
-                if self._goes_on() and self._clock.mono_ns() < self._next_burst_ns:
+                if self._is_active() and self._clock.mono_ns() < self._next_burst_ns:
                     camera.run_shutter()
             self._skip(camera, self._next_burst_ns)
             for _ in range(self._sampling.burst_frames):
-                if self._goes_on():
+                if self._is_active():
                     self._read_one()
             self._next_burst_ns += period_ns
 
     def _skip(self, camera: Camera, until_ns: int) -> None:
-        """Let pictures pass, a second at a time so that `stop` is heard."""
+        """Skip frames, at most a second at a time so that `stop` takes effect."""
         if self._end_ns is not None:
             until_ns = min(until_ns, self._end_ns)
-        while self._goes_on() and (now := self._clock.mono_ns()) < until_ns:
+        while self._is_active() and (now := self._clock.mono_ns()) < until_ns:
             camera.skip_until(min(until_ns, now + SECOND_NS))
 
     def _read_one(self) -> None:
-        """Put the next sample; raises `DeviceLostError` past the deadline or on a frozen picture."""
+        """Queue the next sample; raises `DeviceLostError` past the deadline or on a frozen image."""
         assert self._device is not None
         deadline_ns = self._clock.mono_ns() + round(self._deadline_s() * SECOND_NS)
-        while self._goes_on():
+        while self._is_active():
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
                 sample = self._last = self._in_order(self._across_openings(sample))
                 if Quality.DROPPED_BEFORE in sample.quality:
-                    self._tell(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
-                self._inbox.put(sample)
-                self._tell_words(sample)
+                    self._report(EventKind.GAP, "the device or its driver lost samples", Severity.WARNING)
+                self._queue.put(sample)
+                self._report_indicators(sample)
                 if Quality.FROZEN in sample.quality:
-                    raise DeviceLostError("the picture is frozen")
+                    raise DeviceLostError("the image is frozen")
                 return
             if self._clock.mono_ns() >= deadline_ns:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
 
-    def _tell_words(self, sample: Sample) -> None:
-        """Tell what a meter says beside its values when that has changed, at most once a minute."""
-        words = getattr(self._device, "words", ())  # cameras have none
-        if words == self._words or sample.mono_ns < self._words_until_ns:
+    def _report_indicators(self, sample: Sample) -> None:
+        """Report a change of the meter's indicators (hold, low battery ...), at most once a minute."""
+        indicators = getattr(self._device, "words", ())  # cameras have none
+        if indicators == self._indicators or sample.mono_ns < self._indicators_until_ns:
             return
-        self._words, self._words_until_ns = words, sample.mono_ns + WORDS_EVERY_NS
+        self._indicators, self._indicators_until_ns = indicators, sample.mono_ns + INDICATORS_EVERY_NS
         severity = Severity.INFO if is_usable(sample.quality) else Severity.WARNING
-        text = ", ".join(words).replace("_", " ") or "nothing any more"
-        self._tell(EventKind.MODE, f"the meter shows: {text}", severity)
+        text = ", ".join(indicators).replace("_", " ") or "nothing any more"
+        self._report(EventKind.MODE, f"the meter shows: {text}", severity)
 
     def _across_openings(self, sample: Sample) -> Sample:
-        """With the doubts that a device just opened again cannot have: it does not know what was before."""
+        """Add the flags that a reopened device cannot set: it has no earlier samples to compare with."""
         before, self._before_loss = self._before_loss, None
         same = (
             isinstance(before, Frame)
             and isinstance(sample, Frame)
             and np.array_equal(before.counts, sample.counts)
         )
-        doubt = self._doubt | (Quality.DUPLICATE if same else Quality.GOOD)
-        return sample._replace(quality=sample.quality | doubt) if doubt else sample
+        flags = self._quality | (Quality.DUPLICATE if same else Quality.GOOD)
+        return sample._replace(quality=sample.quality | flags) if flags else sample
 
     def _in_order(self, sample: Sample) -> Sample:
-        """With a stamp not before the last one and not in the future, whatever kernel and driver say."""
+        """Keep the time stamp between the previous sample's and now, whatever kernel and driver report."""
         now_ns = self._clock.mono_ns()
         earliest_ns = self._last.mono_ns if self._last is not None else self._started_ns
         if earliest_ns <= sample.mono_ns <= now_ns:
@@ -213,48 +214,48 @@ class DeviceReader:
         )
 
     def _deadline_s(self) -> float:
-        """Two intervals, but not less than a camera's hiccup or a slow meter's breath."""
+        """Two sampling intervals, but at least 2 s: cameras pause briefly, slow meters skip a reading."""
         interval_s = 1.0 / self.info.rate_hz if self.info.rate_hz > 0 else 5.0
         return max(2.0 * interval_s, 2.0)
 
-    def _come_back(self, error: DeviceError) -> None:
+    def _reconnect(self, error: DeviceError) -> None:
         lost_ns = self._clock.mono_ns()
-        self._tell(EventKind.LOST, f"lost: {error}", Severity.WARNING)
+        self._report(EventKind.LOST, f"lost: {error}", Severity.WARNING)
         self._close()
         wait_s = 1.0
-        while self._goes_on():
+        while self._is_active():
             self._pause(wait_s)
             wait_s = min(2.0 * wait_s, LONGEST_BACK_OFF_S)
-            if self._goes_on() and (device := self._reopened()) is not None:
+            if self._is_active() and (device := self._reopened()) is not None:
                 self._device, self._before_loss = device, self._last
                 gap_s = (self._clock.mono_ns() - lost_ns) / SECOND_NS
-                self._tell(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
-                self._doubt_another_scale(device.info)
+                self._report(EventKind.BACK, f"back after {gap_s:.1f} s", data={"gap_s": gap_s})
+                self._flag_another_scale(device.info)
                 return
 
     def _reopened(self) -> Device | None:
-        """The device, once it answers and its samples have a place in the stream."""
+        """The reopened device, or None while it does not respond or its samples do not fit the stream."""
         try:
             device = self._reopen()
         except FieldkitError:
             return None
         if self.info.has_the_columns_of(device.info):
             return device
-        device.close()  # another instrument answers to the same name
+        device.close()  # a different instrument with the same name
         return None
 
-    def _doubt_another_scale(self, info: StreamInfo) -> None:
-        """The stream is read by what it declared at first: counts that mean something else have no value."""
+    def _flag_another_scale(self, info: StreamInfo) -> None:
+        """Flag further samples as without value if the reopened device scales its counts differently."""
         same = self.info.is_read_as(info)
-        self._doubt = Quality.GOOD if same else Quality.NO_VALUE
+        self._quality = Quality.GOOD if same else Quality.NO_VALUE
         if not same:
             now = f"{info.law}, {info.scale:g} x counts + {info.offset:g}"
             text = f"came back with another scale ({now}); its samples are kept and have no value"
-            self._tell(EventKind.LOST, text, Severity.ERROR)
+            self._report(EventKind.LOST, text, Severity.ERROR)
 
     def _pause(self, seconds: float) -> None:
         until_ns = self._clock.mono_ns() + round(seconds * SECOND_NS)
-        while self._goes_on() and (left := until_ns - self._clock.mono_ns()) > 0:
+        while self._is_active() and (left := until_ns - self._clock.mono_ns()) > 0:
             self._clock.sleep(min(left / SECOND_NS, READ_TIMEOUT_S))
 
     def _close(self) -> None:
@@ -263,7 +264,7 @@ class DeviceReader:
             self._rejected_before += device.rejected
             device.close()
 
-    def _tell(
+    def _report(
         self,
         kind: EventKind,
         text: str,
@@ -273,4 +274,4 @@ class DeviceReader:
         now = self._clock.mono_ns()
         utc = self._clock.to_utc_ns(now)
         name = self.info.name
-        self._inbox.tell(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))
+        self._queue.put_event(Event(kind, now, utc, f"{name}: {text}", name, severity, data or {}))

@@ -1,9 +1,8 @@
-"""Marks: what somebody notes while a recording runs, dropped as small files for the recorder.
+"""Marks: notes made while a recording runs, passed to the recorder as small files.
 
-``fieldkit mark`` writes one JSON file per mark beside the journal; the recorder looks there
-each second and turns each file into an event. A mark's time is absolute (ISO 8601) or in
-seconds before now: "now" is the recording's, which need not be the wall's when the field is
-simulated.
+``fieldkit mark`` writes one JSON file per mark beside the journal; once a second the recorder turns each file
+into an event. A mark's time is absolute (ISO 8601) or in seconds before now, where "now" is the time of the
+recording, which differs from the wall clock in a simulated field.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ When = float | str
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A note on the recording: at one time, or from `at` to `to`; `label` is one word to sort by."""
+    """A note on the recording at one time, or from `at` to `to`; `label` is one word to group by."""
 
     text: str
     label: str = ""
@@ -40,20 +39,20 @@ class Mark:
 
 
 def marks_folder(session: Path) -> Path:
-    """Where the marks of a session that is being recorded are dropped."""
+    """The folder in which the recorder of a session looks for marks."""
     return session.with_name(session.name + ".journal") / "marks"
 
 
 def drop_mark(folder: Path, mark: Mark) -> Path:
-    """Write a mark so that it is there as a whole or not at all.
+    """Write a mark atomically.
 
-    Raises `ConfigError` for one that is too long to be kept whole, and `OSError`; without the folder nobody
-    takes marks any more.
+    Raises `ConfigError` if it is too long to be stored whole, and `OSError` if it cannot be written: without
+    the folder the recording no longer accepts marks.
     """
     if not event_fits(Event(EventKind.MARK, 0, 0, mark.text, data=_details(mark, _LATEST_NS))):
         size = len(f"{mark.text}{mark.label}".encode())
-        fix = "make two of it, and its kind one short word"
-        raise ConfigError(f"the mark is too long to be kept whole: {size} bytes", fix=fix)
+        fix = "split it in two, and use one short word as its kind"
+        raise ConfigError(f"the mark is too long to be stored whole: {size} bytes", fix=fix)
     name = uuid.uuid4().hex
     draft, final = folder / f".{name}", folder / f"{name}.json"
     draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
@@ -63,11 +62,11 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
 
 @dataclass
 class MarkInbox:
-    """Takes the marks dropped for a recording, once each, oldest first.
+    """Yields the marks dropped for a recording, once each, oldest first.
 
-    The file of a mark is removed when the next one is asked for: who cannot store one stops there, and it
-    comes again. The folder is there from the start to `close`, so that nobody can drop a mark that nobody
-    would take.
+    A mark's file is removed when the next mark is requested: a caller that cannot store a mark stops there
+    and receives it again. The folder exists only until `close`, so that no mark is dropped that would not
+    be read.
     """
 
     folder: Path
@@ -75,14 +74,14 @@ class MarkInbox:
     _taken: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        with suppress(OSError):  # without marks a recording is still a recording
+        with suppress(OSError):  # a recording without marks is better than none
             self.folder.mkdir(exist_ok=True)
 
     def __call__(self) -> Iterator[Event]:
         """Events for the marks dropped since the last call.
 
-        A file that is no mark becomes a warning, because a note must not vanish without a word. A folder that
-        cannot be read just now is looked at again.
+        An invalid file becomes a warning with its text, so that no note is lost. A folder that cannot be read
+        is tried again at the next call.
         """
         try:
             files = _oldest_first(self.folder)
@@ -96,13 +95,13 @@ class MarkInbox:
                 now = self.clock.mono_ns()
                 yield _read(file, now, self.clock.to_utc_ns(now))
                 self._taken.add(file.name)
-                with suppress(OSError):  # a folder of somebody else's, as after sudo
+                with suppress(OSError):  # a folder owned by another user, as after sudo
                     file.unlink()
 
     def close(self) -> Iterator[Event]:
-        """Events for the last marks; one that comes later finds no folder.
+        """Events for the last marks; a later mark finds no folder.
 
-        Raises `StorageError` where they cannot be read: there is no further look, and sealing removes them.
+        Raises `StorageError` if they cannot be read: this is the last attempt, and sealing removes them.
         """
         with suppress(OSError):
             self.folder = self.folder.rename(_closed(self.folder))
@@ -110,16 +109,17 @@ class MarkInbox:
 
 
 def left_marks(folder: Path) -> list[Event]:
-    """Events for the marks that a recording ended too early to take; their files stay.
+    """Events for marks that an interrupted recording did not read; their files stay.
 
-    "Now" is when each was dropped, by the computer's own time; `mono_ns` is not known. Raises `StorageError`.
+    "Now" is the time at which each was dropped, by the computer's clock; `mono_ns` is unknown. Raises
+    `StorageError`.
     """
     files = [*_oldest_first(_closed(folder)), *_oldest_first(folder)]
     return [replace(_read(file, 0, file.stat().st_mtime_ns), mono_ns=0) for file in files]
 
 
 def _closed(folder: Path) -> Path:
-    """What the folder is called when no more marks are taken."""
+    """The folder's name once no more marks are accepted."""
     return folder.with_name(f"{folder.name}-closed")
 
 
@@ -129,7 +129,7 @@ def _oldest_first(folder: Path) -> list[Path]:
     except OSError as error:
         raise StorageError(
             f"the marks in {folder} cannot be read: {error.strerror or error}",
-            fix="see that the disk answers, then: fieldkit recover",
+            fix="check that the disk is accessible, then: fieldkit recover",
         ) from error
 
 
@@ -139,8 +139,8 @@ def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
         text = file.read_text(encoding="utf-8", errors="replace")
         return _event(Mark(**json.loads(text)), now_mono_ns, now_ns)
     except (OSError, ValueError, TypeError) as error:
-        said = f"a mark could not be read ({error}): {text.strip()}"
-        return Event(EventKind.MARK, now_mono_ns, now_ns, said, severity=Severity.WARNING)
+        text = f"a mark could not be read ({error}): {text.strip()}"
+        return Event(EventKind.MARK, now_mono_ns, now_ns, text, severity=Severity.WARNING)
 
 
 def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
@@ -150,7 +150,7 @@ def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
 
 
 def _details(mark: Mark, end_ns: int) -> dict[str, str | int]:
-    """What an event keeps of a mark besides its text; the end of one that lasted."""
+    """What an event keeps of a mark besides its text: its label and, for a span, its end."""
     label: dict[str, str | int] = {"label": mark.label} if mark.label else {}
     return label if mark.to is None else {**label, "end_ns": end_ns}
 
@@ -168,7 +168,7 @@ def _time_ns(when: When, now_ns: int) -> int:
 
 def _check_near(when: When, away_s: float) -> None:
     """Raise `ConfigError` for a mistyped year: no recording is ten years long."""
-    if not abs(away_s) <= TEN_YEARS_S:  # nor is what is no number
+    if not abs(away_s) <= TEN_YEARS_S:  # NaN is rejected too
         raise ConfigError(
             f"{when!r} is more than ten years away", fix="give the time again: fieldkit mark --at"
         )

@@ -1,4 +1,4 @@
-"""The recorder's own thread: every item to the session first, then to the estimator and the views."""
+"""The recorder's thread: every item goes to the session first, then to the estimator and the views."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ Shown: TypeAlias = Sample | Event | Minute | Health
 
 
 class View(Protocol):
-    """Something that looks on; it may fail without harm, and is then left out."""
+    """Shows a recording while it runs; a view that raises is removed and the recording continues."""
 
     def show(self, item: Shown) -> None:
-        """Take note of an item; must return at once."""
+        """Receive an item; must return at once."""
 
     def close(self) -> None:
         """The recording is over."""
@@ -41,9 +41,9 @@ class View(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """How a recording went: samples stored and lost per stream, the last minute, the seal.
+    """The outcome of a recording: samples stored and lost per stream, the last minute, the seal.
 
-    `failure` says why storing had to end early, if it had to.
+    `failure` is the error that ended the recording early, if any.
     """
 
     counts: dict[str, int]
@@ -57,9 +57,9 @@ class Summary:
 class Recorder:
     """Records opened devices into a session until `stop`, the planned end, or a full disk.
 
-    `reopen(name)` opens a device again by its identity; `free_bytes` tells the disk's free
-    space; `marks` yields events that people dropped in meanwhile, `last_marks` those left when no
-    more are taken. `end_ns` is monotonic; `stopping` may be set before the recorder exists. Call `run` once.
+    `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `marks`
+    yields the notes made since its last call, `last_marks` those left at the end. `end_ns` is monotonic;
+    `stopping` may be set before the recorder exists. Call `run` once.
     """
 
     devices: Sequence[Device]
@@ -77,11 +77,13 @@ class Recorder:
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
-        self._inbox = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
-        self._feeds = [self._feed(device) for device in self.devices]
+        self._queue = SampleQueue({device.info.name: queue_limit(device.info) for device in self.devices})
+        self._readers = [self._reader(device) for device in self.devices]
         disk = DiskMonitor(self.disk_reserve_bytes)
-        self._house = HealthMonitor(self.clock, self._feeds, self._inbox, self.writer, self.free_bytes, disk)
-        self._audience = ViewDispatcher(self.views, self._view_lost)
+        self._health = HealthMonitor(
+            self.clock, self._readers, self._queue, self.writer, self.free_bytes, disk
+        )
+        self._views = ViewDispatcher(self.views, self._view_removed)
         self._estimator: Estimator | None = self.estimator
         self._flags, self._misfits = FlagMonitor(), MisfitMonitor()
         self._counts: Counter[str] = Counter()
@@ -96,68 +98,68 @@ class Recorder:
     def run(self) -> Summary:
         """Record; returns when the session is sealed.
 
-        Raises `StorageError` only if not even sealing is possible; a disk that fills up
-        seals what is there and is told in `Summary.failure`.
+        Raises `StorageError` only if sealing fails too: on a full disk the session is sealed early and
+        `Summary.failure` holds the error.
         """
-        self._say(EventKind.START, "recording started")
-        self.clock.hold_until(self._inbox.settled)
+        self._report(EventKind.START, "recording started")
+        self.clock.hold_until(self._queue.settled)
         try:
-            self._start_feeds()
-            while self._goes_on():
-                self._take(self._inbox.get(0.1))
-            self._stop_feeds()
+            self._start_readers()
+            while self._is_active():
+                self._take(self._queue.get(0.1))
+            self._stop_readers()
             self._finish_events()
             self._finish_estimates()
-            self._say(EventKind.STOP, "recording stopped")
+            self._report(EventKind.STOP, "recording stopped")
             seal = self.writer.close()
-        except BaseException:  # a second Ctrl-C, or our own mistake: the journal keeps everything
+        except BaseException:  # a second Ctrl-C or a bug: the journal keeps everything
             self.writer.abandon()
             raise
         finally:
-            self._audience.close()
-        counts = {feed.info.name: self._counts[feed.info.name] for feed in self._feeds}
-        return Summary(counts, dict(self._inbox.dropped), self._last_minute, seal, self._failure)
+            self._views.close()
+        counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
+        return Summary(counts, dict(self._queue.dropped), self._last_minute, seal, self._failure)
 
     # --- reading threads
 
-    def _feed(self, device: Device) -> DeviceReader:
+    def _reader(self, device: Device) -> DeviceReader:
         name = device.info.name
         return DeviceReader(
-            device, lambda: self.reopen(name), self._inbox, self.clock, self.sampling, self.end_ns
+            device, lambda: self.reopen(name), self._queue, self.clock, self.sampling, self.end_ns
         )
 
-    def _start_feeds(self) -> None:
-        with self.clock.taking_part():  # time stands until every reader takes part
-            for feed in self._feeds:
-                feed.start()
-            for feed in self._feeds:
-                feed.ready.wait()
+    def _start_readers(self) -> None:
+        with self.clock.taking_part():  # simulated time stands still until every reader takes part
+            for reader in self._readers:
+                reader.start()
+            for reader in self._readers:
+                reader.ready.wait()
 
-    def _goes_on(self) -> bool:
+    def _is_active(self) -> bool:
         if self.stopping.is_set() or self._failure is not None:
             return False
-        return self._inbox.is_busy() or any(feed.is_running for feed in self._feeds)
+        return self._queue.is_busy() or any(reader.is_running for reader in self._readers)
 
-    def _stop_feeds(self) -> None:
-        """Let the readers end and take what they still hand over; a stuck one is left behind."""
-        for feed in self._feeds:
-            feed.stop()
+    def _stop_readers(self) -> None:
+        """Let the readers end and process what they still queue; a blocked one is abandoned."""
+        for reader in self._readers:
+            reader.stop()
         deadline = time.monotonic() + 5.0
-        while any(feed.is_running for feed in self._feeds) and time.monotonic() < deadline:
-            self._take(self._inbox.get(0.02))
-        while (item := self._inbox.get(0.0)) is not None:
+        while any(reader.is_running for reader in self._readers) and time.monotonic() < deadline:
+            self._take(self._queue.get(0.02))
+        while (item := self._queue.get(0.0)) is not None:
             self._take(item)
-        for feed in self._feeds:
-            if feed.is_running:
-                log.warning("%s is stuck in a read and was left behind", feed.info.name)
+        for reader in self._readers:
+            if reader.is_running:
+                log.warning("%s is blocked in a read and was abandoned", reader.info.name)
 
     def _finish_events(self) -> None:
-        """Events that would follow if the recording went on, and why it does not.
+        """Store the last marks, the pending events, and the reason for an early end.
 
-        Raises `StorageError` if not even now, in the room kept for the end, a mark can be stored: the session
-        is then left to recovery, which takes it.
+        Raises `StorageError` if a mark cannot be stored even in the space reserved for the end: the session
+        is then left to recovery, which reads the mark.
         """
-        with suppress(OSError):  # an event may need the room; if it cannot be had, closing will tell
+        with suppress(OSError):  # an event may need the space; if it cannot be freed, closing reports it
             self.writer.release_reserve()
         if not self._keep_marks(self.last_marks()):
             raise StorageError(
@@ -167,12 +169,12 @@ class Recorder:
         now = self.clock.mono_ns()
         utc = self.clock.to_utc_ns(now)
         for event in chain(
-            self._house.garbled(now, utc, at_end=True), self._storage.over(now, utc, at_end=True)
+            self._health.garbled_events(now, utc, at_end=True), self._storage.summary(now, utc, at_end=True)
         ):
             self._keep_event(event)
         if self._failure is not None:
             text = f"the recording ended early: {self._failure}"
-            self._say(EventKind.DISK, text, Severity.ERROR)
+            self._report(EventKind.DISK, text, Severity.ERROR)
 
     # --- items: the session first
 
@@ -181,48 +183,50 @@ class Recorder:
             self._keep_event(item)
         elif item is not None:
             self._keep_sample(item)
-        self._look_around()
+        self._check_health()
         if item is not None:
-            self._inbox.done(item)  # only now may a simulated clock move on
+            self._queue.done(item)  # only now may a simulated clock move on
 
     def _keep_sample(self, sample: Sample) -> None:
-        self._house.arrived(sample)
+        self._health.sample_arrived(sample)
         now = self.clock.mono_ns()
-        if isinstance(sample, Frame) and (self._storage.holds(now) or not self._house.disk.pictures):
+        if isinstance(sample, Frame) and (
+            self._storage.skips_frame(now) or not self._health.disk.stores_frames
+        ):
             return
         sample = sample._replace(seq=self._counts[sample.stream])
         try:
             if not self._stored(lambda: self.writer.append(sample)):
                 return
-        except ValueError as error:  # a driver broke its promise: that costs this sample, not the others
-            for event in self._misfits.left_out(sample, error):
+        except ValueError as error:  # a driver's mistake costs this sample, not the recording
+            for event in self._misfits.rejected(sample, error):
                 self._keep_event(event)
             return
         self._misfits.stored(sample.stream)
         self._counts[sample.stream] += 1
-        for event in self._flags.look(sample):
+        for event in self._flags.update(sample):
             self._keep_event(event)
         self._estimate(sample)
-        self._audience.show(sample)
+        self._views.show(sample)
 
     def _keep_event(self, event: Event) -> None:
         self._stored(lambda: self.writer.event(event))
-        self._audience.show(event)
+        self._views.show(event)
 
     def _keep_marks(self, marks: Iterable[Event]) -> bool:
-        """Store marks up to one that cannot be: its file stays, and it comes again."""
+        """Store marks; stops at the first that cannot be stored, whose file stays for the next call."""
         for mark in marks:
             if not self._stored(partial(self.writer.event, mark)):
                 return False
-            self._audience.show(mark)
+            self._views.show(mark)
         return True
 
-    def _say(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
+    def _report(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
         now = self.clock.mono_ns()
         self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity))
 
     def _stored(self, write: Callable[[], None]) -> bool:
-        """Write; a failure lets pictures pause, a further one meanwhile ends the recording."""
+        """Write; a failure pauses frames, and a second one during the pause ends the recording."""
         try:
             write()
         except StorageError as error:
@@ -232,19 +236,19 @@ class Recorder:
             return False
         return True
 
-    def _look_around(self) -> None:
-        findings = self._house.look()
-        if findings is None:
+    def _check_health(self) -> None:
+        snapshot = self._health.update()
+        if snapshot is None:
             return
-        self._stored(lambda: self.writer.health(findings.health))
-        for check in findings.clock_checks:
+        self._stored(lambda: self.writer.health(snapshot.health))
+        for check in snapshot.clock_checks:
             self._stored(partial(self.writer.clock_check, check))
-        health = findings.health
-        for event in chain(findings.events, self._storage.over(health.mono_ns, health.time_ns)):
+        health = snapshot.health
+        for event in chain(snapshot.events, self._storage.summary(health.mono_ns, health.time_ns)):
             self._keep_event(event)
         self._keep_marks(self.marks())
-        self._audience.show(health)
-        if self._house.disk.is_full and self._failure is None:
+        self._views.show(health)
+        if self._health.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
             self._failure = StorageError("the disk is full", fix=fix)
 
@@ -256,7 +260,7 @@ class Recorder:
         try:
             minutes = self._estimator.add(sample)
         except Exception as error:
-            self._lose_estimator(error)
+            self._drop_estimator(error)
             return
         for minute in minutes:
             self._keep_minute(minute)
@@ -265,15 +269,15 @@ class Recorder:
         try:
             minutes = self._estimator.finish() if self._estimator is not None else []
         except Exception as error:
-            self._lose_estimator(error)
+            self._drop_estimator(error)
             return
         for minute in minutes:
             self._keep_minute(minute)
 
-    def _lose_estimator(self, error: Exception) -> None:
+    def _drop_estimator(self, error: Exception) -> None:
         log.exception("estimator failed")
         self._estimator = None
-        self._say(
+        self._report(
             EventKind.ESTIMATOR, f"live estimates stopped: {error!r}; recording goes on", Severity.ERROR
         )
 
@@ -285,19 +289,19 @@ class Recorder:
         )
         for notice in minute.events:
             self._keep_event(notice)
-        self._audience.show(minute)
+        self._views.show(minute)
 
-    def _view_lost(self, error: Exception) -> None:
+    def _view_removed(self, error: Exception) -> None:
         if not self.writer.is_closed:
-            self._say(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
+            self._report(EventKind.VIEW, f"a view stopped: {error!r}; recording goes on", Severity.WARNING)
 
 
 class ViewDispatcher:
-    """All views of a recording; `lost` is told why one is left out from now on."""
+    """Passes items to all views; one that raises is removed, and `removed` receives its error."""
 
-    def __init__(self, views: Sequence[View], lost: Callable[[Exception], None]) -> None:
+    def __init__(self, views: Sequence[View], removed: Callable[[Exception], None]) -> None:
         self._views = list(views)
-        self._lost = lost
+        self._removed = removed
 
     def show(self, item: Shown) -> None:
         """Show an item to every view."""
@@ -305,7 +309,7 @@ class ViewDispatcher:
             self._guarded(view, partial(view.show, item))
 
     def close(self) -> None:
-        """Tell every view that the recording is over."""
+        """Close every view: the recording is over."""
         for view in tuple(self._views):
             self._guarded(view, view.close)
 
@@ -315,4 +319,4 @@ class ViewDispatcher:
         except Exception as error:
             log.exception("view failed")
             self._views.remove(view)
-            self._lost(error)
+            self._removed(error)

@@ -1,7 +1,7 @@
 """Samples and events on their way from the reading threads to the recorder.
 
-Bounded per stream, so that a stalled disk costs memory for a few seconds and then samples,
-which are counted; a reading thread never waits here.
+Bounded per stream: while the disk stalls, memory grows for a few seconds, then samples are dropped and
+counted. A reading thread never waits here.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Quality, Sample, Severity
 
 Item = Sample | Event
-ROOM_S, ROOM_BYTES, BURST = 3.0, 32_000_000, 64
+QUEUED_S, QUEUED_BYTES, MIN_QUEUED = 3.0, 32_000_000, 64
 
 
 def queue_limit(info: StreamInfo) -> int:
-    """How many samples of a stream may wait: three seconds, 32 MB or a burst of them, whichever is most."""
+    """Maximum number of queued samples of a stream: 3 s, 32 MB or 64 samples, whichever is most."""
     sample_bytes = 1000 + 2 * math.prod(info.shape)
-    return max(BURST, round(ROOM_S * info.rate_hz), ROOM_BYTES // sample_bytes)
+    return max(MIN_QUEUED, round(QUEUED_S * info.rate_hz), QUEUED_BYTES // sample_bytes)
 
 
 class SampleQueue:
-    """A queue of samples and events that drops, counts and tells what does not fit.
+    """A bounded queue of samples and events: what does not fit is dropped, counted and reported.
 
-    `limits` gives the most samples of each stream that may wait; events always fit.
+    `limits` gives the maximum number of queued samples of each stream; events always fit.
     """
 
     def __init__(self, limits: dict[str, int]) -> None:
@@ -41,10 +41,9 @@ class SampleQueue:
         self.dropped: Counter[str] = Counter()
 
     def put(self, sample: Sample) -> bool:
-        """Hand over a sample; False if there was no room and it is lost.
+        """Queue a sample; False if the stream's limit is reached and the sample is lost.
 
-        The next sample that fits carries `Quality.DROPPED_BEFORE`, behind an event that
-        says how many were lost.
+        The next sample that fits carries `Quality.DROPPED_BEFORE`, after an event with the number lost.
         """
         with self._lock:
             if self._waiting[sample.stream] >= self._limits[sample.stream]:
@@ -55,26 +54,26 @@ class SampleQueue:
             self._waiting[sample.stream] += 1
             self._unfinished += 1
         if lost:
-            self.tell(_gap(sample, lost))
+            self.put_event(_gap(sample, lost))
             sample = sample._replace(quality=sample.quality | Quality.DROPPED_BEFORE)
         self._queue.put(sample)
         return True
 
-    def tell(self, event: Event) -> None:
-        """Hand over an event."""
+    def put_event(self, event: Event) -> None:
+        """Queue an event."""
         with self._lock:
             self._unfinished += 1
         self._queue.put(event)
 
     def get(self, timeout_s: float) -> Item | None:
-        """The next item in order of arrival, or None; call `done` when it has been dealt with."""
+        """The next item in order of arrival, or None; call `done` once it has been processed."""
         try:
             return self._queue.get(timeout=timeout_s)
         except queue.Empty:
             return None
 
     def done(self, item: Item) -> None:
-        """Say that an item taken by `get` has been dealt with."""
+        """Mark an item returned by `get` as processed."""
         with self._lock:
             if not isinstance(item, Event):
                 self._waiting[item.stream] -= 1
@@ -83,15 +82,15 @@ class SampleQueue:
                 self._settled.notify_all()
 
     def waiting(self, stream: str) -> int:
-        """Samples of a stream that were put and are not done."""
+        """Number of samples of a stream that were put and are not yet processed."""
         return self._waiting[stream]
 
     def is_busy(self) -> bool:
-        """Whether anything was put that is not done."""
+        """Whether anything was put that is not yet processed."""
         return self._unfinished > 0
 
     def settled(self, timeout_s: float) -> bool:
-        """Whether everything that was put is done, now or within `timeout_s`; see `Clock.hold_until`."""
+        """Whether everything that was put is processed within `timeout_s`; see `Clock.hold_until`."""
         with self._lock:
             return self._settled.wait_for(lambda: not self._unfinished, timeout_s)
 

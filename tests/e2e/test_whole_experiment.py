@@ -234,7 +234,7 @@ def test_pictures_left_out_just_before_the_end_are_told(campaign: Path) -> None:
         (told,) = [event.text for event in session.events() if event.kind is EventKind.DISK]
         pictures = session.count("camera")
     left_out = int(told.split()[0])
-    assert told == f"{left_out} pictures left out after an error of storing: no room for a moment"
+    assert told == f"{left_out} frames skipped after a storage error: no room for a moment"
     assert pictures + left_out == pytest.approx(30 * 8.7, abs=10)
 
 
@@ -312,8 +312,8 @@ def test_every_garbled_record_is_told_also_those_of_the_last_minute(campaign: Pa
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"values": (1.0, 2.0)}, "left out: stream 'lux' was declared as (1,), the sample has (2,)"),
-        ({"device_seq": 2**63}, "left out: stream 'lux': a time or counter needs more than 64 bits"),
+        ({"values": (1.0, 2.0)}, "not stored: stream 'lux' was declared as (1,), the sample has (2,)"),
+        ({"device_seq": 2**63}, "not stored: stream 'lux': a time or counter needs more than 64 bits"),
     ],
 )
 def test_samples_that_are_not_as_declared_cost_only_themselves(

@@ -84,7 +84,7 @@ def test_a_long_mark_is_kept_whole_with_its_span(campaign, recording, tmp_path, 
 def test_a_mark_that_cannot_be_kept_whole_is_refused_not_cut(campaign, recording, arguments):
     result = mark(campaign, *arguments, "--from", "-4m", "--to", "-1m")
     assert result.exit_code == 3
-    assert "too long to be kept whole" in result.stderr
+    assert "too long to be stored whole" in result.stderr
     assert list((recording / "running.h5.journal" / "marks").iterdir()) == []
 
 

@@ -35,23 +35,23 @@ class Notebook(SimulatedClock):
 
 
 def recorded(path: Path, seconds: int, shut_at_s: int) -> list[EventKind]:
-    """A reading and a look around each second; returns what was told."""
-    told = []
+    """A reading and a look around each second; returns the kinds of events."""
+    kinds = []
     with Notebook(START_NS) as clock:
         writer = SessionWriter(path, header(), clock)
-        house = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
+        monitor = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
         for second in range(seconds):
             writer.append(sample(LUX, second, clock.mono_ns(), clock.to_utc_ns(clock.mono_ns())))
-            findings = house.look()
-            assert findings is not None
-            told += [event.kind for event in findings.events]
-            for check in findings.clock_checks:
+            snapshot = monitor.update()
+            assert snapshot is not None
+            kinds += [event.kind for event in snapshot.events]
+            for check in snapshot.clock_checks:
                 writer.clock_check(check)
             if second == shut_at_s:
                 clock.shut_for(SLEPT_S)
             clock.sleep(1.0)
         writer.close()
-    return told
+    return kinds
 
 
 def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tmp_path: Path) -> None:
@@ -65,12 +65,12 @@ def test_a_drive_that_does_not_answer_for_a_moment_has_as_much_room_as_before(tm
 
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
-        house = HealthMonitor(clock, (), SampleQueue({}), writer, free_bytes)
+        monitor = HealthMonitor(clock, (), SampleQueue({}), writer, free_bytes)
         seen = []
         while answers:
-            findings = house.look()
-            assert findings is not None
-            seen.append(findings.health.disk_free_bytes)
+            snapshot = monitor.update()
+            assert snapshot is not None
+            seen.append(snapshot.health.disk_free_bytes)
             clock.sleep(1.0)
         writer.close()
     assert seen == [10**12, 10**12, 10**11]
@@ -102,14 +102,14 @@ def test_a_sleep_right_after_a_comparison_needs_only_one_more(tmp_path: Path) ->
 def test_the_lag_is_that_of_the_latest_sample_since_the_last_look(tmp_path: Path) -> None:
     with SimulatedClock(START_NS) as clock:
         writer = SessionWriter(tmp_path / "a.h5", header(), clock)
-        house = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
+        monitor = HealthMonitor(clock, (), SampleQueue({}), writer, lambda: 10**12)
         lags = []
         for late_ms in ((30, 5), ()):
             for late in late_ms:
-                house.arrived(sample(LUX, 0, clock.mono_ns() - late * 1_000_000))
-            findings = house.look()
-            assert findings is not None
-            lags.append(findings.health.lag_ms)
+                monitor.sample_arrived(sample(LUX, 0, clock.mono_ns() - late * 1_000_000))
+            snapshot = monitor.update()
+            assert snapshot is not None
+            lags.append(snapshot.health.lag_ms)
             clock.sleep(1.0)
         writer.close()
     assert lags == [30.0, 0.0]
