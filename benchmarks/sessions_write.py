@@ -54,7 +54,7 @@ def _rate_once(work: Callable[[Path], None], data: Frames) -> float:
 
 def _sustained() -> list[Result]:
     info = camera(*LARGE)
-    data = np.chunk(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
+    data = np.tile(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
     ways: dict[str, Callable[[Path], None]] = {
         "os.write": lambda place: _os_write(place / "raw", data),
         "twice": lambda place: _os_write_twice(place, data),
@@ -206,7 +206,7 @@ def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
 def _against_naive(shape: tuple[int, int], rate_hz: float, words: str, must: float) -> Result:
     info = camera(shape, rate_hz)
     few = pictures(shape, NAIVE_FRAMES)
-    many = np.chunk(few, (5, 1, 1))
+    many = np.tile(few, (5, 1, 1))
     ours = _rate(lambda place: _compressed(place / "a.h5", info, many), many) / few[0].nbytes * 1e6
     naive = _rate(lambda place: _naive(place / "a.h5", few), few, 1) / few[0].nbytes * 1e6
     note = f"{ours:.0f} against {naive:.1f} frames/s"

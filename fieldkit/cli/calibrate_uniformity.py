@@ -16,7 +16,7 @@ from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.units import SECOND_NS
 
 if TYPE_CHECKING:
-    from fieldkit.calibration.uniformity import Look
+    from fieldkit.calibration.uniformity import TargetView
     from fieldkit.sessions.reader import Session
 
 BLOCK_NS = 10 * SECOND_NS
@@ -80,12 +80,12 @@ def command(ctx: click.Context, /, before: Path, after: Path | None, name: str, 
     finish(record, config, headline, f'offset_k = "@{name}" in each [[region]]')
 
 
-def look_of(session: Session) -> Look:
+def look_of(session: Session) -> TargetView:
     """Offsets while a session's pictures show one uniform target.
 
     Raises `ConfigError` without a reference, `CalibrationError` if it is too short.
     """
-    from fieldkit.calibration.uniformity import Look
+    from fieldkit.calibration.uniformity import TargetView
     from fieldkit.estimation.scale import offsets_from_uniform
     from fieldkit.model.samples import is_usable
     from fieldkit.model.site import RegionKind
@@ -109,7 +109,7 @@ def look_of(session: Session) -> Look:
     targets = means[:, ~is_reference]
     found = offsets_from_uniform(targets, reference)
     names = [name for name, reference in zip(series.regions, is_reference, strict=True) if not reference]
-    return Look(
+    return TargetView(
         int(series.time_ns[good].mean()),
         dict(zip(names, found.offset_k.tolist(), strict=True)),
         dict(zip(names, found.offset_sd_k.tolist(), strict=True)),

@@ -171,10 +171,10 @@ def _configuration(ctx: click.Context) -> Iterator[ReadinessCheck]:
 
 def _calibrations(config: Config) -> Iterator[ReadinessCheck]:
     """Which calibration records are active, and whether they are too old; no instrument is opened here."""
-    from fieldkit.calibration.calibration_record import doubts_of_date
+    from fieldkit.calibration.calibration_record import expiry_warnings
 
     for key, record in config.calibrations().items():
-        if issues := doubts_of_date(record, datetime.now(UTC)):
+        if issues := expiry_warnings(record, datetime.now(UTC)):
             yield ReadinessCheck("warn", key, "; ".join(issues), f"fieldkit calibrate {record.kind}")
         else:
             yield ReadinessCheck("ok", key, f"{record.name} of {record.date:%Y-%m-%d} is good")
