@@ -1,0 +1,235 @@
+"""Plan a measuring day: sun, kelvin per degree and the best possible accuracy, before anything is measured.
+
+>>> plan(Site(35.558675, 139.395232, 9.0, "Asia/Tokyo"), date(2026, 12, 11), [(5.0, 180.0)]).to_frame()
+... # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import date, datetime, timedelta
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.config import Config
+from fieldkit.estimation.day_plan import DayPlan, PlanSettings, plan_day
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.clock import utc_ns
+from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
+from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.sun import sun_vectors
+from fieldkit.views import formatting, plan_page
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a plan assumes: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.
+
+    `noise_k` is that of a region's minute mean, `window_min` the length of an estimate's window,
+    `air_c` the air temperature expected, `step_min` the time between rows.
+    """
+
+    dni_w_m2: float = 800.0
+    turbidity: float | None = None
+    noise_k: float = 0.1
+    window_min: int = 20
+    air_c: float = 15.0
+    step_min: int = 30
+
+    @property
+    def irradiance(self) -> str:
+        """The assumed irradiance in words."""
+        if self.turbidity:
+            return f"clear sky, Linke turbidity {self.turbidity:g}"
+        return f"S {self.dni_w_m2:g} W/m² assumed"
+
+
+DEFAULTS = PlanOptions()
+
+
+@dataclass(frozen=True)
+class MeasuringPlan:
+    """The plan of one local day at a site; `day_plan` has its arrays."""
+
+    site: Site
+    day: date
+    options: PlanOptions
+    day_plan: DayPlan
+
+    @property
+    def warnings(self) -> list[str]:
+        """What to beware of that day."""
+        return plan_page.warnings(self.day_plan, self.site)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each planned time, with one entry for each facet."""
+        return [_row(self.day_plan, index, self.site) for index in range(self.day_plan.rows.size)]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The plan as ``fieldkit plan --json`` prints it."""
+        found = self.day_plan
+        budget = found.bias_budget_k()
+        best_ns = None if found.best_row is None else int(found.time_ns[found.rows[found.best_row]])
+        return {
+            "site": asdict(self.site),
+            "day": str(self.day),
+            "irradiance": self.options.irradiance,
+            "noise_k": found.settings.noise_k,
+            "window_min": found.settings.window_min,
+            "best_window_start": None if best_ns is None else _iso(best_ns, self.site),
+            "minutes_for_azimuth": found.minutes_for_azimuth(),
+            "bias_budget": [
+                {
+                    "tilt_deg": tilt,
+                    "azimuth_deg": azimuth,
+                    "for_deg": found.settings.bias_deg,
+                    "kelvin": kelvin,
+                }
+                for (tilt, azimuth), kelvin in zip(found.facets, budget, strict=True)
+            ],
+            "warnings": self.warnings,
+            "rows": self.rows,
+        }
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row for each time and facet, as a pandas frame; needs ``fieldkit[lab]``."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {**{name: value for name, value in row.items() if name != "facets"}, **facet}
+                for row in self.rows
+                for facet in row["facets"]
+            ]
+        )
+
+    def write(self, path: str | Path) -> Path:
+        """Write the plan as a page to print; raises `StorageError`."""
+        path = Path(path)
+        content = plan_page.page(self.day_plan, self.site, f"Plan for {self.day}", self.options.irradiance)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content, encoding="utf-8")
+        except OSError as error:
+            raise StorageError(f"cannot write {path}: {error.strerror}", fix="give another --out") from error
+        return path
+
+
+def plan(
+    site: Site,
+    day: date,
+    facets: Sequence[tuple[float, float]],
+    options: PlanOptions = DEFAULTS,
+    *,
+    estimator: EstimatorSettings | None = None,
+) -> MeasuringPlan:
+    """Plan a measuring day: sun, sensitivity and the Cramér-Rao bound of tilt, by sun and noise alone.
+
+    Parameters
+    ----------
+    site
+        Where; its zone sets the day and is shown.
+    day
+        Which local day.
+    facets
+        Tilt from horizontal and azimuth from north of each region. [degrees]
+    options
+        What is assumed of irradiance, noise and air.
+    estimator
+        Settings that will be estimated with: surface parameters, and whether azimuths are known.
+
+    Returns
+    -------
+    MeasuringPlan
+        With `to_frame` and `write`.
+
+    Raises
+    ------
+    NoAnswerError
+        If the sun does not rise.
+    """
+    time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
+    settings = PlanSettings(
+        noise_k=options.noise_k, window_min=options.window_min, air_k=options.air_c + CELSIUS_ZERO_K
+    )
+    if estimator is not None:
+        settings = replace(settings, surface=estimator.surface, azimuth_known=estimator.azimuth == "known")
+    sun = sun_vectors(time_ns, site)
+    found = plan_day(
+        tuple(facets), time_ns, sun, _dni(sun, time_ns, site, options), settings, options.step_min
+    )
+    if not found.rows.size:
+        raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
+    return MeasuringPlan(site, day, options, found)
+
+
+def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
+    """Tilt and azimuth of a campaign's targets where both are known; raises `ConfigError` without any."""
+    known = tuple(
+        (region.tilt_deg, region.azimuth_deg)
+        for region in config.regions
+        if region.kind is RegionKind.TARGET and isfinite(region.tilt_deg) and isfinite(region.azimuth_deg)
+    )
+    if not known:
+        raise ConfigError(
+            "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix="add --facet TILT,AZIMUTH"
+        )
+    return known
+
+
+def _ends_ns(site: Site, day: date) -> tuple[int, int]:
+    """A day of the site's zone, moved by whole hours to have the sun's noon in its middle.
+
+    So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
+    """
+    start = datetime(day.year, day.month, day.day, tzinfo=formatting.zone(site))
+    ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
+    moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * HOUR_NS
+    return utc_ns(start) + moved_ns, utc_ns(start + timedelta(days=1)) + moved_ns
+
+
+def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:
+    if options.turbidity:
+        return clear_sky(sun[:, 2], time_ns, site.elevation_m, options.turbidity)[0]
+    return np.full(len(sun), options.dni_w_m2)
+
+
+def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
+    minute, found = int(plan.rows[index]), plan.bounds[index]
+    zenith, azimuth = (float(angle) for angle in tilt_azimuth(plan.sun[minute]))
+    return {
+        "time": _iso(int(plan.time_ns[minute]), site),
+        "sun_zenith_deg": zenith,
+        "sun_azimuth_deg": azimuth,
+        "direct_normal_w_m2": plan.dni_w_m2[minute],
+        "verdict": plan.verdict(index),
+        "facets": [
+            {
+                "tilt_deg": tilt,
+                "azimuth_deg": turn,
+                "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[bed, minute],
+                "kelvin_per_degree": plan.sensitivity.temperature_k[bed, minute],
+                "weak": bool(plan.weak[bed, minute]),
+                "uncertain": bool(plan.uncertain(index)[bed]),
+                **{f"bound_{name}": getattr(found, name)[bed] for name in found.__slots__},
+            }
+            for bed, (tilt, turn) in enumerate(plan.facets)
+        ],
+    }
+
+
+def _iso(time_ns: int, site: Site) -> str:
+    return formatting.local_time(time_ns, site).isoformat()
