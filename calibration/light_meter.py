@@ -52,7 +52,7 @@ class LightFactor:
 def on_plane(
     model: IrradianceModel,
     dni_w_m2: FloatArray,
-    diffuse_w_m2: FloatArray | None,
+    dhi_w_m2: FloatArray | None,
     sun: FloatArray,
     time_ns: NDArray[np.int64],
 ) -> FloatArray:
@@ -61,10 +61,10 @@ def on_plane(
     With measured diffuse light (n,) on the horizontal that is taken, else `model`'s share of the sky.
     """
     unit = replace(model, kind="calibrated", factor=1.0)
-    if diffuse_w_m2 is not None:
+    if dhi_w_m2 is not None:
         bare = replace(unit, diffuse="none")
         cosine = 1.0 / direct_normal(bare, np.ones_like(dni_w_m2), sun, time_ns)
-        return np.asarray(dni_w_m2 * cosine + diffuse_w_m2 * _view(model, sun))
+        return np.asarray(dni_w_m2 * cosine + dhi_w_m2 * _view(model, sun))
     guess = np.array(dni_w_m2)
     for _ in range(
         40

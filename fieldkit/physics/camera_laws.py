@@ -1,8 +1,8 @@
 """From camera counts to brightness temperature, for cameras whose law is more than a factor.
 
-A stream names its law (`StreamInfo.law`); `temperature_k` finds it in `LAWS`. A law sees the counts, the
-metadata rows of the same picture and the stream's settings, and gives kelvin for emissivity 1, float32.
-Look-up tables are kept while their parameters stand. ``linear`` is counts x scale + offset.
+A stream names its law (`StreamInfo.law`); `temperature_k` looks it up in `LAWS`. A law takes the counts, the
+metadata rows of the same frame and the stream's settings, and returns kelvin for emissivity 1 in single
+precision. Look-up tables are cached by their parameters. ``linear`` is counts x scale + offset.
 """
 
 from __future__ import annotations
@@ -36,33 +36,61 @@ def temperature_k(
     scale: float = 1.0,
     offset: float = 0.0,
 ) -> Kelvin:
-    """Brightness temperature of a picture in kelvin, shape of `counts`; NaN where the law has no answer.
+    """Brightness temperature of counts by a named law.
+
+    Parameters
+    ----------
+    law
+        ``linear`` or a key of `LAWS`.
+    counts
+        Raw counts of a frame, any shape.
+    metadata_rows
+        Rows that the camera sent with the frame, shape (rows, cols).
+    settings
+        Settings of the stream, with the constants of the law.
+    scale, offset
+        Of the linear law. [K per count, K]
+
+    Returns
+    -------
+    Shape of `counts`; NaN where the law has no solution. [K]
 
     Raises
     ------
     ValueError
-        If no law of that name is known.
+        If the law is unknown.
     """
     if law == "linear":
         return linear(counts, scale, offset)
     if law not in LAWS:
-        raise ValueError(f"no camera law is called {law!r}; there are linear, {', '.join(LAWS)}")
+        raise ValueError(f"unknown camera law {law!r}; known laws: linear, {', '.join(LAWS)}")
     return LAWS[law](counts, metadata_rows, settings)
 
 
 def has_temperatures(info: StreamInfo) -> bool:
-    """Whether a camera's counts can become kelvin: its law is known, and of a linear one the scale."""
+    """Whether counts can be converted to kelvin: the law is known and, if linear, its scale is finite."""
     return math.isfinite(info.scale) if info.law == "linear" else info.law in LAWS
 
 
 def frame_k(
     info: StreamInfo, counts: Counts, metadata_rows: Counts, dtype: type[np.floating[Any]] = np.float64
 ) -> NDArray[Any]:
-    """Brightness temperature of one frame of a camera's stream, or of some of its pixels: counts to kelvin.
+    """Brightness temperature of one frame of a camera's stream, or of some of its pixels.
 
-    `counts` may have any shape; `metadata_rows` are those of the frame, shape (rows, cols). Kelvin in the
-    shape of `counts`, for emissivity 1; NaN where the stream's law or scale is unknown or has no answer.
-    In single precision (`dtype`) good to 3e-5 K, which is enough to look at.
+    Parameters
+    ----------
+    info
+        The stream, with its law, scale and settings.
+    counts
+        Raw counts, any shape.
+    metadata_rows
+        Rows that the camera sent with the frame, shape (rows, cols).
+    dtype
+        Precision of the result; single precision is good to 3e-5 K.
+
+    Returns
+    -------
+    Shape of `counts`, for emissivity 1; NaN where law or scale is unknown or has no solution. [K]
     """
     if not has_temperatures(info):
         return np.full(counts.shape, np.nan, dtype)
@@ -80,7 +108,21 @@ def needs_metadata_rows(info: StreamInfo) -> bool:
 
 
 def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray[np.float64]:
-    """Several frames by `frame_k`: counts (n, ...) and metadata rows (n, rows, cols) to kelvin (n, ...)."""
+    """Brightness temperature of several frames; see `frame_k`.
+
+    Parameters
+    ----------
+    info
+        The stream.
+    counts
+        Raw counts, shape (n, ...).
+    metadata_rows
+        Shape (n, rows, cols).
+
+    Returns
+    -------
+    Shape of `counts`. [K]
+    """
     if not needs_metadata_rows(info):
         return frame_k(info, counts, metadata_rows[:0])
     frames = [frame_k(info, *frame) for frame in zip(counts, metadata_rows, strict=True)]
@@ -90,7 +132,21 @@ def frames_k(info: StreamInfo, counts: Counts, metadata_rows: Counts) -> NDArray
 def linear(
     counts: Counts, scale: float, offset: float = 0.0, dtype: type[np.floating[Any]] = np.float32
 ) -> NDArray[Any]:
-    """Counts x scale + offset in kelvin; in single precision good to 3e-5 K."""
+    """Counts x scale + offset.
+
+    Parameters
+    ----------
+    counts
+        Raw counts, any shape.
+    scale, offset
+        [K per count, K]
+    dtype
+        Precision of the result; single precision is good to 3e-5 K.
+
+    Returns
+    -------
+    Shape of `counts`. [K]
+    """
     kelvin = counts.astype(dtype)  # then in place: half the time of multiplying mixed types
     kelvin *= scale
     if offset:
@@ -100,7 +156,7 @@ def linear(
 
 @dataclass(frozen=True, slots=True)
 class Ht301Parameters:
-    """What the law of the HT-301 family takes from the metadata rows; temperatures in °C."""
+    """Parameters of the HT-301 law from the metadata rows of one frame; temperatures in °C."""
 
     width: int
     cal_00: int
@@ -123,7 +179,16 @@ def ht301_area(width: int) -> int:
 
 
 def ht301_parameters(metadata_rows: Counts) -> Ht301Parameters:
-    """Read the parameters of a picture from its four metadata rows, shape (4, width).
+    """Parse the parameters of a frame from its metadata rows.
+
+    Parameters
+    ----------
+    metadata_rows
+        The four rows below the image, shape (4, width).
+
+    Returns
+    -------
+    The parameters of `ht301_curve`.
 
     Raises
     ------
@@ -148,7 +213,16 @@ def ht301_fpa_c(width: int, fpa_raw: int) -> float:
 
 @lru_cache(maxsize=4)
 def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
-    """(a, b, c) of ``T = sqrt(a x + b) + c`` in kelvin for counts x; not finite where rows make no sense.
+    """Coefficients (a, b, c) of ``T = sqrt(a x + b) + c`` for counts x.
+
+    Parameters
+    ----------
+    parameters
+        Of one frame.
+
+    Returns
+    -------
+    a, b, c for T in kelvin; not finite where the metadata rows are implausible.
 
     Notes
     -----
@@ -167,9 +241,25 @@ def ht301_curve(parameters: Ht301Parameters) -> tuple[float, float, float]:
 
 
 def ht301(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
-    """The law of the HT-301, T3S, T2S+ and T2L, in kelvin; parameters come with every picture.
+    """Law of the HT-301, T3S, T2S+ and T2L; its parameters come with every frame.
 
-    The square root itself takes less time than looking its values up.
+    Parameters
+    ----------
+    counts
+        Raw counts, any shape.
+    metadata_rows
+        The four rows below the image, shape (4, width).
+    settings
+        Not used.
+
+    Returns
+    -------
+    Shape of `counts`. [K]
+
+    Raises
+    ------
+    ValueError
+        If the metadata rows are not those of this family.
     """
     a, b, c = ht301_curve(ht301_parameters(metadata_rows))
     with np.errstate(all="ignore"):
@@ -209,12 +299,34 @@ class Planck:
 
 
 def planck_counts(temperature_k: float, constants: Planck) -> float:
-    """Counts of a black body: ``S = R1 / (R2 (exp(B/T) - F)) - O``."""
+    """Counts of a black body, ``S = R1 / (R2 (exp(B/T) - F)) - O``.
+
+    Parameters
+    ----------
+    temperature_k
+        Temperature of the black body. [K]
+    constants
+        Constants of the camera.
+
+    Returns
+    -------
+    Counts, not rounded.
+    """
     return constants.r1 / (constants.r2 * (math.exp(constants.b / temperature_k) - constants.f)) - constants.o
 
 
 def path_transmission(constants: Planck) -> float:
-    """Transmission of one half of the path; the window, if any, stands in its middle."""
+    """Transmission of one half of the path; the window, if any, is in its middle.
+
+    Parameters
+    ----------
+    constants
+        Distance, air temperature and humidity of the path, and the camera's atmospheric constants.
+
+    Returns
+    -------
+    Transmission, 1 at no distance. [-]
+    """
     air_c = constants.air_k - CELSIUS_ZERO_K
     water = constants.humidity * math.exp(
         1.5587 + 0.06939 * air_c - 0.00027816 * air_c**2 + 6.8455e-7 * air_c**3
@@ -240,7 +352,17 @@ def _object_counts(constants: Planck) -> tuple[float, float]:
 
 @lru_cache(maxsize=4)
 def planck_table(constants: Planck) -> Kelvin:
-    """Kelvin of all 65536 counts: ``T = B / ln(R1 / (R2 (S + O)) + F)``; NaN where there is no answer."""
+    """Brightness temperature of all 65536 counts, ``T = B / ln(R1 / (R2 (S + O)) + F)``.
+
+    Parameters
+    ----------
+    constants
+        Constants of the camera and of the path.
+
+    Returns
+    -------
+    Shape (65536,); NaN where there is no solution. [K]
+    """
     gain, offset = _object_counts(constants)
     with np.errstate(all="ignore"):
         counts = np.arange(0x10000) * gain + offset
@@ -251,7 +373,21 @@ def planck_table(constants: Planck) -> Kelvin:
 
 
 def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -> Kelvin:
-    """The law of FLIR files, in kelvin; `settings` holds the fields of `Planck` by name."""
+    """Law of FLIR files.
+
+    Parameters
+    ----------
+    counts
+        Raw counts, any shape.
+    metadata_rows
+        Not used.
+    settings
+        Fields of `Planck` by name.
+
+    Returns
+    -------
+    Shape of `counts`. [K]
+    """
     names = {one.name for one in fields(Planck)}
     return planck_table(
         Planck(**{key: float(value) for key, value in settings.items() if key in names})

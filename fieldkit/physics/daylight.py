@@ -1,9 +1,9 @@
-"""What the sky and the ground around send to a tilted facet besides the direct beam.
+"""Daylight by published correlations: from the top of the atmosphere through the sky onto a tilted facet.
 
-The paper's eqs. (1)-(7) leave these terms out; the full surface model and the simulated
-scene use them. Pure functions of irradiances [W/m2] and cosines, arrays that broadcast.
-`cos_tilt` is the cosine of the facet's tilt: a facet sees (1 + cos b)/2 of the sky and
-(1 - cos b)/2 of flat ground.
+Extraterrestrial irradiance, clear sky, diffuse share and luminous efficacy; then what sky and ground send to
+a facet besides the direct beam, which eqs. (1)-(7) of the paper leave out. Irradiances in W/m2, cosines
+instead of angles, arrays that broadcast. Which correlation is used for a meter is decided in
+`irradiance.IrradianceModel`.
 """
 
 from __future__ import annotations
@@ -42,9 +42,20 @@ _DIRECT = np.array(
 
 
 def extraterrestrial(time_ns: ArrayLike) -> FloatArray:
-    """Irradiance of a plane facing the sun outside the atmosphere, W/m2, by day of year.
+    """Irradiance of a plane facing the sun outside the atmosphere, by day of year.
 
-    J. W. Spencer, "Fourier series representation of the position of the sun", Search 2(5), 1971.
+    Parameters
+    ----------
+    time_ns
+        UTC nanoseconds since 1970, any shape.
+
+    Returns
+    -------
+    Same shape, about 1316 in July to 1409 in January. [W/m2]
+
+    References
+    ----------
+    .. [1] J. W. Spencer, "Fourier series representation of the position of the sun", Search 2(5), 172, 1971.
     """
     days = np.asarray(time_ns, dtype=np.int64).astype("datetime64[ns]")
     of_year = (days - days.astype("datetime64[Y]")) / np.timedelta64(1, "D")
@@ -60,10 +71,23 @@ def extraterrestrial(time_ns: ArrayLike) -> FloatArray:
 
 
 def air_mass(cos_zenith: ArrayLike, elevation_m: float = 0.0) -> FloatArray:
-    """Air mass corrected for the pressure at the site, sun above the horizon.
+    """Relative air mass, corrected for the pressure at the site.
 
-    F. Kasten and A. T. Young, "Revised optical air mass tables and approximation formula",
-    Applied Optics 28, 4735-4738, 1989.
+    Parameters
+    ----------
+    cos_zenith
+        Cosine of the sun's zenith angle, above 0, any shape. [-]
+    elevation_m
+        Elevation of the site above sea level. [m]
+
+    Returns
+    -------
+    Same shape; 1 for the sun overhead at sea level. [-]
+
+    References
+    ----------
+    .. [1] F. Kasten and A. T. Young, "Revised optical air mass tables and approximation formula",
+       Applied Optics 28, 4735-4738, 1989, doi:10.1364/AO.28.004735.
     """
     zenith = np.degrees(np.arccos(np.clip(cos_zenith, -1.0, 1.0)))
     relative = 1.0 / (np.cos(np.radians(zenith)) + 0.50572 * (96.07995 - zenith) ** -1.6364)
@@ -74,10 +98,29 @@ def air_mass(cos_zenith: ArrayLike, elevation_m: float = 0.0) -> FloatArray:
 def clear_sky(
     cos_zenith: ArrayLike, time_ns: ArrayLike, elevation_m: float = 0.0, linke_turbidity: float = 3.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Direct normal and diffuse horizontal irradiance of a cloudless sky, W/m2, (n,) each.
+    """Direct normal and diffuse horizontal irradiance of a cloudless sky.
 
-    Zero with the sun down. P. Ineichen and R. Perez, "A new airmass independent
-    formulation for the Linke turbidity coefficient", Solar Energy 73, 151-157, 2002.
+    For plans and for the simulation study; it does not replace a measurement.
+
+    Parameters
+    ----------
+    cos_zenith
+        Cosine of the sun's zenith angle, shape (n,). [-]
+    time_ns
+        UTC nanoseconds since 1970, shape (n,).
+    elevation_m
+        Elevation of the site above sea level. [m]
+    linke_turbidity
+        About 2 in clear mountain winter, 3 in the country, 4 to 5 on a humid summer day near a city. [-]
+
+    Returns
+    -------
+    DNI and DHI, shape (n,) each; zero with the sun below the horizon. [W/m2]
+
+    References
+    ----------
+    .. [1] P. Ineichen and R. Perez, "A new airmass independent formulation for the Linke turbidity
+       coefficient", Solar Energy 73, 151-157, 2002, doi:10.1016/S0038-092X(02)00045-2.
     """
     cosine = np.asarray(cos_zenith, np.float64)
     up = cosine > 0.0
@@ -95,11 +138,26 @@ def clear_sky(
 
 
 def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:
-    """Diffuse share of global horizontal irradiance by the clearness index (global over extraterrestrial).
+    """Diffuse share of global horizontal irradiance from the clearness index.
 
-    D. G. Erbs, S. A. Klein and J. A. Duffie, "Estimation of the diffuse radiation fraction
-    for hourly, daily and monthly-average global radiation", Solar Energy 28, 293-302, 1982,
-    the hourly correlation. An hourly mean law: for a single minute good to about 0.1.
+    Parameters
+    ----------
+    clearness
+        Global horizontal over extraterrestrial horizontal irradiance, any shape. [-]
+
+    Returns
+    -------
+    Same shape, 0.165 to 1. [-]
+
+    Notes
+    -----
+    A correlation of hourly means; for a single minute good to about 0.1.
+
+    References
+    ----------
+    .. [1] D. G. Erbs, S. A. Klein and J. A. Duffie, "Estimation of the diffuse radiation fraction for hourly,
+       daily and monthly-average global radiation", Solar Energy 28, 293-302, 1982,
+       doi:10.1016/0038-092X(82)90302-4.
     """
     k = np.maximum(np.asarray(clearness, np.float64), 0.0)
     middle = 0.9511 - 0.1604 * k + 4.388 * k**2 - 16.638 * k**3 + 12.336 * k**4
@@ -107,21 +165,39 @@ def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:
 
 
 def perez_efficacy(
-    direct_normal_w_m2: ArrayLike,
-    diffuse_w_m2: ArrayLike,
+    dni_w_m2: ArrayLike,
+    dhi_w_m2: ArrayLike,
     cos_zenith: ArrayLike,
     extraterrestrial_w_m2: ArrayLike,
     precipitable_water_cm: float = 2.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Luminous efficacy of global horizontal and of direct light, lm/W.
+    """Luminous efficacy of global horizontal and of direct light.
 
-    Valid with the sun up and some diffuse light; NaN where the sun is below 3 degrees.
+    Parameters
+    ----------
+    dni_w_m2, dhi_w_m2
+        Direct normal and diffuse horizontal irradiance, shapes that broadcast. [W/m2]
+    cos_zenith
+        Cosine of the sun's zenith angle. [-]
+    extraterrestrial_w_m2
+        See `extraterrestrial`. [W/m2]
+    precipitable_water_cm
+        Water in a column of the atmosphere. [cm]
+
+    Returns
+    -------
+    Efficacy of global and of direct light; NaN where the sun is below 3 degrees. [lm/W]
+
+    References
+    ----------
+    .. [1] R. Perez et al., "Modeling daylight availability and irradiance components from direct and global
+       irradiance", Solar Energy 44, 271-289, 1990, table 4, doi:10.1016/0038-092X(90)90055-H.
     """
     cosine = np.asarray(cos_zenith, np.float64)
     cosine = np.where(cosine > 0.05, cosine, np.nan)
-    zenith, sky = np.arccos(cosine), np.maximum(diffuse_w_m2, 1.0)
+    zenith, sky = np.arccos(cosine), np.maximum(dhi_w_m2, 1.0)
     cube = 1.041 * zenith**3
-    clearness = ((sky + np.asarray(direct_normal_w_m2)) / sky + cube) / (1.0 + cube)
+    clearness = ((sky + np.asarray(dni_w_m2)) / sky + cube) / (1.0 + cube)
     brightness = sky / cosine / np.asarray(extraterrestrial_w_m2)
     bins: NDArray[np.intp] = np.digitize(clearness, _CLEARNESS_EDGES)
     a, b, c, d = _GLOBAL[:, bins]
@@ -132,48 +208,128 @@ def perez_efficacy(
 
 
 def sky_view(cos_tilt: ArrayLike) -> FloatArray:
-    """Share of a facet's hemisphere that is sky."""
+    """Fraction of a facet's hemisphere that is sky, (1 + cos b) / 2.
+
+    Parameters
+    ----------
+    cos_tilt
+        Cosine of the facet's tilt from horizontal, any shape. [-]
+
+    Returns
+    -------
+    Same shape, 0 to 1. [-]
+    """
     return np.asarray(0.5 * (1.0 + np.asarray(cos_tilt, dtype=np.float64)))
 
 
 def ground_view(cos_tilt: ArrayLike) -> FloatArray:
-    """Share of a facet's hemisphere that is flat ground."""
+    """Fraction of a facet's hemisphere that is flat ground, (1 - cos b) / 2.
+
+    Parameters
+    ----------
+    cos_tilt
+        Cosine of the facet's tilt from horizontal, any shape. [-]
+
+    Returns
+    -------
+    Same shape, 0 to 1. [-]
+    """
     return np.asarray(0.5 * (1.0 - np.asarray(cos_tilt, dtype=np.float64)))
 
 
-def isotropic_diffuse(diffuse_w_m2: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
-    """Diffuse light on a facet when the whole sky is equally bright, W/m2."""
-    return np.asarray(np.multiply(diffuse_w_m2, sky_view(cos_tilt)))
+def isotropic_diffuse(dhi_w_m2: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
+    """Diffuse irradiance on a facet under a sky of uniform radiance.
+
+    Parameters
+    ----------
+    dhi_w_m2
+        Diffuse horizontal irradiance. [W/m2]
+    cos_tilt
+        Cosine of the facet's tilt from horizontal. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
+    return np.asarray(np.multiply(dhi_w_m2, sky_view(cos_tilt)))
 
 
 def hay_davies_diffuse(
-    diffuse_w_m2: ArrayLike,
+    dhi_w_m2: ArrayLike,
     dni_w_m2: ArrayLike,
     extraterrestrial_w_m2: ArrayLike,
     cos_incidence: ArrayLike,
     cos_zenith: ArrayLike,
     cos_tilt: ArrayLike,
 ) -> FloatArray:
-    """Diffuse light on a facet when a share of it comes from around the sun, W/m2.
+    """Diffuse irradiance on a facet, with a circumsolar part.
 
-    The share is the beam's transmission; the rest is isotropic. `diffuse_w_m2` is on the
-    horizontal, `dni_w_m2` normal to the beam. J. E. Hay and J. A. Davies, "Calculation
-    of the solar radiation incident on an inclined surface", 1980.
+    The circumsolar share is the transmission of the beam; the rest is isotropic [1]_.
+
+    Parameters
+    ----------
+    dhi_w_m2, dni_w_m2
+        Diffuse horizontal and direct normal irradiance. [W/m2]
+    extraterrestrial_w_m2
+        See `extraterrestrial`. [W/m2]
+    cos_incidence
+        Cosine between sun and facet normal; negative where the facet faces away. [-]
+    cos_zenith
+        Cosine of the sun's zenith angle; taken as at least that of 1 degree of elevation. [-]
+    cos_tilt
+        Cosine of the facet's tilt from horizontal. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+
+    References
+    ----------
+    .. [1] J. E. Hay and J. A. Davies, "Calculation of the solar radiation incident on an inclined surface",
+       Proc. First Canadian Solar Radiation Data Workshop, 59-72, 1980.
     """
     circumsolar = np.clip(np.divide(dni_w_m2, extraterrestrial_w_m2), 0.0, 1.0)
     beam_ratio = np.maximum(cos_incidence, 0.0) / np.maximum(cos_zenith, _LOWEST_COS_ZENITH)
     seen = circumsolar * beam_ratio + (1.0 - circumsolar) * sky_view(cos_tilt)
-    return np.asarray(np.multiply(diffuse_w_m2, seen))
+    return np.asarray(np.multiply(dhi_w_m2, seen))
 
 
-def ground_reflected(global_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
-    """Sunlight that flat ground of `ground_albedo` throws onto a facet, W/m2."""
-    return np.asarray(np.multiply(global_w_m2, ground_albedo) * ground_view(cos_tilt))
+def ground_reflected(ghi_w_m2: ArrayLike, ground_albedo: ArrayLike, cos_tilt: ArrayLike) -> FloatArray:
+    """Sunlight reflected from flat ground onto a facet.
+
+    Parameters
+    ----------
+    ghi_w_m2
+        Global horizontal irradiance. [W/m2]
+    ground_albedo
+        Albedo of the ground, in [0, 1]. [-]
+    cos_tilt
+        Cosine of the facet's tilt from horizontal. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
+    return np.asarray(np.multiply(ghi_w_m2, ground_albedo) * ground_view(cos_tilt))
 
 
 def longwave_on_facet(
     longwave_down_w_m2: ArrayLike, longwave_ground_w_m2: ArrayLike, cos_tilt: ArrayLike
 ) -> FloatArray:
-    """Long-wave radiation arriving on a facet from its share of sky and of flat ground, W/m2."""
+    """Longwave irradiance on a facet from its shares of sky and flat ground.
+
+    Parameters
+    ----------
+    longwave_down_w_m2
+        Longwave irradiance of the sky on a horizontal surface. [W/m2]
+    longwave_ground_w_m2
+        Longwave exitance of the ground. [W/m2]
+    cos_tilt
+        Cosine of the facet's tilt from horizontal. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
     from_sky = np.multiply(longwave_down_w_m2, sky_view(cos_tilt))
     return np.asarray(from_sky + np.multiply(longwave_ground_w_m2, ground_view(cos_tilt)))

@@ -1,9 +1,8 @@
 """The paper's energy balance of a surface, eqs. (1) to (7), one function per equation.
 
-Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for Planetary
-Exploration Rovers". Fluxes in W/m2, positive in the direction of the symbol's arrow;
-temperatures in kelvin. Arrays broadcast. Light of the sky, storage and conduction are not
-here: see `sky` and `slab`.
+The source of every equation is Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for
+Planetary Exploration Rovers". Fluxes in W/m2, positive in the direction of the symbol's arrow; temperatures
+in kelvin; arrays broadcast. Diffuse light is in `daylight`, heat storage and conduction are in `slab`.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ STEFAN_BOLTZMANN = 5.670374419e-8
 
 @dataclass(frozen=True, slots=True)
 class SurfaceParameters:
-    """What the balance needs to know of a surface; the defaults are the paper's Table 1.
+    """Properties of a surface that its energy balance needs; the defaults are the paper's Table 1.
 
-    `emissivity` is the camera band's, `emissivity_broadband` that of eqs. (4), (6), (7);
-    for quartz sand they differ. `exchange_m_s` is C_H U.
+    `albedo` in [0, 1). `emissivity` is that of the camera's band, `emissivity_broadband` that of eqs. (4),
+    (6), (7), both in (0, 1]; for quartz sand they differ. `exchange_m_s` is C_H U.
     """
 
     albedo: float = 0.20
@@ -43,7 +42,7 @@ class SurfaceParameters:
 
     @property
     def exchange_w_m2_k(self) -> float:
-        """C_p rho C_H U, W/m2 per kelvin between surface and air."""
+        """Coefficient of heat exchange with the air, C_p rho C_H U, W m-2 K-1."""
         return self.heat_capacity_j_kg_k * self.air_density_kg_m3 * self.exchange_m_s
 
     @property
@@ -67,45 +66,133 @@ def balance(
     latent_heat: ArrayLike = 0.0,
     ground_flux: ArrayLike = 0.0,
 ) -> FloatArray:
-    """Eq. (1): what is left of the inputs after all outputs, W/m2; zero in balance."""
+    """Eq. (1): residual of the energy balance, inputs less outputs.
+
+    Parameters
+    ----------
+    shortwave_down, longwave_down
+        Irradiance that reaches the surface. [W/m2]
+    longwave_emitted, shortwave_reflected, longwave_reflected
+        Radiation that leaves it. [W/m2]
+    sensible_heat, latent_heat
+        Turbulent fluxes into the air. [W/m2]
+    ground_flux
+        Heat flux into the ground. [W/m2]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast; zero in balance. [W/m2]
+    """
     gained = np.add(shortwave_down, longwave_down)
     radiated = np.add(longwave_emitted, shortwave_reflected) + np.asarray(longwave_reflected)
     carried = np.add(sensible_heat, latent_heat) + np.asarray(ground_flux)
     return np.asarray(gained - radiated - carried)
 
 
-def direct_irradiance(direct_normal_w_m2: ArrayLike, cos_incidence: ArrayLike) -> FloatArray:
-    """Eq. (2): S cos(theta), W/m2; zero on a facet that turns its back to the sun."""
-    return np.asarray(np.multiply(direct_normal_w_m2, np.maximum(cos_incidence, 0.0)))
+def direct_irradiance(dni_w_m2: ArrayLike, cos_incidence: ArrayLike) -> FloatArray:
+    """Eq. (2): direct irradiance on a facet, S cos(theta).
+
+    Parameters
+    ----------
+    dni_w_m2
+        Direct normal irradiance S. [W/m2]
+    cos_incidence
+        Cosine between sun and facet normal. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast; zero on a facet that faces away from the sun. [W/m2]
+    """
+    return np.asarray(np.multiply(dni_w_m2, np.maximum(cos_incidence, 0.0)))
 
 
 def reflected_shortwave(shortwave_down_w_m2: ArrayLike, albedo: ArrayLike) -> FloatArray:
-    """Eq. (3): A S_w, W/m2."""
+    """Eq. (3): reflected sunlight, A S_w.
+
+    Parameters
+    ----------
+    shortwave_down_w_m2
+        Irradiance S_w on the facet. [W/m2]
+    albedo
+        Albedo A, in [0, 1). [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
     return np.asarray(np.multiply(albedo, shortwave_down_w_m2))
 
 
 def emitted_longwave(temperature_k: ArrayLike, emissivity: ArrayLike) -> FloatArray:
-    """Eq. (4): epsilon sigma T^4 with the broadband emissivity, W/m2."""
+    """Eq. (4): longwave exitance, epsilon sigma T^4.
+
+    Parameters
+    ----------
+    temperature_k
+        Surface temperature. [K]
+    emissivity
+        Broadband emissivity, in (0, 1]. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
     return np.asarray(np.multiply(emissivity, STEFAN_BOLTZMANN * np.asarray(temperature_k, np.float64) ** 4))
 
 
 def sensible_heat(
     temperature_k: ArrayLike, air_temperature_k: ArrayLike, parameters: SurfaceParameters
 ) -> FloatArray:
-    """Eq. (5): C_p rho C_H U (T - T_a), W/m2. C_p is in J/(kg K)."""
+    """Eq. (5): sensible heat flux into the air, C_p rho C_H U (T - T_a).
+
+    Parameters
+    ----------
+    temperature_k, air_temperature_k
+        Temperatures of surface and air. [K]
+    parameters
+        Properties of surface and air; C_p in J/(kg K).
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
     return np.asarray(parameters.exchange_w_m2_k * np.subtract(temperature_k, air_temperature_k))
 
 
 def irradiance_difference(
     temperature_k: ArrayLike, reference_k: ArrayLike, parameters: SurfaceParameters
 ) -> FloatArray:
-    """Eq. (6): direct irradiance of the target less that of the reference, W/m2, from temperatures."""
+    """Eq. (6): direct irradiance of the target less that of the reference, from their temperatures.
+
+    Parameters
+    ----------
+    temperature_k, reference_k
+        Surface temperatures of target and reference region. [K]
+    parameters
+        Properties that both surfaces share.
+
+    Returns
+    -------
+    Shape of the arguments, broadcast. [W/m2]
+    """
     target, reference = np.asarray(temperature_k, np.float64), np.asarray(reference_k, np.float64)
     return np.asarray(parameters.alpha * (target**4 - reference**4) + parameters.beta * (target - reference))
 
 
 def irradiance_per_kelvin(temperature_k: ArrayLike, parameters: SurfaceParameters) -> FloatArray:
-    """D = 4 alpha T^3 + beta: how eq. (6) grows per kelvin of the target, about 30 W/m2/K."""
+    """Derivative of eq. (6) by the target's temperature, D = 4 alpha T^3 + beta.
+
+    Parameters
+    ----------
+    temperature_k
+        Surface temperature of the target. [K]
+    parameters
+        Properties of the surface.
+
+    Returns
+    -------
+    Shape of `temperature_k`; about 30 for dry sand in the sun. [W m-2 K-1]
+    """
     return np.asarray(4.0 * parameters.alpha * np.asarray(temperature_k, np.float64) ** 3 + parameters.beta)
 
 
@@ -117,10 +204,24 @@ def surface_temperature(
     *,
     exchange_w_m2_k: ArrayLike | None = None,
 ) -> FloatArray:
-    """Eq. (7): the temperature of a dry surface without storage, kelvin.
+    """Eq. (7): temperature of a dry surface without heat storage.
 
-    `shortwave_down_w_m2` is S_w of eq. (2), before reflection. `exchange_w_m2_k` replaces
-    the parameters' C_p rho C_H U where it varies with the wind.
+    Parameters
+    ----------
+    shortwave_down_w_m2
+        S_w of eq. (2), before reflection. [W/m2]
+    longwave_down_w_m2
+        Longwave irradiance of the sky. [W/m2]
+    air_temperature_k
+        Air temperature. [K]
+    parameters
+        Properties of surface and air.
+    exchange_w_m2_k
+        Replaces the parameters' C_p rho C_H U where it varies with the wind. [W m-2 K-1]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast; NaN where no temperature balances. [K]
     """
     exchange = parameters.exchange_w_m2_k if exchange_w_m2_k is None else exchange_w_m2_k
     absorbed = (1.0 - parameters.albedo) * np.asarray(shortwave_down_w_m2, np.float64)
@@ -132,10 +233,22 @@ def surface_temperature(
 def balance_temperature(
     supply_w_m2: ArrayLike, linear_loss_w_m2_k: ArrayLike, emissivity: ArrayLike
 ) -> FloatArray:
-    """Solve ``emissivity sigma T^4 + linear_loss T = supply`` for T >= 0, kelvin.
+    """Solve ``emissivity sigma T^4 + linear_loss T = supply`` for T >= 0.
 
-    By Newton's method from above, where a convex function cannot overshoot. NaN stays NaN;
-    a supply below zero, which no temperature balances, gives NaN.
+    By Newton's method from above, where a convex function cannot overshoot.
+
+    Parameters
+    ----------
+    supply_w_m2
+        What the surface has to give off at T. [W/m2]
+    linear_loss_w_m2_k
+        Loss in proportion to T, at least 0. [W m-2 K-1]
+    emissivity
+        Broadband emissivity, in (0, 1]. [-]
+
+    Returns
+    -------
+    Shape of the arguments, broadcast; NaN for a supply that is NaN or below zero. [K]
     """
     supply = np.asarray(supply_w_m2, np.float64)
     supply = np.where(supply >= 0.0, supply, np.nan)

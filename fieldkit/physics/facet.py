@@ -1,8 +1,7 @@
 """Facets and directions: a plane surface by its tilt and azimuth, or by its unit normal.
 
-Axes are east, north, up. Tilt is measured from horizontal, azimuth of the surface normal
-from north, clockwise; both in degrees here, radians never leave a function. Nothing here
-knows about time or light.
+Axes are east, north, up. Tilt is measured from horizontal, azimuth of the surface normal from north,
+clockwise; both in degrees, radians never leave a function. Time and light are not here.
 """
 
 from __future__ import annotations
@@ -17,16 +16,33 @@ VERTICAL.setflags(write=False)
 
 
 def normal(tilt_deg: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:
-    """Unit normals of facets; the two angles broadcast to (...), the result is (..., 3)."""
+    """Unit normals of facets.
+
+    Parameters
+    ----------
+    tilt_deg, azimuth_deg
+        Tilt and azimuth, shapes that broadcast to (...). [degrees]
+
+    Returns
+    -------
+    East, north, up, shape (..., 3). [-]
+    """
     tilt, azimuth = np.broadcast_arrays(np.radians(tilt_deg), np.radians(azimuth_deg))
     horizontal = np.sin(tilt)
     return np.stack([horizontal * np.sin(azimuth), horizontal * np.cos(azimuth), np.cos(tilt)], axis=-1)
 
 
 def tilt_azimuth(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Tilt in [0, 180] and azimuth in [0, 360) of vectors (..., 3) of any length, each (...).
+    """Tilt and azimuth of vectors.
 
-    A vertical normal has no azimuth; 0 is given.
+    Parameters
+    ----------
+    normals
+        Vectors of any length, shape (..., 3).
+
+    Returns
+    -------
+    Tilt in [0, 180] and azimuth in [0, 360), shape (...) each; a vertical vector gets azimuth 0. [degrees]
     """
     vectors = np.asarray(normals, dtype=np.float64)
     east, north, up = vectors[..., 0], vectors[..., 1], vectors[..., 2]
@@ -38,19 +54,38 @@ def tilt_azimuth(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def cos_incidence(normals: ArrayLike, sun: ArrayLike) -> FloatArray:
-    """Cosine of the angle between facets (..., 3) and sun vectors (n, 3) -> (..., n).
+    """Cosine of the angle between facets and sun.
 
-    Negative where the facet turns its back to the sun: the caller decides what that means.
-    One sun vector of shape (3,) gives shape (...).
+    Parameters
+    ----------
+    normals
+        Unit normals of facets, shape (..., 3).
+    sun
+        Unit vectors to the sun, shape (n, 3) or (3,).
+
+    Returns
+    -------
+    Shape (..., n), or (...) for one sun vector; negative where the facet faces away from the sun. [-]
     """
     return np.asarray(normals, dtype=np.float64) @ np.asarray(sun, dtype=np.float64).T
 
 
 def angle_between_deg(a: ArrayLike, b: ArrayLike) -> FloatArray:
-    """Angle between unit vectors (..., 3) that broadcast, degrees, in [0, 180].
+    """Angle between unit vectors.
 
-    By Kahan's half-angle form, exact also for nearly equal and nearly opposite vectors,
-    where an arc cosine loses half its digits.
+    Parameters
+    ----------
+    a, b
+        Unit vectors, shapes (..., 3) that broadcast.
+
+    Returns
+    -------
+    Shape (...), in [0, 180]. [degrees]
+
+    Notes
+    -----
+    Kahan's half-angle form is exact also for nearly equal and nearly opposite vectors, where an arc cosine
+    loses half its digits.
     """
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     apart = np.linalg.norm(a - b, axis=-1)
@@ -60,9 +95,18 @@ def angle_between_deg(a: ArrayLike, b: ArrayLike) -> FloatArray:
 
 
 def incidence_deg(normals: ArrayLike, sun: ArrayLike) -> FloatArray:
-    """Incidence angle of sun vectors (n, 3) on facets (..., 3) -> (..., n), degrees.
+    """Incidence angle of the sun on facets, the paper's theta of eq. (2) and Table 2.
 
-    The paper's theta of eq. (2) and Table 2.
+    Parameters
+    ----------
+    normals
+        Unit normals of facets, shape (..., 3).
+    sun
+        Unit vectors to the sun, shape (n, 3) or (3,).
+
+    Returns
+    -------
+    Shape (..., n), or (...) for one sun vector, in [0, 180]. [degrees]
     """
     facets, rays = np.asarray(normals, dtype=np.float64), np.asarray(sun, dtype=np.float64)
     if rays.ndim == 1:

@@ -1,11 +1,9 @@
-"""From what a light meter reads to direct normal irradiance, by a named model.
+"""From a light meter's reading to direct normal irradiance (DNI), by a named model.
 
-The paper's eq. (10) turns lux into the irradiance of 400-700 nm light on the meter's
-plane. Three things stand between that and S of eq. (2), each explicit in
-`IrradianceModel`: the share of the band in sunlight (`par_fraction`), the share of sky
-light in the reading, and the angle of the sun on the meter's plane. Global irradiance
-lacks the first of them only. Lux or W/m2 in, W/m2 out; NaN where the reading does not
-determine the beam.
+The paper's eq. (10) turns lux into the irradiance of 400-700 nm light on the meter's plane. Three things
+stand between that and S of eq. (2), each explicit in `IrradianceModel`: the share of the band in sunlight
+(`par_fraction`), the diffuse share of the reading, and the angle of the sun on the meter's plane. Global
+irradiance lacks only the first of them. NaN where the reading does not determine the beam.
 """
 
 from __future__ import annotations
@@ -33,11 +31,11 @@ LOWEST_COSINE = 0.2
 class IrradianceModel:
     """How a light meter's reading becomes direct normal irradiance.
 
-    `kind`: ``eq10`` lux by the paper's eq. (10) over `par_fraction` (1.0 is the paper to
-    the letter); ``efficacy`` lux over `efficacy_lm_w`; ``perez`` lux over the Perez
-    efficacy of the sky at hand; ``calibrated`` reading times `factor`;
+    `kind`: ``eq10`` lux by the paper's eq. (10) over `par_fraction` (1.0 is eq. (10) as
+    printed); ``efficacy`` lux over `efficacy_lm_w`; ``perez`` lux over the Perez
+    efficacy of the current sky; ``calibrated`` reading times `factor`;
     ``pyranometer`` global irradiance on the plane in W/m2; ``pyrheliometer`` and ``file`` the direct
-    normal irradiance itself, taken as it is.
+    normal irradiance itself.
     `mounting` is the plane the meter lies in; `plane_tilt_deg` and `plane_azimuth_deg`
     count for ``in-plane``. `diffuse`: ``none`` for a baffled tube, ``fraction`` of the
     global horizontal light (`diffuse_fraction`), or the ``erbs`` decomposition.
@@ -77,11 +75,24 @@ class IrradianceModel:
 
 
 def eq10(illuminance_lx: ArrayLike, par_fraction: float = 0.44) -> FloatArray:
-    """Eq. (10), ``l / (4.57 x 54)``, over the band's share of sunlight: W/m2 on the meter's plane.
+    """Eq. (10): irradiance on the meter's plane from illuminance, ``l / (4.57 x 54)`` over the band's share.
 
-    4.57 umol/J and 54 lux per umol/(m2 s) hold for 400-700 nm of daylight (R. Thimijan and
-    R. Heins, HortScience 18, 1983); `par_fraction` 0.44 makes it broadband (ASTM G173
-    spectra), 1.0 is the formula as printed.
+    Parameters
+    ----------
+    illuminance_lx
+        Reading of a light meter in daylight, any shape. [lx]
+    par_fraction
+        Share of 400-700 nm in the irradiance of sunlight, in (0, 1]: 0.44 makes the result broadband
+        (ASTM G173 spectra), 1.0 is the formula as printed. [-]
+
+    Returns
+    -------
+    Same shape. [W/m2]
+
+    References
+    ----------
+    .. [1] R. W. Thimijan and R. D. Heins, "Photometric, radiometric, and quantum light units of measure",
+       HortScience 18, 818-822, 1983: 4.57 umol/J and 54 lx per umol/(m2 s) of daylight in 400-700 nm.
     """
     band = np.asarray(illuminance_lx, np.float64) / (MICROMOL_PER_JOULE * LUX_PER_MICROMOL)
     return np.asarray(band / par_fraction)
@@ -92,14 +103,29 @@ def direct_normal(
     value: ArrayLike,
     sun: ArrayLike,
     time_ns: ArrayLike,
-    diffuse_w_m2: ArrayLike = float("nan"),
+    dhi_w_m2: ArrayLike = float("nan"),
 ) -> FloatArray:
-    """Direct normal irradiance S (n,), W/m2, from readings (n,) in lux or W/m2.
+    """Direct normal irradiance S of eq. (2) from readings of a light meter or radiometer.
 
-    `sun` are unit vectors (n, 3), `time_ns` (n,) their times. `diffuse_w_m2` (n,) or scalar is the measured
-    diffuse horizontal irradiance: taken out of global irradiance in place of the model's share, not of lux,
-    whose efficacy is another for the sky; NaN where not measured. NaN where the cosine on the
-    meter's plane is below 0.2, where the sun is down, and where the reading is NaN.
+    Parameters
+    ----------
+    model
+        How readings become irradiance.
+    value
+        Readings, shape (n,). [lx or W/m2, as the model's kind demands]
+    sun
+        Unit vectors to the sun, shape (n, 3).
+    time_ns
+        UTC nanoseconds since 1970, shape (n,).
+    dhi_w_m2
+        Measured diffuse horizontal irradiance, (n,) or scalar, NaN where not measured. It replaces
+        the model's diffuse share of global irradiance, but not of lux: skylight has another luminous
+        efficacy. [W/m2]
+
+    Returns
+    -------
+    Shape (n,); NaN where the cosine on the meter's plane is below 0.2, where the sun is down, and where the
+    reading is NaN. [W/m2]
     """
     reading = np.asarray(value, np.float64)
     rays = np.asarray(sun, np.float64).reshape(-1, 3)
@@ -112,7 +138,7 @@ def direct_normal(
     beam = _beam(model, reading, cos_plane, view, cos_zenith, top)
     if model.kind != "pyranometer":
         return beam
-    sky = np.asarray(diffuse_w_m2, np.float64)
+    sky = np.asarray(dhi_w_m2, np.float64)
     freed = np.maximum(reading - sky * view, 0.0) / np.where(usable, cos_plane, np.nan)
     return np.where(np.isfinite(sky), freed, beam)
 

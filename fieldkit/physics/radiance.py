@@ -1,8 +1,8 @@
-"""What a thermal camera sees: radiance of a flat 8-14 micrometre band, and back to temperature.
+"""Radiance in a flat 8-14 micrometre band, and back to temperature.
 
-Planck's law integrated once on a table; both directions interpolate the same table, so a
-round trip gives the temperature back. A camera's own response is not modelled: 8-14
-micrometres flat stands for the uncooled cameras used here. Kelvin, W/m2 into the hemisphere.
+Planck's law is integrated once on a table; both directions interpolate the same table, so a round trip
+returns the temperature. The response of a particular camera is not modelled: 8-14 micrometres flat stands
+for the uncooled cameras used here. Kelvin; W/m2 into the hemisphere.
 """
 
 from __future__ import annotations
@@ -22,16 +22,33 @@ _SECOND = 1.438776877e-2  # h c / k, m K (CODATA 2018)
 
 
 def band_radiance(temperature_k: ArrayLike) -> FloatArray:
-    """Exitance of a black surface within 8-14 micrometres, W/m2, same shape.
+    """Exitance of a black surface within 8-14 micrometres.
 
-    NaN outside 100-800 K.
+    Parameters
+    ----------
+    temperature_k
+        Temperature, any shape. [K]
+
+    Returns
+    -------
+    Same shape; NaN outside 100-800 K. [W/m2]
     """
     temperatures, radiances = _table()
     return np.interp(np.asarray(temperature_k, np.float64), temperatures, radiances, np.nan, np.nan)
 
 
 def band_temperature(radiance_w_m2: ArrayLike) -> FloatArray:
-    """Temperature of a black surface of this band exitance, kelvin; inverse of `band_radiance`."""
+    """Temperature of a black surface of a given band exitance; inverse of `band_radiance`.
+
+    Parameters
+    ----------
+    radiance_w_m2
+        Exitance within 8-14 micrometres, any shape. [W/m2]
+
+    Returns
+    -------
+    Same shape; NaN outside the exitances of 100-800 K. [K]
+    """
     temperatures, radiances = _table()
     return np.interp(np.asarray(radiance_w_m2, np.float64), radiances, temperatures, np.nan, np.nan)
 
@@ -39,22 +56,22 @@ def band_temperature(radiance_w_m2: ArrayLike) -> FloatArray:
 def surface_temperature_k(
     brightness_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
 ) -> FloatArray:
-    """Temperature of a grey surface from what the camera reports for emissivity 1, kelvin.
+    """Temperature of a grey surface from the brightness temperature a camera reports.
 
     The camera receives ``e M(T) + (1 - e) M(T_reflected)`` with M the band exitance.
 
     Parameters
     ----------
     brightness_k
-        Brightness temperature, any shape. [K]
+        Temperature reported for emissivity 1, any shape. [K]
     emissivity
         Of the camera's band, in (0, 1], broadcastable. [-]
     reflected_k
-        Band temperature of what the surface mirrors; outdoors the clear sky, -20 to -60 °C. [K]
+        Band temperature of what the surface reflects; outdoors the clear sky, -20 to -60 °C. [K]
 
     Returns
     -------
-    Same shape; NaN where reflection explains more than was seen. [K]
+    Same shape; NaN where the reflection exceeds what was received. [K]
 
     Raises
     ------
@@ -69,17 +86,7 @@ def surface_temperature_k(
 def brightness_temperature_k(
     temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
 ) -> FloatArray:
-    """What the camera reports of a grey surface, kelvin; inverse of `surface_temperature_k`."""
-    grey = _checked(emissivity)
-    return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
-
-
-def kelvin_per_emissivity(
-    temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
-) -> FloatArray:
-    """Change of the temperature worked out from one reading per unit of the emissivity assumed.
-
-    ``(M(T_reflected) - M(T)) / (e M'(T))``: negative where the surface is warmer than what it mirrors.
+    """Brightness temperature that a camera reports of a grey surface; inverse of `surface_temperature_k`.
 
     Parameters
     ----------
@@ -88,11 +95,45 @@ def kelvin_per_emissivity(
     emissivity
         Of the camera's band, in (0, 1], broadcastable. [-]
     reflected_k
-        Band temperature of what the surface mirrors. [K]
+        Band temperature of what the surface reflects. [K]
 
     Returns
     -------
     Same shape. [K]
+
+    Raises
+    ------
+    ValueError
+        If an emissivity lies outside (0, 1].
+    """
+    grey = _checked(emissivity)
+    return band_temperature(grey * band_radiance(temperature_k) + (1.0 - grey) * band_radiance(reflected_k))
+
+
+def kelvin_per_emissivity(
+    temperature_k: ArrayLike, emissivity: ArrayLike, reflected_k: ArrayLike
+) -> FloatArray:
+    """Change of the computed surface temperature per unit of the emissivity assumed.
+
+    ``(M(T_reflected) - M(T)) / (e M'(T))``: negative where the surface is warmer than what it reflects.
+
+    Parameters
+    ----------
+    temperature_k
+        Temperature of the surface, any shape. [K]
+    emissivity
+        Of the camera's band, in (0, 1], broadcastable. [-]
+    reflected_k
+        Band temperature of what the surface reflects. [K]
+
+    Returns
+    -------
+    Same shape. [K]
+
+    Raises
+    ------
+    ValueError
+        If an emissivity lies outside (0, 1].
     """
     kelvin = np.asarray(temperature_k, np.float64)
     steepness = band_radiance(kelvin + 0.5) - band_radiance(kelvin - 0.5)

@@ -1,10 +1,9 @@
-"""Heat in a layer of sand over an insulating sheet: one-dimensional conduction, no flux through the bottom.
+"""Heat conduction in a layer of sand over an insulating sheet: one-dimensional, no flux through the bottom.
 
-Two ways in, for two users. The scene knows what the surface receives and wants its
-temperature: `warm_slab` couples the layer to the surface balance, by implicit finite volumes with a node
-on the surface and nodes closer together near it. The full surface model knows the measured
-surface temperature and wants what went into the ground: `conducted_flux`, exact for a surface
-that warms linearly from reading to reading. A thick slab stands for deep sand.
+The scene knows the fluxes at the surface and needs its temperature: `warm_slab` couples the layer to the
+surface balance by implicit finite volumes, with a node on the surface and thinner layers near it. The full
+surface model knows the measured surface temperature and needs the flux into the ground: `conducted_flux` is
+exact for a surface temperature that is linear between readings. A thick slab stands for deep sand.
 """
 
 from __future__ import annotations
@@ -21,17 +20,17 @@ from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray
 
 _DEEP = 0.01
-"""Fourier number below which the bottom does not answer: its echo is exp(-1 / 0.01) of the step."""
+"""Fourier number below which the bottom has no influence: its echo is exp(-1 / 0.01) of the step."""
 _TERMS = 24
-"""Of the series at that number: the next one is below 1e-18."""
+"""Terms of the series at that number: the next one is below 1e-18."""
 
 
 @dataclass(frozen=True, slots=True)
 class Slab:
     """A conducting layer; the defaults are 3 cm of dry loose silica sand.
 
-    `layers` and `growth` are the grid of `warm_slab`: how many, and the ratio of each one's thickness to that
-    of the one above it.
+    `layers` and `growth` are the grid of `warm_slab`: the number of layers, and the ratio of each one's
+    thickness to that of the layer above.
     """
 
     depth_m: float = 0.03
@@ -88,20 +87,28 @@ def warm_slab(
     air_temperature_k: ArrayLike,
     emissivity: ArrayLike,
 ) -> FloatArray:
-    """Node temperatures one step later, with the surface in balance with sky and air.
+    """Node temperatures after one step, with the surface in balance with sky and air.
 
     Parameters
     ----------
     slab
         The layer.
     temperature_k
-        Node temperatures, shape (layers + 1,) or (layers + 1, m) for m beds on the same layer. [K]
+        Node temperatures, shape (layers + 1,) or (layers + 1, m) for m beds on equal layers. [K]
     step_s
         Length of the step; backward Euler, stable at any length, accurate to about 30 s. [s]
     absorbed_w_m2
-        Sunlight and long wave the surface takes in, scalar or (m,). [W/m2]
-    exchange_w_m2_k, air_temperature_k, emissivity
-        Heat exchange with the air, its temperature, and the broadband emissivity.
+        Sunlight and longwave that the surface absorbs, scalar or (m,). [W/m2]
+    exchange_w_m2_k
+        Coefficient of heat exchange with the air. [W m-2 K-1]
+    air_temperature_k
+        Air temperature. [K]
+    emissivity
+        Broadband emissivity, in (0, 1]. [-]
+
+    Returns
+    -------
+    Shape of `temperature_k`. [K]
 
     Notes
     -----
@@ -121,24 +128,22 @@ def warm_slab(
 
 
 def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArray:
-    """Heat flux into the layer whose surface has these temperatures, W/m2, shape of `surface_k`.
+    """Heat flux into a layer with a given surface temperature.
 
     Parameters
     ----------
     slab
         The layer.
     surface_k
-        Surface temperatures (n,) or (n, m) at equal steps, without gaps; in between the surface warms
-        linearly. Only differences count, so T - T_reference may be given as well: the operator
-        is linear. [K]
+        Surface temperatures, shape (n,) or (n, m), at equal steps without gaps; linear in between. Only
+        differences matter, so T - T_reference may be given as well: the operator is linear. [K]
     step_s
         The step. [s]
 
     Returns
     -------
-    Flux at each time. The layer starts at the first temperature throughout, so the first value is 0
-    and the early ones carry that guess: start well before use (an hour for 3 cm, two days
-    for 30 cm). Nothing is forgotten, however long the series. [W/m2]
+    Shape of `surface_k`. The layer starts at the first temperature throughout, so the first value is 0 and
+    early values carry that assumption: start well before use (an hour for 3 cm, two days for 30 cm). [W/m2]
     """
     surface = np.asarray(surface_k, np.float64)
     flux = np.zeros_like(surface)
@@ -154,11 +159,27 @@ def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArra
 
 
 def heat_of_step(slab: Slab, time_s: ArrayLike) -> FloatArray:
-    """Heat a layer has taken in since its surface warmed by one kelvin at time 0, J/m2 per kelvin.
+    """Heat absorbed by a layer since its surface warmed by one kelvin at time 0.
 
-    As into an infinitely deep layer while the bottom does not answer yet, then the Fourier series of the
-    layer; they meet to 1e-15. `time_s` >= 0. (H. S. Carslaw and J. C. Jaeger, Conduction of Heat in
-    Solids, 2nd ed. 1959, 2.5 and 3.4.)
+    Parameters
+    ----------
+    slab
+        The layer.
+    time_s
+        Time since the step, at least 0, any shape. [s]
+
+    Returns
+    -------
+    Same shape. [J m-2 K-1]
+
+    Notes
+    -----
+    As into an infinitely deep layer until the bottom matters, then the Fourier series of the layer; they
+    agree to 1e-15 where they meet.
+
+    References
+    ----------
+    .. [1] H. S. Carslaw and J. C. Jaeger, Conduction of Heat in Solids, 2nd ed., Oxford, 1959, 2.5 and 3.4.
     """
     time = np.asarray(time_s, np.float64)
     whole = slab.heat_capacity_j_m3_k * slab.depth_m

@@ -42,15 +42,20 @@ COLUMNS = {
 
 
 class EarthRotation(iers.IERS):  # type: ignore[misc]
-    """UT1 - UTC and polar motion by day, measured and predicted; beyond its ends the last values hold."""
+    """UT1 - UTC and polar motion by day, measured and predicted; the last values hold beyond the ends."""
 
     def _check_interpolate_indices(self, *_: object) -> None:
-        """A guess of UT1 beyond the table is good enough: below 0.005 degrees of sun."""
+        """Accept times beyond the table: the error of UT1 there moves the sun by less than 0.005 degrees."""
 
 
 @lru_cache(maxsize=1)
 def earth_rotation() -> EarthRotation:
-    """The table of the file that was installed with astropy."""
+    """Earth rotation from the IERS file that was installed with astropy; read once.
+
+    Returns
+    -------
+    Table to set as astropy's ``earth_orientation_table``.
+    """
     days = [line for line in Path(iers.IERS_A_FILE).read_text("ascii").splitlines() if line[58:68].strip()]
     columns = {
         name: np.array([line[begin:end] for line in days], np.float64) * unit
@@ -68,10 +73,20 @@ PADDING_NODES = 2
 
 
 def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> FloatArray:
-    """Unit vectors (n, 3), east-north-up, from the site to the sun at UTC nanoseconds (n,).
+    """Topocentric unit vectors to the sun, also below the horizon.
 
-    A single time gives shape (3,). Topocentric, also below the horizon. Within 0.01
-    arcseconds of astropy computed directly.
+    Parameters
+    ----------
+    time_ns
+        UTC nanoseconds since 1970, shape (n,) or a single time.
+    site
+        Where the observer is.
+    refraction
+        Apparent instead of geometric position; see `refract`.
+
+    Returns
+    -------
+    East, north, up, shape (n, 3), or (3,) for a single time. Within 0.01 arcseconds of astropy. [-]
     """
     times = np.asarray(time_ns, dtype=np.int64)
     flat = times.reshape(-1)
@@ -88,16 +103,42 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
 
 
 def sun_angles(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> tuple[FloatArray, FloatArray]:
-    """Zenith angle [0, 180] and azimuth [0, 360) of the sun in degrees, shape of `time_ns` each."""
+    """Zenith angle and azimuth of the sun.
+
+    Parameters
+    ----------
+    time_ns
+        UTC nanoseconds since 1970, any shape.
+    site
+        Where the observer is.
+    refraction
+        Apparent instead of geometric position; see `refract`.
+
+    Returns
+    -------
+    Zenith angle in [0, 180] and azimuth in [0, 360), same shape each. [degrees]
+    """
     return tilt_azimuth(sun_vectors(time_ns, site, refraction=refraction))
 
 
 def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
-    """Lift geometric unit vectors (n, 3) by the refraction of a standard atmosphere at 12 °C.
+    """Apparent from geometric directions, by the refraction of a standard atmosphere at 12 °C.
 
-    Nothing is lifted that stays below the horizon (geometric altitude under -0.8336
-    degrees). Formula of Reda and Andreas, "Solar position algorithm for solar radiation
-    applications", Solar Energy 76, 2004, eq. (42), pressure by the barometric formula.
+    Parameters
+    ----------
+    vectors
+        Geometric unit vectors (east, north, up), shape (n, 3).
+    elevation_m
+        Elevation of the site above sea level, for the pressure. [m]
+
+    Returns
+    -------
+    Unit vectors, shape (n, 3); unchanged below -0.8336 degrees of geometric altitude.
+
+    References
+    ----------
+    .. [1] I. Reda and A. Andreas, "Solar position algorithm for solar radiation applications",
+       Solar Energy 76, 577-589, 2004, eq. (42), doi:10.1016/j.solener.2003.12.003.
     """
     altitude = 90.0 - tilt_azimuth(vectors)[0]
     pressure_hpa = 1013.25 * (1.0 - 2.25577e-5 * elevation_m) ** 5.25588
@@ -111,9 +152,20 @@ def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
 
 
 def astropy_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
-    """Unit vectors (n, 3) to the geometric sun straight from astropy, at UTC seconds since 1970 (n,).
+    """Geometric unit vectors to the sun straight from astropy.
 
-    Slow (about a second for 10 000): what `sun_vectors` interpolates, and its yardstick.
+    About a second for 10 000 times; `sun_vectors` interpolates and is tested against it.
+
+    Parameters
+    ----------
+    unix_s
+        UTC seconds since 1970, shape (n,). [s]
+    site
+        Where the observer is.
+
+    Returns
+    -------
+    East, north, up, shape (n, 3). [-]
     """
     place = EarthLocation.from_geodetic(
         site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.elevation_m * u.m

@@ -72,7 +72,7 @@ def test_each_frame_of_the_ht301_has_its_own_scale():
 
 def test_unknown_law_is_named():
     counts = np.zeros((1, 1), np.uint16)
-    with pytest.raises(ValueError, match="no camera law is called 'cubic'; there are linear, ht301, planck"):
+    with pytest.raises(ValueError, match="unknown camera law 'cubic'; known laws: linear, ht301, planck"):
         temperature_k("cubic", counts, counts, {})
     assert set(LAWS) == {"ht301", "planck"}
 
