@@ -115,7 +115,7 @@ def test_check_goes_on_where_one_of_several_needs_no_correction(campaign: Path) 
     done = run(check, campaign, "--apply", "--no-estimates")
     assert done.exit_code == 0
     for name in ("a.h5", "b.h5"):
-        assert f"{name}: its clock comparisons ask for no correction" in done.stderr
+        assert f"{name}: its clock comparisons call for no correction" in done.stderr
         assert f"{name}\n" in done.stdout
 
 

@@ -21,7 +21,7 @@ from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_pur
 from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import open_session
-from tests.harness.foreign_files import FFF_CONSTANTS, fff, irg, purethermal, radiometric_jpeg
+from tests.harness.foreign_files import irg, purethermal
 from tests.shared_data import shared
 
 SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
@@ -37,9 +37,9 @@ def written(path: Path, stamps_s: list[float], cut: int = 0, count: int = 29_500
 def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
     """Expected numbers: the README beside the recording."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
-    imported = read_purethermal(source)
+    foreign = read_purethermal(source)
     report = write_imported(
-        tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, source.name
+        tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name
     )
     assert report.counts == {"camera": 82}
     with open_session(tmp_path / "a.h5") as session:
@@ -57,16 +57,16 @@ def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
 
 def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
     path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
-    imported = read_purethermal(path)
-    assert len(list(imported.samples)) == 4
-    assert len(list(imported.samples)) == 4, "read again whenever asked for"
-    assert "ends within frame 4" in imported.remarks[0][1]
+    foreign = read_purethermal(path)
+    assert len(list(foreign.samples)) == 4
+    assert len(list(foreign.samples)) == 4, "read again whenever asked for"
+    assert "ends within frame 4" in foreign.remarks[0][1]
 
 
 def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
-    imported = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
-    assert np.isnan(imported.streams[0].scale)
-    assert "TLinear off" in imported.remarks[0][1]
+    foreign = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
+    assert np.isnan(foreign.streams[0].scale)
+    assert "TLinear off" in foreign.remarks[0][1]
 
 
 @pytest.mark.parametrize(
@@ -124,11 +124,11 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
     times.write_text(
         "file,time\na.tif,2026-05-12T10:00:01\nb.tiff,2026-05-12T10:00:02\nc.tif,2026-05-12T10:00:00.5\n"
     )
-    imported = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
-    frames = [frame for frame in imported.samples if isinstance(frame, Frame)]
+    foreign = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
     assert [int(frame.counts[0, 0]) for frame in frames] == [6900, 6901, 6902]
     assert frames[0].time_ns == 1_778_547_600_500_000_000  # 2026-05-12T01:00:00.5Z by date(1)
-    assert imported.streams[0].scale == 0.04
+    assert foreign.streams[0].scale == 0.04
 
 
 @pytest.mark.parametrize("mark", [";", "\t"])
@@ -142,12 +142,12 @@ def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, m
 
 def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
-    imported = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
-    assert [frame.time_ns for frame in imported.samples] == [
+    foreign = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
+    assert [frame.time_ns for frame in foreign.samples] == [
         1_778_547_600_000_000_000,
         1_778_547_601_000_000_000,
     ]
-    assert np.isnan(imported.streams[0].scale)
+    assert np.isnan(foreign.streams[0].scale)
 
 
 def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
@@ -175,15 +175,15 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
 def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
     (folder / "20260512T010001.tif").write_bytes(b"not a picture")
-    imported = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    foreign = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     with pytest.raises(ConfigError):
-        write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "f")
+        write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
 
 
 def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
-    imported = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "a.gz")
+    foreign = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "a.gz")
     with open_session(tmp_path / "a.h5") as session:
         assert session.events()[0].kind is EventKind.IMPORTED
         assert session.events()[0].text == "imported from a.gz"
@@ -220,142 +220,18 @@ def test_time_without_a_zone_is_refused() -> None:
         parse_times_ns(["yesterday"], UTC)
 
 
-def test_flir_files_keep_their_law(tmp_path: Path) -> None:
-    """Expected counts: the README beside the file; an indoor scene near room temperature."""
-    from fieldkit.cli.import_flir import read_flir
-
-    source = shared("data/frames/flir_file/frame_000000_le.fff")
-    imported = read_flir(source, "camera")
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, source.name)
-    with open_session(tmp_path / "a.h5") as session:
-        counts = session.raw("camera")[0]
-        assert (counts.min(), counts.max()) == (17899, 19192)
-        assert session.streams["camera"].law == "planck"
-        kelvin = session.kelvin()
-        assert 290.0 < kelvin.min() < kelvin.max() < 310.0
-
-
 COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
-
-
-def test_flir_sequence_keeps_every_picture_and_the_cameras_times(tmp_path: Path) -> None:
-    """Times are of the camera's clock, also where pictures hold the bytes of a file's beginning."""
-    from fieldkit.cli.import_flir import read_flir
-
-    disguised = COUNTS.copy()
-    disguised[2, 2:4] = np.frombuffer(b"FFF\0", "<u2")
-    pictures = [COUNTS, disguised, COUNTS + 3]
-    source = tmp_path / "a.seq"
-    source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
-    imported = read_flir(source, "camera")
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, source.name)
-    with open_session(tmp_path / "a.h5") as session:
-        assert np.array_equal(session.raw("camera")[:], np.array(pictures))
-        expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]
-        assert session.times_ns("camera").tolist() == expected
-        info = session.streams["camera"]
-        assert (info.model, info.rate_hz) == ("T420", 9.0)
-        assert info.settings["r1"] == pytest.approx(FFF_CONSTANTS[0x58])
-        # T = B / ln(R1 / (R2 (S + O)) + F), Minkina & Dudzik, for the path is of no length
-        law = 1420.1 / np.log(16125.788 / (0.0109034 * (18_000 - 5588)) + 1.0)
-        assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
-
-
-def test_radiometric_jpeg_is_one_picture_of_the_same(tmp_path: Path) -> None:
-    from fieldkit.cli.import_flir import read_flir
-
-    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
-    (frame,) = read_flir(tmp_path / "a.jpg", "camera").samples
-    assert isinstance(frame, Frame)
-    assert np.array_equal(frame.counts, COUNTS)
-    assert frame.time_ns == 1_480_000_000_000_000_000
-
-
-def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path: Path) -> None:
-    """As on the card of a hand-held camera, whose ordinary pictures lie between the thermal ones."""
-    from fieldkit.cli.import_sources import read_source
-
-    for number, second in ((1, 20), (3, 0), (5, 10)):
-        jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
-        (tmp_path / f"FLIR000{number}.jpg").write_bytes(jpeg)
-    (tmp_path / "DC_0002.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
-    (tmp_path / "FLIR0007.jpg").write_bytes(b"")
-    imported = read_source(tmp_path, {"name": None})
-    frames = [frame for frame in imported.samples if isinstance(frame, Frame)]
-    assert [int(frame.counts[0, 0]) - 18_000 for frame in frames] == [3, 5, 1]
-    assert [frame.device_seq for frame in frames] == [0, 1, 2]
-    assert not any(frame.quality for frame in frames)
-    assert imported.streams[0].rate_hz == 0.1
-    (told,) = [text for severity, text in imported.remarks if severity is Severity.WARNING]
-    assert told.startswith("left out, without temperatures: DC_0002.jpg (a JPEG without")
-    assert told.endswith("and 1 more")
-
-
-def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path: Path) -> None:
-    from fieldkit.cli.import_sources import read_source
-
-    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
-    (tmp_path / "a.tiff").write_bytes(b"no picture")
-    with pytest.raises(ConfigError, match=r"a\.tiff cannot be read|TIFF"):
-        read_source(
-            tmp_path,
-            dict.fromkeys(("name", "times", "time_format", "zone", "kelvin_per_count"), None)
-            | {"kelvin_at_zero": 0.0},
-        )
-
-
-def test_a_folder_of_jpegs_without_temperatures_says_so(tmp_path: Path) -> None:
-    from fieldkit.cli.import_flir import read_flir
-
-    (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
-    with pytest.raises(ConfigError, match=r"no picture with temperatures: holiday\.jpg"):
-        read_flir(tmp_path, "camera")
-
-
-@pytest.mark.parametrize(
-    ("data", "words"),
-    [
-        (b"", "is empty"),
-        (fff(COUNTS, 0), "does not say when"),
-        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "picture 1 has another size"),
-        (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
-        (
-            fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + b"\xff\xd8\xff\xf7".ljust(COUNTS.nbytes, b"\0"),
-            "compressed as JPEG-LS",  # as the pictures of a .csq begin
-        ),
-    ],
-)
-def test_trouble_with_flir_files_is_told(tmp_path: Path, data: bytes, words: str) -> None:
-    from fieldkit.cli.import_flir import read_flir
-
-    (tmp_path / "a.seq").write_bytes(data)
-    with pytest.raises(ConfigError, match=words) as caught:
-        read_flir(tmp_path / "a.seq", "camera")
-    assert caught.value.fix
-
-
-@pytest.mark.parametrize("damage", [b"\0\0", fff(COUNTS, 1_480_000_002)[:-7]])
-def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: Path, damage: bytes) -> None:
-    from fieldkit.cli.import_flir import read_flir
-
-    whole = b"".join(fff(COUNTS + n, 1_480_000_000 + n) for n in range(2))
-    (tmp_path / "a.seq").write_bytes(whole + damage)
-    imported = read_flir(tmp_path / "a.seq", "camera")
-    assert len(list(imported.samples)) == 2
-    severity, words = imported.remarks[1]
-    assert severity is Severity.WARNING
-    assert "nothing after picture 2" in words
 
 
 def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
     for second, magic in enumerate((b"\xba\xab", b"\xb0\x0b")):
         (tmp_path / f"23020115291{second}.irg").write_bytes(irg(COUNTS // 6, magic))
-    imported = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
-    frames = [frame for frame in imported.samples if isinstance(frame, Frame)]
+    foreign = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
+    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
     assert all(np.array_equal(frame.counts, COUNTS // 6) for frame in frames)
     assert frames[0].time_ns == 1_675_261_750_000_000_000  # 2023-02-01T14:29:10Z by date(1)
-    assert imported.streams[0].scale == 0.1
-    assert "emissivity was 0.95" in imported.remarks[0][1]
+    assert foreign.streams[0].scale == 0.1
+    assert "emissivity was 0.95" in foreign.remarks[0][1]
 
 
 def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
@@ -364,8 +240,8 @@ def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
         read_stills(path, None, time_format="%Y%m%d", zone=UTC)
     assert "0.0625" in (caught.value.fix or "")
-    imported = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
-    assert imported.streams[0].scale == 0.0625
+    foreign = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
+    assert foreign.streams[0].scale == 0.0625
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fieldkit.cli.calibrate_surface import identified
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin, surface_temperature
 from fieldkit.physics.facet import VERTICAL, normal
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.workflows.calibrate.surface import KnownSlope, identified
 
 SITE = Site(35.558675, 139.395232, 9.0)
 BED = (25.0, 90.0)
@@ -41,7 +41,7 @@ def test_exchange_of_heat_is_not_told_from_minutes_in_own_shade():
         Region("bed", RegionKind.TARGET, CORNERS, *BED),
     )
     estimator = SimpleNamespace(regions=regions, settings=EstimatorSettings(surface=SURFACE))
-    found = identified(estimator, history, [BED], ["bed"])
+    found = identified(estimator, history, {"bed": KnownSlope(0, *BED)})
     lit = sunlight[:, 1] > 0.03
     expected = float(irradiance_per_kelvin(kelvin[lit, 0].mean(), SURFACE))
     assert found.steepness_w_m2_k == pytest.approx(expected, rel=1e-3)

@@ -1,7 +1,7 @@
-"""FLIR files (FFF, SEQ, radiometric JPEG), one or a folder of them, for ``fieldkit import``.
+"""FLIR files (FFF, SEQ, radiometric JPEG), one or a folder of them, as an imported recording.
 
-The driver's decoder reads them. A folder is what a hand-held camera leaves on its card: a JPEG for each
-picture, and others of its ordinary camera beside them, which hold no temperatures.
+The driver's decoder reads them. A folder is what a hand-held camera leaves on its card: a JPEG per frame,
+and beside them those of its ordinary camera, which hold no temperatures.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from fieldkit.model.samples import Frame, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, usual_rate_hz
 
 SUFFIXES = (".fff", ".seq", ".jpg", ".jpeg")
-_COPY = "copy it from the camera again; what was cut short cannot be read"
+_COPY = "copy it from the camera again; a truncated file cannot be read"
 
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """A file whose first pictures can be taken, their times, and what ended them before its end."""
+    """A file: the times of the frames that can be read, and what is damaged after them, if anything."""
 
     path: Path
     time_ns: list[int]
@@ -37,7 +37,7 @@ class _File:
 
 @dataclass(frozen=True, slots=True)
 class _Frames:
-    """The pictures of files, read whenever they are asked for, never all in memory."""
+    """The frames of files, read whenever they are iterated over, never all in memory."""
 
     files: list[_File]
     name: str
@@ -52,23 +52,23 @@ class _Frames:
 
 
 def files_in(source: Path) -> list[Path]:
-    """The FLIR files of a folder, by name; or the one."""
+    """The FLIR files of a folder, by name; or the file itself."""
     if not source.is_dir():
         return [source]
     return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
 
 
 def read_flir(source: Path, name: str) -> ImportedRecording:
-    """The pictures of a file or folder as a camera stream, in order of time; counts and constants as stored.
+    """Read a file or folder as a camera stream, in order of time; counts and constants as stored.
 
-    Each file is read twice, once for its stamps, never kept whole, and taken as far as it is not damaged.
-    Raises `ConfigError` where there is no whole picture, no time, or another size or other constants.
+    Each file is read twice, first for its times, and up to its first damaged frame. Raises `ConfigError`
+    if there is no complete frame, a frame has no time, or size or constants change.
     """
-    first, files, left_out = _looked_through(source)
+    first, files, skipped = _scanned(source)
     time_ns = [stamp for file in files for stamp in file.time_ns]
     samples: Iterable[Frame] = _Frames(files, name)
-    rate_hz, remarks = usual_rate_hz(time_ns), left_out
-    if not source.is_dir():  # in a folder each was taken when somebody wanted it
+    rate_hz, remarks = usual_rate_hz(time_ns), skipped
+    if not source.is_dir():  # in a folder each frame was taken by hand, at no rate
         samples, remarks = flag_bunched(partial(_Frames, files, name), time_ns)
         rate_hz = first.rate_hz
     damages = tuple((Severity.WARNING, file.damage) for file in files if file.damage)
@@ -77,16 +77,16 @@ def read_flir(source: Path, name: str) -> ImportedRecording:
         law="planck", rate_hz=rate_hz, driver="import", vendor="FLIR", model=first.model,
         serial_number=first.serial_number, settings=flir_file.settings(first),
     )  # fmt: skip
-    said = "times are the camera's own clock; the emissivity set in the camera was not applied"
-    return ImportedRecording((info,), samples, ((Severity.INFO, said), *damages, *remarks))
+    note = "times are the camera's own clock; the emissivity set in the camera was not applied"
+    return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *remarks))
 
 
-def _looked_through(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
-    """The first picture, which all must be like, the files in order of time, what is told of the others."""
+def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
+    """The first frame, which all must be like; the files in order of time; a remark on those skipped."""
     first, files, others = None, [], []
     for path in files_in(source):
         try:
-            found, file = _looked_at(path, first)
+            found, file = _scanned_file(path, first)
         except DecodeError as error:
             if not source.is_dir():
                 raise ConfigError(f"{path}: {error.message}", fix=error.fix or _COPY) from error
@@ -96,17 +96,17 @@ def _looked_through(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[S
             files.append(file)
     if first is None:
         raise ConfigError(
-            f"{source} has no picture with temperatures: {others[0] if others else 'it is empty'}", fix=_COPY
+            f"{source} has no frame with temperatures: {others[0] if others else 'it is empty'}", fix=_COPY
         )
     files.sort(key=lambda file: file.time_ns[0])
     if not others:
         return first, files, ()
     more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-    return first, files, ((Severity.WARNING, f"left out, without temperatures: {others[0]}{more}"),)
+    return first, files, ((Severity.WARNING, f"skipped, without temperatures: {others[0]}{more}"),)
 
 
-def _looked_at(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
-    """The first picture of a file, and all that can be taken; raises `DecodeError` where there is none."""
+def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
+    """The first frame of a file, and what can be read of it; raises `DecodeError` if nothing can."""
     found, time_ns, damage = None, [], ""
     try:
         for number, picture in enumerate(_pictures(path)):
@@ -116,7 +116,7 @@ def _looked_at(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
     except DecodeError as error:
         if found is None:
             raise
-        damage = f"{error.message}: nothing after picture {len(time_ns)} of {path.name} could be taken"
+        damage = f"{error.message}: nothing after frame {len(time_ns)} of {path.name} could be read"
     if found is None:
         raise DecodeError("the file is empty", fix=_COPY)
     return found, _File(path, time_ns, damage)
@@ -125,20 +125,20 @@ def _looked_at(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File]:
 def _refuse_another(path: Path, number: int, picture: FlirFrame, first: FlirFrame) -> None:
     if picture.counts.shape != first.counts.shape or picture.constants != first.constants:
         raise ConfigError(
-            f"{path}: picture {number} has another size or other constants than the first",
-            fix="import its parts one by one",
+            f"{path}: frame {number} has another size or other constants than the first",
+            fix="import the parts one by one",
         )
     if picture.time_ns <= 0:
         raise ConfigError(
-            f"{path}: picture {number} does not say when it was taken",
+            f"{path}: frame {number} has no time",
             fix="export it as 16-bit TIFF, and import that with --times",
         )
 
 
 def _pictures(path: Path) -> Iterator[FlirFrame]:
-    """Raises `DecodeError` at the first picture that is none."""
+    """The frames of a file; raises `DecodeError` at the first that is damaged."""
     try:
-        if path.stat().st_size == 0:  # which cannot be mapped
+        if path.stat().st_size == 0:  # an empty file cannot be mapped
             return
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             yield from flir_file.pictures(data)

@@ -1,0 +1,213 @@
+"""The scale kappa of the surface from target regions of known slope, and what they show of eq. (6)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldkit.calibration.calibration_record import CalibrationRecord
+from fieldkit.calibration.surface_scale import BedScale, PooledScale, pool
+from fieldkit.estimation import balance
+from fieldkit.estimation.balance import Rows
+from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.methods import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.region_temperatures import remove_offsets
+from fieldkit.estimation.scale import ExchangeFit, identify, scale_from_known_bed
+from fieldkit.model.errors import CalibrationError, ConfigError
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import RegionKind
+from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.sessions.reader import Session
+from fieldkit.workflows.calibrate.inputs import end_of, record_source
+from fieldkit.workflows.calibrate.result import Calibration, stamped
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+
+LEAST_TILT_DEG = 3.0
+"""Flatter regions hardly differ from the reference, whatever kappa is."""
+CLOUDY = Quality.CLOUD | Quality.LOW_SUN | Quality.MOVED
+
+
+@dataclass(frozen=True, slots=True)
+class KnownSlope:
+    """A target region of known slope: its column among the targets, tilt and azimuth in degrees."""
+
+    column: int
+    tilt_deg: float
+    azimuth_deg: float
+
+    def normal(self, steeper_deg: float = 0.0) -> FloatArray:
+        """Unit normal (3,), of a slope that is `steeper_deg` steeper."""
+        return normal(self.tilt_deg + steeper_deg, self.azimuth_deg)
+
+
+def surface(
+    session: Session,
+    *,
+    beds: Sequence[str] = (),
+    tilt_sd_deg: float = 0.5,
+    name: str = "beds",
+    settings: Sequence[str] = (),
+    notify: Callable[[str], None] = log_warning,
+) -> Calibration:
+    """Find the scale kappa of a session from its target regions of known tilt and azimuth.
+
+    kappa belongs to one surface model and one irradiance source: change neither after calibrating.
+
+    Parameters
+    ----------
+    session : Session
+        A recording with target regions whose ``tilt_deg`` and ``azimuth_deg`` are known.
+    beds : sequence of str
+        Only these regions; by default all of known slope.
+    tilt_sd_deg : float
+        Standard uncertainty of the inclinometer. [degrees]
+    name : str
+        Names the record.
+    settings : sequence of str
+        Other values for keys of the configuration, such as ``surface.albedo=0.25``.
+    notify : callable
+        Receives warnings, such as damaged samples that were excluded.
+
+    Raises
+    ------
+    ConfigError
+        If a region of `beds` has no known slope.
+    CalibrationError
+        If no region has, if there are too few clear minutes, or if the regions disagree.
+    """
+    # kappa is measured relative to one, whatever was configured
+    config = config_for(session, (*settings, "estimator.scale=1.0"))
+    estimator = estimator_for(session, config)
+    for _ in minutes_of(session, estimator):
+        pass
+    notify_damage(session, notify)
+    known = known_slopes(estimator, beds, session.path)
+    history = History.of(estimator.bins)
+    rows = clear_rows(estimator, history)
+    scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
+    found = pool(scales, tilt_sd_deg)
+    model = identified(estimator, history, known)
+    record = CalibrationRecord(
+        "surface",
+        name,
+        end_of(session),
+        found.kappa,
+        found.standard_uncertainty,
+        "1",
+        f"beds of known slope, {estimator.settings.model} model",
+        found.freedom,
+        found.budget,
+        values={bed: scale.kappa for bed, scale in scales.items()},
+        uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
+        sources=(record_source(session.path),),
+        details=_details(model, estimator.irradiance_model),
+        settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
+        remarks=(model.says,),
+    )
+    summary = _summary(found, scales, estimator)
+    return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
+
+
+def known_slopes(estimator: Estimator, beds: Sequence[str], path: Path) -> dict[str, KnownSlope]:
+    """Target regions of known slope by name, or those of `beds`.
+
+    Raises `ConfigError` if a region of `beds` is not one of them, `CalibrationError` if there are none.
+    """
+    targets = [region for region in estimator.regions if region.kind is RegionKind.TARGET]
+    known = {
+        region.name: KnownSlope(column, region.tilt_deg, region.azimuth_deg)
+        for column, region in enumerate(targets)
+        if np.isfinite(region.azimuth_deg) and region.tilt_deg >= LEAST_TILT_DEG
+    }
+    for bed in beds:
+        if bed not in known:
+            raise ConfigError(
+                f"{path}: region {bed} has no known slope",
+                fix=f"known are {', '.join(known) or 'none'}; give tilt_deg",
+            )
+    if not known:
+        raise CalibrationError(
+            f"{path} has no region of known slope",
+            fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
+        )
+    return {name: slope for name, slope in known.items() if not beds or name in beds}
+
+
+def clear_rows(estimator: Estimator, history: History) -> Rows:
+    """Rows of the energy balance for all minutes of a session and all targets; NaN where it was not clear."""
+    columns, settings = RegionColumns(estimator.regions), estimator.settings
+    true = remove_offsets(history, columns.regions, settings)
+    rows = balance.least_squares_rows(true, 0, columns, settings)
+    is_clear = (history.flags & int(CLOUDY))[:, np.newaxis] == 0
+    return replace(rows, y=np.where(is_clear, rows.y, np.nan))
+
+
+def _scale_of(rows: Rows, slope: KnownSlope, tilt_sd_deg: float) -> BedScale:
+    """The scale of one region, and its change with the inclinometer's error."""
+    y, sigma = rows.y[:, slope.column], rows.sigma[:, slope.column]
+    is_lit = np.isfinite(rows.design).all(axis=1) & np.isfinite(sigma)
+    data = rows.design[is_lit], y[is_lit], sigma[is_lit], rows.reference
+    found = scale_from_known_bed(*data, slope.normal())
+    steeper = scale_from_known_bed(*data, slope.normal(steeper_deg=tilt_sd_deg))
+    return BedScale(found.kappa, found.kappa_sd, steeper.kappa - found.kappa)
+
+
+def identified(estimator: Estimator, history: History, known: Mapping[str, KnownSlope]) -> ExchangeFit:
+    """What the regions of known slope show of alpha and beta of eq. (6)."""
+    columns, surface = RegionColumns(estimator.regions), estimator.settings.surface
+    names = [region.name for region in estimator.regions]
+    warm = np.concatenate([history.temperature_k[:, names.index(name)] for name in known])
+    reference_normal = columns.reference_normals.mean(axis=0)
+    excess = np.concatenate(
+        [_excess_dni(history, slope.normal(), reference_normal) for slope in known.values()]
+    )
+    cold = np.tile(_reference_k(history, columns), len(known))
+    is_known = np.isfinite(warm) & np.isfinite(excess) & np.isfinite(cold)
+    if is_known.sum() < len(known) * 3:
+        raise CalibrationError("too few minutes with light and temperatures", fix="take a longer session")
+    data, prior = (warm[is_known], cold[is_known], excess[is_known]), (surface.alpha, surface.beta)
+    first = identify(*data, estimator.settings.noise_k, prior)
+    # what the surface does beside eq. (6) counts as noise too, or the split would look measured
+    residual_k = data[0] - data[1] - data[2] / first.steepness_w_m2_k
+    noise_k = max(estimator.settings.noise_k, float(np.std(residual_k)) / np.sqrt(2.0))
+    return identify(*data, noise_k, prior)
+
+
+def _reference_k(history: History, columns: RegionColumns) -> FloatArray:
+    """Mean temperature (n,) of the reference regions that have one; NaN where none has."""
+    base = history.temperature_k[:, columns.references]
+    is_known = np.isfinite(base)
+    mean = np.where(is_known, base, 0.0).sum(axis=1) / is_known.sum(axis=1).clip(1)
+    return np.where(is_known.any(axis=1), mean, np.nan)
+
+
+def _excess_dni(history: History, target: FloatArray, reference: FloatArray) -> FloatArray:
+    """Direct irradiance (n,) of a target beyond the reference's, W/m2; NaN while one is in its own shade."""
+    on_target, on_reference = history.sun @ target, history.sun @ reference
+    is_lit = np.minimum(on_target, on_reference) >= LOWEST_COS_INCIDENCE
+    return np.where(is_lit, history.dni_w_m2 * (on_target - on_reference), np.nan)
+
+
+def _details(model: ExchangeFit, irradiance: str) -> dict[str, Any]:
+    return {
+        "irradiance": irradiance,
+        "steepness_w_m2_k": model.steepness_w_m2_k,
+        "steepness_sd": model.steepness_sd,
+        "alpha": model.alpha,
+        "beta": model.beta,
+        "alpha_and_beta_are_the_prior": model.share_is_prior,
+    }
+
+
+def _summary(found: PooledScale, scales: Mapping[str, BedScale], estimator: Estimator) -> str:
+    each = "   ".join(f"{bed} {scale.kappa:.3f}" for bed, scale in scales.items())
+    return (
+        f"kappa {found.kappa:.3f} ± {found.expanded:.3f} (k=2)   {estimator.settings.model} model, "
+        f"{estimator.irradiance_model}\n  {each}"
+    )

@@ -1,0 +1,112 @@
+"""Check a session: what the file shows by itself, and whether its samples still give the stored estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fieldkit.model.errors import FieldkitError, RefusedError
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.sessions import check as file_check
+from fieldkit.sessions.check import Finding, worst
+from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.time_map import TimeStep
+from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SAME_DEG = 1e-9
+
+
+@dataclass(frozen=True)
+class CheckedSession:
+    """The findings about a session file, each with what to do next."""
+
+    path: Path
+    findings: tuple[Finding, ...]
+
+    @property
+    def level(self) -> str:
+        """The worst level among the findings: ``ok``, ``warn`` or ``fail``."""
+        return worst(self.findings)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The findings, one row each."""
+        import pandas as pd
+
+        return pd.DataFrame(self.findings)
+
+
+def check(path: str | Path, *, estimates: bool = True) -> CheckedSession:
+    """Check a session file: checksums, gaps, rates, clocks, units, and with `estimates` the slopes.
+
+    Slopes are estimated again from the stored samples and compared with those the recording stored. Nothing
+    is changed. What is wrong is a finding; nothing is raised for it.
+    """
+    path = Path(path)
+    findings = file_check.check(path)
+    if estimates and not any(one.what == "file" for one in findings):
+        with open_session(path) as session:
+            findings += _estimate_findings(session)
+    return CheckedSession(path, tuple(findings))
+
+
+def _estimate_findings(session: Session) -> list[Finding]:
+    """The estimates of the recording against those that the same samples give now."""
+    stored = session.estimates()
+    if not stored or session.time_map():
+        return []
+    try:
+        again = _estimated_again(session)
+    except FieldkitError as error:
+        return [Finding("warn", "slopes", f"could not be computed again: {error}", error.fix or "")]
+    computed = {_key(one): one for one in again}
+    differing = sum(not _is_same(one, computed.get(_key(one))) for one in stored)
+    if differing:
+        text = f"{differing} of {len(stored)} slopes come out differently from the stored samples"
+        return [Finding("warn", "slopes", text, "another version of fieldkit, or samples that were lost")]
+    return [Finding("ok", "slopes", f"{len(stored)} slopes come out the same from the stored samples")]
+
+
+def _estimated_again(session: Session) -> list[SlopeEstimate]:
+    # streams that were imported later had no part in what the recording estimated
+    recorded = tuple(info for info in session.streams.values() if info.driver != "import")
+    estimator = estimator_for(session, config_for(session), streams=recorded)
+    return [one for minute in minutes_of(session, estimator) for one in minute.estimates]
+
+
+def _key(estimate: SlopeEstimate) -> tuple[int, str]:
+    return estimate.time_ns // 1000, estimate.region  # times are stored to the microsecond
+
+
+def _is_same(stored: SlopeEstimate, other: SlopeEstimate | None) -> bool:
+    return (
+        other is not None
+        and _is_close(stored.tilt_deg, other.tilt_deg)
+        and _is_close(stored.azimuth_deg, other.azimuth_deg)
+    )
+
+
+def _is_close(one: float, other: float) -> bool:
+    return abs(one - other) <= SAME_DEG or (one != one and other != other)
+
+
+def correct_clock(path: str | Path) -> tuple[TimeStep, ...]:
+    """Write the time map that a session's clock comparisons propose into it, as data; its steps.
+
+    Recorded times stay as they are. No steps are returned if the map is active already. Raises
+    `RefusedError` if the comparisons call for no correction.
+    """
+    path = Path(path)
+    with open_session(path) as session:
+        steps = propose_time_map(session)
+        if not steps:
+            raise RefusedError(f"{path.name}: its clock comparisons call for no correction")
+        if steps == session.time_map():
+            return ()
+    apply_time_map(path, steps)
+    return tuple(steps)

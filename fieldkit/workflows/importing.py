@@ -1,0 +1,337 @@
+"""Recordings of other programs become sessions, or join one: frames, tables of loggers, weather stations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal
+from zoneinfo import ZoneInfo
+
+from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config.template import PAPER_SITE
+from fieldkit.estimation.instruments import sunlight_source
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.errors import ConfigError, FieldkitError
+from fieldkit.model.samples import Severity
+from fieldkit.model.site import Site
+from fieldkit.sessions.formats import stills
+from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
+from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
+from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.merged import aligned, cut_to, merge
+from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
+from fieldkit.sessions.formats.stations import read_station
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.reader import Session
+from fieldkit.sessions.seal import SealReport
+from fieldkit.weather import is_station_file
+from fieldkit.workflows import import_flir
+from fieldkit.workflows.sources import log_warning
+
+AUTO: Literal["auto"] = "auto"
+TABLES = (".csv", ".txt", ".tsv", ".dat")
+KM_PER_DEGREE = 111.2
+NEAR_KM = 2.0
+"""A station nearer than this has the session's clouds."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What an imported recording does not state itself.
+
+    Parameters
+    ----------
+    name : str, optional
+        Name of the stream; ``camera``, ``station`` or ``logger`` by default.
+    title : str
+        Title of the session; the source's name by default.
+    site : Site, optional
+        Where it was recorded; by default as the recording states, or else the campaign's.
+    kelvin_per_count, kelvin_at_zero : float
+        Scale of TIFF or IRG frames; NaN if it is not known. Never guessed. [K]
+    times : Path, optional
+        Table of the frames' file names and times.
+    time_format : str, optional
+        Format of times in the frames' names or in a table, such as ``%Y%m%dT%H%M%S``.
+    zone : str, optional
+        IANA time zone of times that have none.
+    offset_s : float or "auto"
+        Seconds to add to a table's times; ``auto`` finds them from the session it is merged into.
+    unit : str
+        Unit of a table's values where its header has none.
+    columns : tuple of str
+        Columns of a table to read.
+    measures : str
+        What a table in W/m2 measures, such as ``ghi``, if its columns are not named so.
+    encoding : str
+        Encoding of a table.
+    """
+
+    name: str | None = None
+    title: str = ""
+    site: Site | None = None
+    kelvin_per_count: float | None = None
+    kelvin_at_zero: float = 0.0
+    times: Path | None = None
+    time_format: str | None = None
+    zone: str | None = None
+    offset_s: float | Literal["auto"] = 0.0
+    unit: str = ""
+    columns: tuple[str, ...] = ()
+    measures: str = ""
+    encoding: str = "utf-8-sig"
+
+
+@dataclass(frozen=True)
+class ImportedSession:
+    """A session made from another program's recording; `samples` counts those of each stream.
+
+    `remarks` tell how the recording was read: those of `Severity.WARNING` may change results.
+    """
+
+    path: Path
+    samples: dict[str, int]
+    size_bytes: int
+    remarks: tuple[tuple[Severity, str], ...]
+
+    @classmethod
+    def of(cls, report: SealReport, recording: ImportedRecording) -> ImportedSession:
+        """What a sealed session and the recording it was made from have to report."""
+        return cls(report.path, report.counts, report.bytes, recording.remarks)
+
+
+def import_recording(
+    source: str | Path,
+    out: str | Path | None = None,
+    options: ImportOptions | None = None,
+    *,
+    campaign: str | Path = ".",
+    command_line: str = "",
+    notify: Callable[[str], None] = log_warning,
+) -> ImportedSession:
+    """Make a session of a recording of another program, with the campaign's regions.
+
+    Parameters
+    ----------
+    source : path
+        A file, or a folder of frames; what it is follows from its content.
+    out : path, optional
+        The session's file; by default in ``recordings/`` of the campaign.
+    options : ImportOptions, optional
+        What the recording does not state itself.
+    campaign : path
+        Folder of the campaign, or one inside it; without a campaign the session has no regions.
+    command_line : str
+        Command that made the session, to be kept in it.
+    notify : callable
+        Receives a warning if the campaign cannot be used.
+
+    Raises
+    ------
+    ConfigError
+        If the source cannot be read, or place, times or scale are not known.
+    """
+    source, options = Path(source), options or ImportOptions()
+    recording = read_source(source, options)
+    config = _campaign_or_none(Path(campaign), notify)
+    site, recording = _placed(recording, options.site, config)
+    regions = config.regions if config else ()
+    header = SessionHeader(
+        options.title or source.name, site, recording.streams, regions, command_line=command_line
+    )
+    path = Path(out) if out is not None else _default_path(config, recording, source)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return ImportedSession.of(write_imported(path, header, recording, str(source)), recording)
+
+
+def import_into(
+    session: Session, source: str | Path, out: str | Path | None = None, options: ImportOptions | None = None
+) -> ImportedSession:
+    """Make a new session of `session` together with the part of `source` recorded at the same time.
+
+    `out` is the new session's file, by default beside the old one. Raises `ConfigError` if the source
+    cannot be read or does not fit, `NoAnswerError` if ``offset_s="auto"`` finds no offset.
+    """
+    source, options = Path(source), options or ImportOptions()
+    recording = read_source(source, options)
+    added = options.name or recording.streams[0].name
+    path = Path(out) if out is not None else session.path.with_name(f"{session.path.stem}-with-{added}.h5")
+    if options.offset_s == AUTO:
+        recording = aligned(session, recording)
+    recording = cut_to(session, _warned_of_distance(recording, session.site))
+    recording = _warned_of_irradiance(session, recording)
+    return ImportedSession.of(merge(session, recording, path, str(source)), recording)
+
+
+def _campaign_or_none(start: Path, notify: Callable[[str], None]) -> Config | None:
+    """The configuration of the campaign around a folder; None without one, or if it has mistakes."""
+    try:
+        file = find_campaign(start)
+    except ConfigError:
+        return None
+    try:
+        return load_config(file)
+    except FieldkitError as error:
+        notify(f"the campaign is ignored: {error.message}")
+        return None
+
+
+def _placed(
+    recording: ImportedRecording, site: Site | None, config: Config | None
+) -> tuple[Site, ImportedRecording]:
+    """Where it was recorded, and the recording with a warning if only the campaign states that."""
+    place = site or recording.site
+    if place is not None:
+        return place, recording
+    if config is None:
+        raise ConfigError(
+            "where this was recorded is not known, and slopes need it",
+            fix="--site LAT,LON,ALT, or run this inside a campaign (fieldkit init)",
+        )
+    place = config.site
+    where = f"{place.latitude_deg:g}, {place.longitude_deg:g}{_note_on_default(place)}"
+    return place, _warned(
+        recording,
+        f"no --site: taken as recorded at the campaign's site, {where}; "
+        "if it was elsewhere, import it again with --site LAT,LON,ALT",
+    )
+
+
+def _note_on_default(site: Site) -> str:
+    default = PAPER_SITE["latitude_deg"], PAPER_SITE["longitude_deg"]
+    is_default = (site.latitude_deg, site.longitude_deg) == default
+    return " (the paper's, the default of fieldkit init)" if is_default else ""
+
+
+def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRecording:
+    """The recording, with a warning if it was made at another place than the session."""
+    if recording.site is None:
+        return recording
+    north = recording.site.latitude_deg - site.latitude_deg
+    east = (recording.site.longitude_deg - site.longitude_deg) * math.cos(math.radians(site.latitude_deg))
+    apart_km = KM_PER_DEGREE * math.hypot(north, east)
+    if apart_km < NEAR_KM:
+        return recording
+    return _warned(
+        recording, f"the station is {apart_km:.0f} km from the session's site: cloud cover may differ"
+    )
+
+
+def _warned_of_irradiance(session: Session, recording: ImportedRecording) -> ImportedRecording:
+    """The recording, with a warning if estimates will use its irradiance instead of the session's."""
+    own = tuple(session.streams.values())
+    before, after = (
+        sunlight_source(streams, EstimatorSettings()) for streams in (own, own + recording.streams)
+    )
+    if before is None or after is None or before.info.name == after.info.name:
+        return recording
+    return _warned(
+        recording,
+        f"slopes now use the irradiance of {after.info.name} ({after.measures}), not of {before.info.name}; "
+        f'irradiance.stream = "{before.info.name}" keeps it',
+    )
+
+
+def _warned(recording: ImportedRecording, text: str) -> ImportedRecording:
+    return replace(recording, remarks=(*recording.remarks, (Severity.WARNING, text)))
+
+
+def _default_path(config: Config | None, recording: ImportedRecording, source: Path) -> Path:
+    """A session's file in the campaign's recordings, named by its first sample's time and its source."""
+    first = next(iter(recording.samples))
+    stamp = datetime.fromtimestamp(first.time_ns // 10**9, UTC).strftime("%Y%m%dT%H%M%SZ")
+    word = source.name.split(".")[0]
+    name = f"{stamp}-{''.join(c if c.isalnum() or c in '-_' else '-' for c in word)}.h5"
+    return (config.recordings if config else Path()) / name
+
+
+def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
+    """Read a source by the first format that fits it; raises `ConfigError` if none does."""
+    for is_format, read in _FORMATS:
+        if is_format(source):
+            return read(source, options)
+    raise ConfigError(
+        f"{source} has no format that fieldkit reads",
+        fix="it reads .raw.y16.gz, .fff, .seq, radiometric .jpg, 16-bit TIFF and .irg frames, "
+        "tables of loggers, files of SURFRAD, BSRN and the Japan Meteorological Agency",
+    )
+
+
+def _is_flir(source: Path) -> bool:
+    """A FLIR file, or a folder of them; JPEGs beside other frames are only to look at."""
+    if source.is_dir():
+        return bool(import_flir.files_in(source)) and not stills.pictures_in(source)
+    return source.suffix.lower() in import_flir.SUFFIXES
+
+
+def _flir(source: Path, options: ImportOptions) -> ImportedRecording:
+    return import_flir.read_flir(source, options.name or "camera")
+
+
+def _is_stills(source: Path) -> bool:
+    return source.is_dir() or source.suffix.lower() in stills.SUFFIXES
+
+
+def _stills(source: Path, options: ImportOptions) -> ImportedRecording:
+    per_count = options.kelvin_per_count
+    scale = None if per_count is None else stills.Scale(per_count, options.kelvin_at_zero)
+    return stills.read_stills(
+        source,
+        scale,
+        name=options.name or "camera",
+        times=options.times,
+        time_format=options.time_format,
+        zone=_zone(options),
+    )
+
+
+def _station(source: Path, options: ImportOptions) -> ImportedRecording:
+    return read_station(source, options.name or "station")
+
+
+def _is_jma(source: Path) -> bool:
+    return is_radiation_table(source) or is_obsdl(source)
+
+
+def _jma(source: Path, options: ImportOptions) -> ImportedRecording:
+    read = read_radiation_table if is_radiation_table(source) else read_obsdl
+    return read(source, options.name or "station")
+
+
+def _purethermal(source: Path, options: ImportOptions) -> ImportedRecording:
+    return read_purethermal(source, options.name or "camera")
+
+
+def _is_table(source: Path) -> bool:
+    return source.suffix.lower() in TABLES
+
+
+def _table(source: Path, options: ImportOptions) -> ImportedRecording:
+    return read_log(
+        source,
+        options.name or "logger",
+        zone=_zone(options),
+        time_format=options.time_format,
+        unit=options.unit,
+        offset_ns=0 if options.offset_s == AUTO else round(options.offset_s * 1e9),
+        columns=LogColumns(values=options.columns),
+        encoding=options.encoding,
+        measures=options.measures,
+    )
+
+
+def _zone(options: ImportOptions) -> ZoneInfo | None:
+    return ZoneInfo(options.zone) if options.zone else None
+
+
+_FORMATS: tuple[tuple[Callable[[Path], bool], Callable[[Path, ImportOptions], ImportedRecording]], ...] = (
+    (_is_flir, _flir),
+    (_is_stills, _stills),
+    (is_station_file, _station),
+    (_is_jma, _jma),
+    (is_purethermal, _purethermal),
+    (_is_table, _table),  # last: other formats have the same suffixes
+)

@@ -1,0 +1,128 @@
+"""FLIR files become recordings: every frame, its law and the camera's own times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Frame, Severity
+from fieldkit.model.site import Site
+from fieldkit.sessions.formats.imported import write_imported
+from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.import_flir import read_flir
+from fieldkit.workflows.importing import ImportOptions, read_source
+from tests.harness.foreign_files import FFF_CONSTANTS, fff, radiometric_jpeg
+from tests.shared_data import shared
+
+SITE = Site(-33.5, -70.6, 500.0, "America/Santiago")
+
+
+def test_flir_files_keep_their_law(tmp_path: Path) -> None:
+    """Expected counts: the README beside the file; an indoor scene near room temperature."""
+    source = shared("data/frames/flir_file/frame_000000_le.fff")
+    recording = read_flir(source, "camera")
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, recording.streams), recording, source.name)
+    with open_session(tmp_path / "a.h5") as session:
+        counts = session.raw("camera")[0]
+        assert (counts.min(), counts.max()) == (17899, 19192)
+        assert session.streams["camera"].law == "planck"
+        kelvin = session.kelvin()
+        assert 290.0 < kelvin.min() < kelvin.max() < 310.0
+
+
+COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
+
+
+def test_flir_sequence_keeps_every_frame_and_the_cameras_times(tmp_path: Path) -> None:
+    """Times are of the camera's clock, also where pictures hold the bytes of a file's beginning."""
+    disguised = COUNTS.copy()
+    disguised[2, 2:4] = np.frombuffer(b"FFF\0", "<u2")
+    pictures = [COUNTS, disguised, COUNTS + 3]
+    source = tmp_path / "a.seq"
+    source.write_bytes(b"".join(fff(one, 1_480_000_000 + n, 500) for n, one in enumerate(pictures)))
+    recording = read_flir(source, "camera")
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, recording.streams), recording, source.name)
+    with open_session(tmp_path / "a.h5") as session:
+        assert np.array_equal(session.raw("camera")[:], np.array(pictures))
+        expected = [1_480_000_000_500_000_000 + n * 10**9 for n in range(3)]
+        assert session.times_ns("camera").tolist() == expected
+        info = session.streams["camera"]
+        assert (info.model, info.rate_hz) == ("T420", 9.0)
+        assert info.settings["r1"] == pytest.approx(FFF_CONSTANTS[0x58])
+        # T = B / ln(R1 / (R2 (S + O)) + F), Minkina & Dudzik, for the path is of no length
+        law = 1420.1 / np.log(16125.788 / (0.0109034 * (18_000 - 5588)) + 1.0)
+        assert session.kelvin(0, 1)[0, 0, 0] == pytest.approx(law, abs=0.01)
+
+
+def test_radiometric_jpeg_is_one_frame_of_the_same(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (frame,) = read_flir(tmp_path / "a.jpg", "camera").samples
+    assert isinstance(frame, Frame)
+    assert np.array_equal(frame.counts, COUNTS)
+    assert frame.time_ns == 1_480_000_000_000_000_000
+
+
+def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path: Path) -> None:
+    """As on the card of a hand-held camera, whose ordinary pictures lie between the thermal ones."""
+    for number, second in ((1, 20), (3, 0), (5, 10)):
+        jpeg = radiometric_jpeg(fff(COUNTS + number, 1_480_000_000 + second))
+        (tmp_path / f"FLIR000{number}.jpg").write_bytes(jpeg)
+    (tmp_path / "DC_0002.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    (tmp_path / "FLIR0007.jpg").write_bytes(b"")
+    recording = read_source(tmp_path, ImportOptions())
+    frames = [frame for frame in recording.samples if isinstance(frame, Frame)]
+    assert [int(frame.counts[0, 0]) - 18_000 for frame in frames] == [3, 5, 1]
+    assert [frame.device_seq for frame in frames] == [0, 1, 2]
+    assert not any(frame.quality for frame in frames)
+    assert recording.streams[0].rate_hz == 0.1
+    (warning,) = [text for severity, text in recording.remarks if severity is Severity.WARNING]
+    assert warning.startswith("skipped, without temperatures: DC_0002.jpg (a JPEG without")
+    assert warning.endswith("and 1 more")
+
+
+def test_jpegs_beside_tiff_pictures_are_only_to_look_at(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(radiometric_jpeg(fff(COUNTS, 1_480_000_000)))
+    (tmp_path / "a.tiff").write_bytes(b"no picture")
+    with pytest.raises(ConfigError, match=r"a\.tiff cannot be read|TIFF"):
+        read_source(tmp_path, ImportOptions())
+
+
+def test_a_folder_of_jpegs_without_temperatures_is_rejected(tmp_path: Path) -> None:
+    (tmp_path / "holiday.jpg").write_bytes(b"\xff\xd8\xff\xe0\0\x10JFIF\0".ljust(64, b"\0"))
+    with pytest.raises(ConfigError, match=r"no frame with temperatures: holiday\.jpg"):
+        read_flir(tmp_path, "camera")
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "is empty"),
+        (fff(COUNTS, 0), "has no time"),
+        (fff(COUNTS, 1_480_000_000) + fff(COUNTS[:3], 1_480_000_001), "frame 1 has another size"),
+        (fff(COUNTS, 1_480_000_000)[:-1], "is cut short"),
+        (
+            fff(COUNTS, 1_480_000_000)[: -COUNTS.nbytes] + b"\xff\xd8\xff\xf7".ljust(COUNTS.nbytes, b"\0"),
+            "compressed as JPEG-LS",  # as the pictures of a .csq begin
+        ),
+    ],
+)
+def test_damaged_flir_files_are_rejected_with_the_reason(tmp_path: Path, data: bytes, words: str) -> None:
+    (tmp_path / "a.seq").write_bytes(data)
+    with pytest.raises(ConfigError, match=words) as caught:
+        read_flir(tmp_path / "a.seq", "camera")
+    assert caught.value.fix
+
+
+@pytest.mark.parametrize("damage", [b"\0\0", fff(COUNTS, 1_480_000_002)[:-7]])
+def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: Path, damage: bytes) -> None:
+    whole = b"".join(fff(COUNTS + n, 1_480_000_000 + n) for n in range(2))
+    (tmp_path / "a.seq").write_bytes(whole + damage)
+    recording = read_flir(tmp_path / "a.seq", "camera")
+    assert len(list(recording.samples)) == 2
+    severity, words = recording.remarks[1]
+    assert severity is Severity.WARNING
+    assert "nothing after frame 2" in words
