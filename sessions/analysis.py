@@ -40,8 +40,20 @@ _BLOCK_BYTES = 32_000_000
 class RegionSeries:
     """Brightness temperature of regions over time.
 
-    `time_ns` (n,) UTC; `mean_k` and `spread_k` (n, regions), the spread being the standard
-    deviation over the pixels, NaN where they cannot be read; `pixels` (regions,); `flags` (n,) as `Quality`.
+    Attributes
+    ----------
+    regions : tuple of str
+        Names of the regions: the columns of the arrays.
+    time_ns : (n,) array of int
+        UTC of the frames, corrected by the active time map. [nanoseconds since 1970]
+    mean_k : (n, regions) array
+        Mean brightness temperature of the region's pixels; NaN where they cannot be read. [K]
+    spread_k : (n, regions) array
+        Standard deviation over the region's pixels. [K]
+    pixels : (regions,) array of int
+        Number of pixels of each region.
+    flags : (n,) array of int
+        `Quality` of the frames.
     """
 
     regions: tuple[str, ...]
@@ -58,6 +70,8 @@ def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
     chosen = [info for info in cameras if stream in (None, info.name)]
     if len(chosen) != 1:
         have = ", ".join(info.name for info in cameras) or "none"
+        if stream is not None:
+            raise SessionError(f"{session.path}: {stream!r} is not a camera", fix=f"its cameras: {have}")
         raise SessionError(f"{session.path}: which camera? It has {have}", fix="name one: stream=...")
     return chosen[0]
 
@@ -73,11 +87,32 @@ def kelvin(
     session: Session, start: int = 0, stop: int | None = None, *, stream: str | None = None,
     calibration: Calibration | None = None, damaged: Literal["raise", "nan"] = "raise",
 ) -> FloatArray:  # fmt: skip
-    """Brightness temperature of frames `start`..`stop`, shape (n, rows, cols).
+    """Brightness temperature of a camera's frames, each frame verified by its checksum.
 
-    `calibration` gives kelvin from counts of any shape, in place of the camera's own law. Raises
-    `IntegrityError` for a frame that does not match its checksum or cannot be read, unless `damaged` is
-    "nan": then it is NaN.
+    Parameters
+    ----------
+    session : Session
+        An open session.
+    start, stop : int
+        First frame, and the frame after the last; all frames by default.
+    stream : str, optional
+        The camera's stream; may be omitted where the session has only one camera.
+    calibration : callable, optional
+        Kelvin from counts of any shape, in place of the camera's own law.
+    damaged : {"raise", "nan"}
+        What a frame becomes that does not match its checksum or cannot be read: an error, or NaN.
+
+    Returns
+    -------
+    (n, rows, cols) array
+        Brightness temperature. [K]
+
+    Raises
+    ------
+    IntegrityError
+        A frame is damaged, and `damaged` is "raise".
+    SessionError
+        There is no such camera, or `stream` is needed to choose one.
     """
     info = camera_of(session, stream)
     convert, parts = _to_kelvin(info, calibration), [np.empty((0, *info.shape))]
@@ -100,9 +135,28 @@ def region_series(
     session: Session, regions: Sequence[Region] | None = None, *, stream: str | None = None,
     calibration: Calibration | None = None,
 ) -> RegionSeries:  # fmt: skip
-    """The time series of each region (of the session's, if none are given).
+    """Mean brightness temperature of regions over time; reads only the chunks the regions lie in.
 
-    Raises `SessionError` where a region has no pixel in the picture.
+    Parameters
+    ----------
+    session : Session
+        An open session.
+    regions : sequence of Region, optional
+        The regions, in pixel coordinates; those of the session by default.
+    stream : str, optional
+        The camera's stream; may be omitted where the session has only one camera.
+    calibration : callable, optional
+        Kelvin from counts of any shape, in place of the camera's own law.
+
+    Returns
+    -------
+    RegionSeries
+        Mean, spread and flags of every frame.
+
+    Raises
+    ------
+    SessionError
+        A region covers no pixel of the frame, or there is no such camera.
     """
     info = camera_of(session, stream)
     chosen = tuple(session.regions if regions is None else regions)
@@ -135,7 +189,7 @@ def _curve(reader: StreamReader, region: Region, convert: Callable[[Pictures], F
     info = reader.info
     mask = region.mask((info.shape[0], info.shape[1]))
     if not mask.any():
-        raise SessionError(f"region {region.name!r} has no pixel in the picture of {info.name}")
+        raise SessionError(f"region {region.name!r} has no pixel in the frame of {info.name}")
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = slice(rows[0], rows[-1] + 1), slice(cols[0], cols[-1] + 1)
     inside = mask[box]
@@ -174,9 +228,9 @@ def channel_names(info: StreamInfo) -> tuple[str, ...]:
 
 
 def to_pandas(session: Session, stream: str) -> pd.DataFrame:
-    """The samples of a stream by UTC: values of a meter, or of a camera all but the pictures.
+    """The samples of a stream by UTC: the values of a meter; of a camera all but the frames.
 
-    Columns carry their unit in brackets; `DataFrame.attrs` what else was declared.
+    Column names end in their unit in brackets; `DataFrame.attrs` has stream, quantity, unit and device.
     """
     import pandas as pd
 
@@ -197,11 +251,11 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
 
 
 def to_xarray(session: Session, stream: str) -> xr.Dataset:
-    """A stream as an xarray dataset, lazily: counts of a camera read as kelvin.
+    """A stream as an xarray dataset, read lazily; counts of a linear camera are read as kelvin.
 
-    `flags` are compared with the checksums when they are read, which reads all that the samples hold. Raises
-    `SessionError` for an interrupted session, which other programs cannot open, and for a stream
-    that does not lie in the session's file, which they would follow out of it.
+    `flags` are verified by the checksums when they are read, which reads the whole stream. Raises
+    `SessionError` for an interrupted session, which other programs cannot open, and for a stream that lies
+    outside the session's file, into which they would follow the link.
     """
     import xarray as xr
 

@@ -18,7 +18,7 @@ from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import h5py
 import numpy as np
@@ -31,7 +31,7 @@ from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions import analysis, entry_rows
-from fieldkit.sessions.analysis import RegionSeries
+from fieldkit.sessions.analysis import Calibration, RegionSeries
 from fieldkit.sessions.digests import object_digest
 from fieldkit.sessions.journal import SessionIdentity
 from fieldkit.sessions.layout import (
@@ -59,6 +59,7 @@ from fieldkit.sessions.stored import (
     stored_here,
     whole_rows,
 )
+from fieldkit.sessions.stream import Stream
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
 from fieldkit.sessions.time_map import TimeStep, check_rows, mapped, mapped_event, mapped_health, mapped_ns
@@ -125,10 +126,21 @@ _CHANGED = "%s: %s changed after it was sealed; times, places and scales may be 
 
 
 class Session:
-    """One recording. Use as a context manager, or call `close`.
+    """One recording, as `fieldkit.open_session` opens it. Use as a context manager, or call `close`.
 
-    `state` is "recording" until it is sealed, "interrupted" (its writer ended without: `fieldkit
-    recover`), "recovered" or "sealed". With `salvage` what the file has lost is left out of its tables.
+    ``session["camera"]`` is one of its streams, ``list(session)`` their names.
+
+    Attributes
+    ----------
+    path : Path
+        The session file.
+    state : str
+        "recording" until it is sealed, "interrupted" (its writer ended without sealing it: `fieldkit
+        recover`), "recovered" or "sealed".
+    streams : Mapping of str to StreamInfo
+        What was declared of each stream before its first sample.
+    site : Site
+        Where it was recorded.
     """
 
     def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
@@ -154,8 +166,18 @@ class Session:
     ) -> None:
         self.close()
 
+    def __getitem__(self, stream: str) -> Stream:
+        """One stream; raises `SessionError` where there is none of that name."""
+        return Stream(self, self._reader(stream).info)
+
+    def __contains__(self, stream: object) -> bool:
+        return stream in self.streams
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.streams)
+
     def close(self) -> None:
-        """Let go of the file; a second call does nothing."""
+        """Close the file; a second call does nothing."""
         if self._file:
             self._file.close()
 
@@ -210,7 +232,7 @@ class Session:
         return len(self._reader(stream))
 
     def stream(self, name: str) -> StreamReader:
-        """One stream, for reading columns or single frames; raises `SessionError` if there is none."""
+        """The stored rows of a stream, column by column; raises `SessionError` if there is none."""
         return self._reader(name)
 
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
@@ -291,20 +313,34 @@ class Session:
             return False
         return bool(sealed) and int(sealed) == self._reader(stream).columns_crc32()
 
-    def kelvin(self, start: int = 0, stop: int | None = None, **options: Any) -> NDArray[np.float64]:
-        """Pictures as brightness temperatures; see `fieldkit.sessions.analysis.kelvin`."""
-        return analysis.kelvin(self, start, stop, **options)
+    def kelvin(
+        self,
+        start: int = 0,
+        stop: int | None = None,
+        *,
+        stream: str | None = None,
+        calibration: Calibration | None = None,
+        damaged: Literal["raise", "nan"] = "raise",
+    ) -> NDArray[np.float64]:
+        """Brightness temperature of a camera's frames; see `fieldkit.sessions.analysis.kelvin`."""
+        return analysis.kelvin(self, start, stop, stream=stream, calibration=calibration, damaged=damaged)
 
-    def region_series(self, regions: Sequence[Region] | None = None, **options: Any) -> RegionSeries:
-        """Curves of regions; see `fieldkit.sessions.analysis.region_series`."""
-        return analysis.region_series(self, regions, **options)
+    def region_series(
+        self,
+        regions: Sequence[Region] | None = None,
+        *,
+        stream: str | None = None,
+        calibration: Calibration | None = None,
+    ) -> RegionSeries:
+        """Brightness temperature of regions over time; see `fieldkit.sessions.analysis.region_series`."""
+        return analysis.region_series(self, regions, stream=stream, calibration=calibration)
 
     def to_pandas(self, stream: str) -> pd.DataFrame:
         """A stream as a table by UTC; see `fieldkit.sessions.analysis.to_pandas`."""
         return analysis.to_pandas(self, stream)
 
     def to_xarray(self, stream: str) -> xr.Dataset:
-        """A stream as an xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
+        """A stream as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
         return analysis.to_xarray(self, stream)
 
     # --- tables: all that is no sample

@@ -197,7 +197,9 @@ class StreamReader:
         return np.concatenate([np.empty(0, np.uint16), *parts])
 
     def readings(self, start: int = 0, stop: int | None = None) -> Readings:
-        """The readings of a meter as arrays."""
+        """The readings of a meter as arrays; raises `SessionError` for a camera."""
+        if self.info.is_camera:
+            raise SessionError(f"stream {self.info.name!r} is a camera", fix="read its frames: kelvin()")
         parts = [part.columns for part in self._parts(start, stop)]
         values = np.concatenate([self.column("value", 0, 0), *(part["value"] for part in parts)])
         return Readings(

@@ -58,6 +58,35 @@ def test_newer_version_asks_for_an_upgrade(path: Path) -> None:
     assert "newer fieldkit" in (caught.value.fix or "")
 
 
+def test_a_stream_by_its_name_gives_what_the_session_gives(path: Path) -> None:
+    with open_session(path) as session:
+        camera, lux = session["camera"], session["lux"]
+        assert list(session) == list(session.streams)
+        assert "lux" in session
+        assert "nothing" not in session
+        assert (camera.name, len(camera)) == ("camera", session.count("camera"))
+        assert np.array_equal(camera.kelvin(2, 5), session.kelvin(2, 5))
+        assert np.array_equal(camera.counts[3], session.raw("camera")[3])
+        assert np.array_equal(camera.times_ns(), session.times_ns("camera"))
+        assert np.array_equal(camera.flags(), session.flags("camera"))
+        assert [one.seq for one in lux.samples()] == [one.seq for one in session.samples("lux")]
+        assert np.array_equal(lux.readings().values, session.readings("lux").values)
+        assert lux.to_pandas().equals(session.to_pandas("lux"))
+        assert lux.to_xarray().equals(session.to_xarray("lux"))
+
+
+def test_a_stream_that_is_not_there_or_cannot_do_it_is_refused_by_name(path: Path) -> None:
+    with open_session(path) as session:
+        with pytest.raises(SessionError, match="no stream 'nothing'") as caught:
+            session["nothing"]
+        assert all(name in (caught.value.fix or "") for name in session.streams)
+        with pytest.raises(SessionError, match="'camera' is a camera"):
+            session["camera"].readings()
+        with pytest.raises(SessionError, match="lux") as caught:
+            session["lux"].kelvin()
+        assert "camera" in caught.value.message + (caught.value.fix or "")
+
+
 def test_a_row_that_only_some_columns_have_is_not_read(path: Path) -> None:
     with h5py.File(path, "r+", libver=LIBVER) as file:
         file["camera/seq"].resize((11,))
