@@ -1,5 +1,5 @@
-"""Formats of other programs: readers of loggers, stations, cameras; writers of tables, netCDF, MCAP, images.
+"""Formats of other programs: readers of loggers, stations and cameras; writers of tables, netCDF and images.
 
-A reader returns an `ImportedRecording`, which `write_imported` (imported) makes a session of and `merge` (merged)
+A reader returns an `ImportedRecording`: `write_imported` (imported) makes a session of it, `merge` (merged)
 adds to one; a writer exports an open session into a folder.
 """
