@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_json_line, say
-from fieldkit.cli.ls import duration, iso_time, local_time
 from fieldkit.cli.session_paths import latest_session
-from fieldkit.model.radiation import measured
 from fieldkit.views.formatting import by_time, event_text
 
 if TYPE_CHECKING:
@@ -27,7 +25,7 @@ _POLL_S = 0.5
 
 @click.command(cls=Command)
 @click.argument("session", required=False, type=click.Path(path_type=Path))
-@click.option("--follow", is_flag=True, help="Go on printing while the session is being recorded.")
+@click.option("--follow", is_flag=True, help="Continue printing while the session is being recorded.")
 @click.pass_context
 def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     """Show one SESSION: where, when, streams, regions, last slopes, events.
@@ -35,6 +33,7 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     Without SESSION the campaign's newest.
     """
     from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.describe import describe, recorded_slopes
 
     path = latest_session(ctx, session)
     with open_session(path) as opened:
@@ -43,68 +42,14 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
             print_json(document)
             return
         if not options(ctx).json:
-            _print(document, answers(opened), by_time(opened.events()))
+            _print(document, recorded_slopes(opened), by_time(opened.events()))
         if follow:
             _follow(opened)
 
 
-def describe(session: Session) -> dict[str, Any]:
-    """What a session is and holds, for people and for ``--json``."""
-    return {
-        "session": str(session.path), "title": session.header.title, "state": session.state,
-        "site": {
-            "latitude_deg": session.site.latitude_deg, "longitude_deg": session.site.longitude_deg,
-            "elevation_m": session.site.elevation_m, "timezone": session.site.timezone,
-        },
-        "began": local_time(session, session.start_ns), "ended": local_time(session, session.end_ns),
-        "start": iso_time(session, session.start_ns), "end": iso_time(session, session.end_ns),
-        "length_s": (session.end_ns - session.start_ns) / 1e9,
-        "streams": [_stream(session, name) for name in session.streams],
-        "regions": [
-            {
-                "name": region.name, "kind": region.kind.name.lower(), "tilt_deg": region.tilt_deg,
-                "azimuth_deg": region.azimuth_deg, "corners": len(region.vertices),
-            }
-            for region in session.regions
-        ],
-        "slopes": [
-            {
-                "region": one.region, "at": local_time(session, one.time_ns), "state": one.state.name.lower(),
-                "tilt_deg": one.tilt_deg, "azimuth_deg": one.azimuth_deg, "model": one.model,
-            }
-            for one in answers(session)
-        ],
-        "events": [
-            {
-                "at": local_time(session, event.time_ns), "kind": event.kind.name.lower(),
-                "stream": event.stream, "text": event.text, "label": str(event.data.get("label", "")),
-                "end": local_time(session, int(event.data.get("end_ns", 0))),
-            }
-            for event in by_time(session.events())
-        ],
-        "operator": session.header.operator, "description": session.header.description,
-        "license": session.header.license, **session.provenance,
-    }  # fmt: skip
-
-
-def answers(session: Session) -> list[SlopeEstimate]:
-    """The slope that stands for each target of a session."""
-    from fieldkit.model.slope import final_estimates
-
-    return list(final_estimates(session.estimates(), session.regions).values())
-
-
-def _stream(session: Session, name: str) -> dict[str, Any]:
-    info = session.streams[name]
-    return {
-        "name": name, "quantity": info.quantity, "unit": info.unit, "shape": list(info.shape),
-        "samples": session.count(name), "driver": info.driver,
-        "device": " ".join(word for word in (info.vendor, info.model, info.serial_number) if word),
-        "rate_hz": info.rate_hz, "measures": list(measured(info, {})),
-    }  # fmt: skip
-
-
 def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Sequence[Event]) -> None:
+    from fieldkit.workflows.describe import duration
+
     site = document["site"]
     click.echo(f"{document['title'] or document['session']}  ({document['state']})")
     click.echo(f"  {document['session']}")
@@ -118,8 +63,8 @@ def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Se
     for one in document["regions"]:
         true = f"{one['tilt_deg']:g}°/{one['azimuth_deg']:g}°" if one["tilt_deg"] == one["tilt_deg"] else ""
         click.echo(f"  region {one['name']:<12} {one['kind']:<10} {true}")
-    for slope, told in zip(slopes, document["slopes"], strict=True):
-        click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {told['at']}")
+    for slope, row in zip(slopes, document["slopes"], strict=True):
+        click.echo(f"  slope  {slope.region:<12} {_slope(slope)}  {row['at']}")
     for one, event in list(zip(document["events"], events, strict=True))[-_LAST_EVENTS:]:
         click.echo(f"  {one['at']}  {one['kind']:<10} {one['stream']} {event_text(event)}".rstrip())
 
@@ -134,7 +79,7 @@ def _slope(slope: SlopeEstimate) -> str:
 
 
 def _follow(session: Session) -> None:
-    """Print what is added until the recording ends."""
+    """Print what is recorded meanwhile, until the recording ends."""
     from fieldkit.sessions.layout import journal_path
     from fieldkit.sessions.lock import is_locked
 
@@ -145,15 +90,15 @@ def _follow(session: Session) -> None:
         session.refresh()
         for event in session.events()[events:]:
             events += 1
-            _tell(session, {"event": event.kind.name.lower(), "text": event.text}, event.time_ns)
+            _print_change(session, {"event": event.kind.name.lower(), "text": event.text}, event.time_ns)
         for name, before in seen.items():
             seen[name] = session.count(name)
             if seen[name] > before:
-                _tell_newest(session, name, seen[name])
+                _print_latest(session, name, seen[name])
     say("the recording has ended")
 
 
-def _tell_newest(session: Session, name: str, count: int) -> None:
+def _print_latest(session: Session, name: str, count: int) -> None:
     from fieldkit.model.samples import Frame
 
     sample = next(session.stream(name).samples(count - 1, count))
@@ -162,15 +107,19 @@ def _tell_newest(session: Session, name: str, count: int) -> None:
         value: Any = float(sample.counts.mean()) * info.scale + info.offset
     else:
         value = list(sample.values)
-    _tell(session, {"stream": name, "samples": count, "value": value, "unit": info.unit}, sample.time_ns)
+    _print_change(
+        session, {"stream": name, "samples": count, "value": value, "unit": info.unit}, sample.time_ns
+    )
 
 
-def _tell(session: Session, news: dict[str, Any], time_ns: int) -> None:
+def _print_change(session: Session, change: dict[str, Any], time_ns: int) -> None:
+    from fieldkit.workflows.describe import local_time
+
     at = local_time(session, time_ns)
     if options().json:
-        print_json_line({"at": at, **news})
+        print_json_line({"at": at, **change})
         return
-    click.echo(f"  {at}  " + "  ".join(_word(value) for value in news.values()))
+    click.echo(f"  {at}  " + "  ".join(_word(value) for value in change.values()))
 
 
 def _word(value: Any) -> str:

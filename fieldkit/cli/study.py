@@ -52,30 +52,17 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--noise", "noise_k", type=click.FloatRange(0.0), default=0.0, show_default=True, help="Noise, K."
 )
 @click.option(
-    "--quantum",
-    "quantum_k",
-    type=click.FloatRange(0.0),
-    default=0.0,
-    show_default=True,
+    "--quantum", "quantum_k", type=click.FloatRange(0.0), default=0.0, show_default=True,
     help="Quantisation step, K.",
-)
+)  # fmt: skip
 @click.option(
-    "--tolerance",
-    "tolerance_w_m2",
-    type=click.FloatRange(1e-6),
-    default=0.5,
-    show_default=True,
+    "--tolerance", "tolerance_w_m2", type=click.FloatRange(1e-6), default=0.5, show_default=True,
     help="Contour tolerance, W/m².",
-)
+)  # fmt: skip
 @click.option(
-    "--estimator",
-    "estimators",
-    type=click.Choice(["contours", "unit-norm", "posterior"]),
-    multiple=True,
-    default=("contours", "unit-norm"),
-    show_default=True,
-    help="May be repeated.",
-)
+    "--estimator", "estimators", type=click.Choice(["contours", "unit-norm", "posterior"]), multiple=True,
+    default=("contours", "unit-norm"), show_default=True, help="May be repeated.",
+)  # fmt: skip
 @click.option("--seed", default=1, show_default=True, help="Random seed.")
 @click.option("--sensitivity", is_flag=True, help="Also vary what the paper does not state (Fig. 9).")
 @click.option("--session", "sessions", type=FILE, multiple=True, help="Figs. 12 and 13 from this session.")
