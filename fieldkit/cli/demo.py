@@ -11,32 +11,25 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.init import make_campaign
 from fieldkit.cli.record import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
-from fieldkit.config import FILE_NAME, Config, load_config
-from fieldkit.config.template import SIMULATED, campaign_toml
+from fieldkit.config import Config
 from fieldkit.model.site import Region
 from fieldkit.model.slope import final_estimates
 from fieldkit.sessions.reader import open_session
 from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
-from fieldkit.views.report.assessment import mean_error
-from fieldkit.views.report.series import series
 from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.record import prepare
 from fieldkit.workflows.report import report as write_report
+from fieldkit.workflows.simulate import demo_campaign, mean_tilt_error_deg
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
 SCENE_S = 3 * 3600.0
-GUSTY_K = 0.1
-"""Noise of a region's mean on the demo's day: half of it is the wind's."""
-PAPER_WINDOW_S = 1200.0
-"""The demo shows what the paper did, 20 minutes at a time."""
 PACE = 360
-"""Scene seconds a real second, to watch; ``--fast`` goes as fast as it can."""
+"""Scene seconds per real second, to watch; ``--fast`` runs as fast as possible."""
 
 
 @click.command(cls=common.Command)
@@ -49,7 +42,8 @@ PACE = 360
 def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> None:
     """Run the whole experiment on simulated devices under one measured day of weather, then report."""
     began = time.monotonic()
-    config = _campaign((common.options(ctx).directory or Path()) / out, fast, fault)
+    folder = (common.options(ctx).directory or Path()) / out
+    config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
     with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
         path = run_until_stopped(prepared, live_views(prepared)).path
@@ -58,20 +52,6 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
         minutes = list(minutes_of(session, estimator))
     report = write_report(path, config.reports / f"{path.stem}.html", notify=common.say_warning).path
     _conclude(path, report, minutes, config.regions, time.monotonic() - began)
-
-
-def _campaign(out: Path, fast: bool, fault: str | None) -> Config:
-    """The demo's campaign, made when it is not there yet."""
-    if not (out / FILE_NAME).exists():
-        given = {
-            **SIMULATED,
-            "estimator": {"azimuth": "known", "noise_k": GUSTY_K, "window_s": PAPER_WINDOW_S},
-        }
-        make_campaign(out, campaign_toml(given))
-    settings = [f"simulation.speed={'max' if fast else PACE}"]
-    if fault is not None:
-        settings.append(f'simulation.faults=["{fault}"]')
-    return load_config(out / FILE_NAME, settings=settings)
 
 
 def _introduce(config: Config, fault: str | None) -> None:
@@ -107,8 +87,3 @@ def _conclude(
     click.echo(f"session  {path}\nreport   {report}")
     named = shlex.quote(str(path))
     common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")
-
-
-def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:
-    """Mean absolute error of tilt over the answers of all beds of known tilt, degrees, as in its report."""
-    return mean_error(series(minutes, regions))

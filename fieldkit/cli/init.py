@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.types import SITE
-from fieldkit.model.errors import RefusedError, StorageError
-from fieldkit.model.site import Site, with_zone, zone_by_longitude
-
-FOLDERS = ("calibration", "recordings", "results", "reports")
-GITIGNORE = (
-    "# Sessions are large; keep the configuration and the calibrations.\n/recordings/\n/results/\n/reports/\n"
-)
+from fieldkit.model.site import Site, zone_by_longitude
 
 
 @click.command(cls=Command)
@@ -34,28 +26,26 @@ def command(
     if schema:
         _print_schema()
         return
-    from fieldkit.config import FILE_NAME, ConfigMistakesError, mistakes_in
-    from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
+    from fieldkit.workflows.campaign import init_campaign
 
     if simulated and (site or timezone):
         raise click.UsageError("--simulated brings its own site: omit --site and --timezone")
+    if timezone and site is None:
+        raise click.UsageError("--timezone needs --site")
     folder = (options(ctx).directory or Path()) / folder
-    given = SIMULATED if simulated else {"site": _site_table(site, timezone) or PAPER_SITE}
-    text = campaign_toml(given)
-    if mistakes := mistakes_in(text, folder / FILE_NAME):
-        raise ConfigMistakesError(mistakes, fix="nothing was written; correct the options")
-    make_campaign(folder, text)
+    place = (site.latitude_deg, site.longitude_deg, site.elevation_m) if site else None
+    file = init_campaign(folder, place, timezone=timezone, simulated=simulated).config.path
     if options(ctx).json:
-        print_json({"campaign": str(folder), "config": str(folder / FILE_NAME)})
-    say(f"new campaign in {folder}; its configuration is {folder / FILE_NAME}")
+        print_json({"campaign": str(folder), "config": str(file)})
+    say(f"new campaign in {folder}; its configuration is {file}")
     if not simulated:
-        _tell_site(site, timezone)
+        _report_site_defaults(site, timezone)
     then = "fieldkit record --for 10m" if simulated else "fieldkit devices, then fieldkit roi add"
     say(f"next: {_going_into(folder)}{then}")
 
 
-def _tell_site(site: Site | None, timezone: str | None) -> None:
-    """What of the site nobody said."""
+def _report_site_defaults(site: Site | None, timezone: str | None) -> None:
+    """Print which parts of the site are defaults."""
     if site is None:
         say("  the site is the paper's: put yours under [site] before anything else")
     elif not timezone:
@@ -64,41 +54,8 @@ def _tell_site(site: Site | None, timezone: str | None) -> None:
 
 
 def _going_into(folder: Path) -> str:
-    """The command in front of those that work inside the campaign only."""
+    """The command before those that work inside the campaign only."""
     return "" if folder.resolve() == Path.cwd() else f"cd {shlex.quote(str(folder))} && "
-
-
-def _site_table(site: Site | None, timezone: str | None) -> Mapping[str, Any] | None:
-    if site is None:
-        if timezone:
-            raise click.UsageError("--timezone needs --site")
-        return None
-    return {
-        "latitude_deg": site.latitude_deg,
-        "longitude_deg": site.longitude_deg,
-        "elevation_m": site.elevation_m,
-        "timezone": with_zone(site, timezone).timezone,
-    }
-
-
-def make_campaign(folder: Path, text: str) -> None:
-    """Write a campaign's configuration and make its folders; raises `RefusedError`, `StorageError`."""
-    from fieldkit.config import FILE_NAME
-
-    file = folder / FILE_NAME
-    if file.exists():
-        raise RefusedError(
-            f"{file} is there already", fix="choose another folder; init never overwrites a campaign"
-        )
-    try:
-        for sub in FOLDERS:
-            (folder / sub).mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-        ignore = folder / ".gitignore"
-        if not ignore.exists():
-            ignore.write_text(GITIGNORE, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot make a campaign in {folder}: {error.strerror}") from error
 
 
 def _print_schema() -> None:

@@ -13,9 +13,7 @@ from fieldkit.cli.types import OR_RECORD, RECT, XY
 from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
-    from fieldkit.config import Config, Mistake
     from fieldkit.model.site import Region
-    from fieldkit.workflows.regions import Picture, RegionInspection
 
 Point = tuple[float, float]
 
@@ -77,23 +75,23 @@ def add(
     fieldkit roi add flat --reference --rect 6,30,32,61
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
     """
-    from fieldkit.config.edit import add_region
+    from fieldkit.workflows.regions import add_region
 
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
-    points = [first, *more] if first else _corners(*rect) if rect else []
-    region = {
-        "name": name,
-        "kind": "reference" if reference else "target",
-        "points_px": [[_short(x), _short(y)] for x, y in points],
-        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
-    }
     file = _file(ctx)
-    add_region(file, region)
+    region = add_region(
+        file,
+        name,
+        points=[first, *more] if first else [],
+        rect=rect,
+        reference=reference,
+        **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
+    )
     if options(ctx).json:
         print_json({"config": str(file), "region": region})
     say(f"region {name} added to {file}")
-    _tell_failures(file, name)
+    _report_issues(file, name)
 
 
 @command.command("edit")
@@ -120,19 +118,17 @@ def edit(
     Sessions keep the regions they were recorded with; with --campaign, estimate, report and map use the
     new ones.
     """
-    from fieldkit.config.edit import change_region
+    from fieldkit.workflows.regions import edit_region
 
-    changes = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
-    if shrink is not None:
-        changes["points_px"] = _shrunk_points(_read(ctx)[0], name, shrink)
-    if not changes:
+    properties = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
+    if shrink is None and not properties:
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = _file(ctx)
-    change_region(file, name, changes)
+    changes = edit_region(file, name, shrink_px=shrink, **properties)
     if options(ctx).json:
         print_json({"config": str(file), "region": {"name": name, **changes}})
     say(f"region {name} changed in {file}")
-    _tell_failures(file, name)
+    _report_issues(file, name)
 
 
 @command.command("remove")
@@ -140,7 +136,7 @@ def edit(
 @click.pass_context
 def remove(ctx: click.Context, name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
-    from fieldkit.config.edit import remove_region
+    from fieldkit.workflows.regions import remove_region
 
     file = _file(ctx)
     remove_region(file, name)
@@ -153,7 +149,9 @@ def remove(ctx: click.Context, name: str) -> None:
 @click.pass_context
 def list_(ctx: click.Context) -> None:
     """List the regions."""
-    regions = _read(ctx)[0].regions
+    from fieldkit.workflows.regions import read_regions
+
+    regions = read_regions(_file(ctx))[0].regions
     if options(ctx).json:
         print_json({"regions": [_document(region) for region in regions]})
     elif regions:
@@ -176,11 +174,10 @@ def check(ctx: click.Context, session: Path | None) -> None:
 
     Exit code 3 if a region is unusable.
     """
-    from fieldkit.workflows.regions import mean_picture
+    from fieldkit.workflows.regions import inspect_regions, read_regions
 
-    config, mistakes = _read(ctx)
-    inspections = _inspections(config, mean_picture(find_session(ctx, session)) if session else None)
-    remarks = [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
+    config, remarks = read_regions(_file(ctx))
+    inspections = inspect_regions(config, find_session(ctx, session) if session else None)
     failed = bool(remarks) or any(inspection.level == "FAIL" for inspection in inspections)
     if options(ctx).json:
         print_json(
@@ -205,58 +202,20 @@ def _file(ctx: click.Context) -> Path:
     return find_campaign(options(ctx).directory or Path.cwd())
 
 
-def _read(ctx: click.Context) -> tuple[Config, list[tuple[str, Mistake]]]:
-    from fieldkit.config import ConfigMistakesError, read_config
-
-    file = _file(ctx)
-    config, mistakes = read_config(file)
-    if config is None:
-        raise ConfigMistakesError(mistakes, fix=f"edit {file}")
-    return config, mistakes
-
-
-def _inspections(config: Config, picture: Picture | None = None) -> list[RegionInspection]:
-    """What is found about each region, in the picture or one of the size the campaign states."""
-    from fieldkit.workflows.regions import check_regions
-
-    camera = config.tables.camera
-    stated = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
-    return check_regions(config.regions, stated if picture is None else picture.shape, picture)
-
-
 def _known(**values: float | str | None) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _tell_failures(file: Path, name: str) -> None:
-    """Say at once if the region cannot be used as it is now."""
+def _report_issues(file: Path, name: str) -> None:
+    """Print at once why the region cannot be used as it is now."""
     from fieldkit.config import read_config
+    from fieldkit.workflows.regions import inspect_regions
 
     config, _ = read_config(file)
-    for inspection in _inspections(config) if config else ():
+    for inspection in inspect_regions(config) if config else ():
         if inspection.region.name == name and inspection.level != "ok":
-            said = "; ".join(inspection.failures + inspection.warnings)
-            say(f"  {name}: {inspection.pixels} px; {said}; see fieldkit roi check")
-
-
-def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:
-    """Corners of the region called `name`, that much smaller; none if there is no such region."""
-    region = next((region for region in config.regions if region.name == name), None)
-    try:
-        corners = region.shrunk(pixels).vertices if region else ()
-    except ValueError as error:
-        raise ConfigError(str(error), fix="a smaller --shrink") from error
-    return [[_short(round(x, 1)), _short(round(y, 1))] for x, y in corners]
-
-
-def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
-    """The corner pixels of a rectangle `width` x `height` pixels large."""
-    right, bottom = x + width - 1, y + height - 1
-    return [(x, y), (right, y), (right, bottom), (x, bottom)]
-
-
-def _short(value: float) -> int | float:
-    return int(value) if value.is_integer() else value
+            issues = "; ".join(inspection.failures + inspection.warnings)
+            say(f"  {name}: {inspection.pixels} px; {issues}; see fieldkit roi check")
 
 
 def _row(region: Region) -> tuple[str, ...]:

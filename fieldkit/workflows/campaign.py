@@ -1,4 +1,4 @@
-"""``fieldkit.open_campaign``: the sessions of a campaign, and their slopes with other parameters.
+"""A campaign: create its folder, open it, add regions, estimate its sessions with other parameters.
 
 >>> campaign = fieldkit.open_campaign("sandslope")          # doctest: +SKIP
 >>> for session in campaign.sessions:                       # doctest: +SKIP
@@ -11,16 +11,32 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
-from fieldkit.config import Config, find_campaign, load_config
+from fieldkit.config import (
+    FILE_NAME,
+    Config,
+    ConfigMistakesError,
+    find_campaign,
+    load_config,
+    mistakes_in,
+)
+from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
+from fieldkit.model.errors import ConfigError, RefusedError, StorageError
+from fieldkit.model.site import zone_by_longitude
 from fieldkit.sessions.reader import Session, open_session
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
 from fieldkit.workflows.executors import Workers
+from fieldkit.workflows.regions import Point, Rect, RegionProperties, add_region
 from fieldkit.workflows.sources import Source, settings_from, source_of
 from fieldkit.workflows.sweep import Sweep, sweep
+
+FOLDERS = ("calibration", "recordings", "results", "reports")
+GITIGNORE = (
+    "# Sessions are large; keep the configuration and the calibrations.\n/recordings/\n/results/\n/reports/\n"
+)
 
 
 @dataclass(frozen=True)
@@ -54,7 +70,7 @@ class CampaignSession:
         return estimate_run(run_of(self.source, settings_from({**(settings or {}), **values})), self.cache)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Campaign:
     """A campaign folder: its configuration as it is now, and its recordings by age."""
 
@@ -69,6 +85,22 @@ class Campaign:
     def sessions(self) -> tuple[CampaignSession, ...]:
         """The recordings, oldest first."""
         return tuple(CampaignSession(path) for path in sorted(self.config.recordings.glob("*.h5")))
+
+    def add_region(
+        self,
+        name: str,
+        *,
+        points: Sequence[Point] = (),
+        rect: Rect | None = None,
+        reference: bool = False,
+        **properties: Unpack[RegionProperties],
+    ) -> None:
+        """Add a region to ``fieldkit.toml`` and to `config`; parameters and errors as `regions.add_region`.
+
+        >>> campaign.add_region("b15", rect=(60, 60, 30, 30), tilt_deg=15)  # doctest: +SKIP
+        """
+        add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
+        self.config = load_config(self.config.path)
 
     def sweep(
         self,
@@ -102,3 +134,73 @@ class Campaign:
 def open_campaign(path: str | Path = ".") -> Campaign:
     """Open the campaign in a folder or around it; raises `ConfigError` where there is none."""
     return Campaign(load_config(find_campaign(Path(path))))
+
+
+def init_campaign(
+    folder: str | Path,
+    site: tuple[float, float] | tuple[float, float, float] | None = None,
+    *,
+    timezone: str | None = None,
+    simulated: bool = False,
+) -> Campaign:
+    """Create a campaign folder: a commented ``fieldkit.toml`` and folders for its files.
+
+    Parameters
+    ----------
+    folder
+        Created if needed; it must not contain a ``fieldkit.toml``.
+    site
+        Latitude [degrees north], longitude [degrees east] and elevation [m]. The paper's site by default.
+    timezone
+        IANA name, such as ``Asia/Tokyo``; by default whole hours by the longitude.
+    simulated
+        A campaign that records on simulated devices, with a site of its own.
+
+    Raises
+    ------
+    ConfigError
+        The site or its time zone is invalid; nothing is written.
+    RefusedError
+        The folder is a campaign already.
+    StorageError
+        The folder cannot be written.
+    """
+    if simulated and (site or timezone):
+        raise ConfigError("a simulated campaign brings its own site: omit site and timezone")
+    if timezone and site is None:
+        raise ConfigError("a time zone needs a site")
+    if simulated:
+        return create_campaign(folder, SIMULATED)
+    return create_campaign(folder, {"site": PAPER_SITE if site is None else _site_table(site, timezone)})
+
+
+def create_campaign(folder: str | Path, tables: Mapping[str, Any]) -> Campaign:
+    """Create a campaign folder with these tables of ``fieldkit.toml``; raises as `init_campaign`."""
+    file = Path(folder) / FILE_NAME
+    text = campaign_toml(tables)
+    if mistakes := mistakes_in(text, file):
+        raise ConfigMistakesError(mistakes, fix="nothing was written; correct the options")
+    if file.exists():
+        raise RefusedError(
+            f"{file} is there already", fix="choose another folder; init never overwrites a campaign"
+        )
+    try:
+        for name in FOLDERS:
+            (file.parent / name).mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+        ignore = file.parent / ".gitignore"
+        if not ignore.exists():
+            ignore.write_text(GITIGNORE, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot make a campaign in {folder}: {error.strerror}") from error
+    return Campaign(load_config(file))
+
+
+def _site_table(site: Sequence[float], timezone: str | None) -> Mapping[str, Any]:
+    latitude_deg, longitude_deg = site[:2]
+    return {
+        "latitude_deg": latitude_deg,
+        "longitude_deg": longitude_deg,
+        "elevation_m": site[2] if len(site) > 2 else 0.0,
+        "timezone": timezone or zone_by_longitude(longitude_deg),
+    }

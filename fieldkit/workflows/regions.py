@@ -1,4 +1,7 @@
-"""Whether regions can be used: large enough, inside the picture, apart, and even within."""
+"""The regions of a campaign: add, edit and remove them in ``fieldkit.toml``, and check them.
+
+A usable region is large enough, inside the frame, apart from the others, and of one temperature within.
+"""
 
 from __future__ import annotations
 
@@ -7,33 +10,159 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.config import Config, ConfigMistakesError, edit, read_config
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 
 MIN_PIXELS = 100
-MOST_OF_PICTURE = 0.9
-"""A region beyond this share of the picture sees whatever lies around the beds as well."""
+MOST_OF_FRAME = 0.9
+"""A region that covers more of the frame than this sees more than one bed."""
 EDGE_PX = 2
-UNEVEN_EDGE_K = 1.0  # more is warned of
-CLEAN_EDGE_K = 0.2  # what shrinking by up to so many pixels is to reach
+UNEVEN_EDGE_K = 1.0
+CLEAN_EDGE_K = 0.2
+"""A larger edge difference is a warning; shrinking should bring it below the smaller value."""
 MOST_SHRUNK_PX = 10
-PICTURES = 25
+AVERAGED_FRAMES = 25
 
-Picture = NDArray[np.float64]
+Point = tuple[float, float]
+Rect = tuple[float, float, float, float]
+FrameK = NDArray[np.float64]
 Level = Literal["ok", "warn", "FAIL"]
+
+
+class RegionProperties(TypedDict, total=False):
+    """What may be known about a region: its slope, its emissivity, the camera's offset there.
+
+    Emissivity and offset may name a calibration record: ``"@sand"``.
+    """
+
+    tilt_deg: float
+    azimuth_deg: float
+    emissivity: float | str
+    offset_k: float | str
+
+
+def add_region(
+    file: Path,
+    name: str,
+    *,
+    points: Sequence[Point] = (),
+    rect: Rect | None = None,
+    reference: bool = False,
+    **properties: Unpack[RegionProperties],
+) -> dict[str, Any]:
+    """Add a region to a ``fieldkit.toml``; the ``[[region]]`` table that was written.
+
+    Parameters
+    ----------
+    file
+        The campaign's ``fieldkit.toml``.
+    name
+        Letters, digits, ``-`` and ``_``.
+    points
+        Corners ``(x, y)`` in order around the region, at least three. [pixel]
+    rect
+        Instead of `points`: left, top, width, height. [pixel]
+    reference
+        Whether it is the flat reference; otherwise a target whose slope is estimated.
+    **properties
+        See `RegionProperties`.
+
+    Raises
+    ------
+    ConfigError
+        The region or the configuration with it would be invalid; nothing is written.
+    """
+    if bool(points) == (rect is not None):
+        raise ConfigError("a region needs its corners or a rectangle", fix="give points or rect, not both")
+    corners = points if rect is None else _corners(*rect)
+    table = {
+        "name": name,
+        "kind": "reference" if reference else "target",
+        "points_px": [[_short(x), _short(y)] for x, y in corners],
+        **properties,
+    }
+    edit.add_region(file, table)
+    return table
+
+
+def edit_region(
+    file: Path, name: str, *, shrink_px: float | None = None, **properties: Unpack[RegionProperties]
+) -> dict[str, Any]:
+    """Change properties of a region in a ``fieldkit.toml``, or move its edges inwards; the changed keys.
+
+    Raises `ConfigError` if there is no such region, if nothing is to change, or if the result is invalid.
+    """
+    changes: dict[str, Any] = dict(properties)
+    if shrink_px is not None:
+        changes["points_px"] = _shrunk_points(read_regions(file)[0], name, shrink_px)
+    if not changes:
+        raise ConfigError("give what to change: size, tilt, azimuth, emissivity or offset")
+    edit.change_region(file, name, changes)
+    return changes
+
+
+def remove_region(file: Path, name: str) -> None:
+    """Remove a region from a ``fieldkit.toml``; raises `ConfigError` if there is no such region."""
+    edit.remove_region(file, name)
+
+
+def read_regions(file: Path) -> tuple[Config, list[str]]:
+    """The configuration with its regions, and what is wrong with the regions, for those who mend them.
+
+    Raises `ConfigMistakesError` if no configuration can be read at all.
+    """
+    config, mistakes = read_config(file)
+    if config is None:
+        raise ConfigMistakesError(mistakes, fix=f"edit {file}")
+    return config, [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
+
+
+def inspect_regions(config: Config, session: Path | None = None) -> list[RegionInspection]:
+    """Check a campaign's regions, in the frames of a session or in a frame of the configured size.
+
+    Raises `SessionError` if the session has no frames with temperatures.
+    """
+    if session is not None:
+        frame = mean_frame_k(session)
+        return check_regions(config.regions, frame.shape, frame)
+    camera = config.tables.camera
+    shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
+    return check_regions(config.regions, shape)
+
+
+def _corners(x: float, y: float, width: float, height: float) -> list[Point]:
+    """The corner pixels of a rectangle `width` x `height` pixels large."""
+    right, bottom = x + width - 1, y + height - 1
+    return [(x, y), (right, y), (right, bottom), (x, bottom)]
+
+
+def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | float]]:
+    """Corners of the region called `name`, moved inwards; empty if there is no such region."""
+    region = next((region for region in config.regions if region.name == name), None)
+    try:
+        corners = region.shrunk(pixels).vertices if region else ()
+    except ValueError as error:
+        raise ConfigError(str(error), fix="a smaller --shrink") from error
+    return [[_short(round(x, 1)), _short(round(y, 1))] for x, y in corners]
+
+
+def _short(value: float) -> int | float:
+    """A whole number without its decimal point, as people write pixels."""
+    return int(value) if float(value).is_integer() else value
 
 
 @dataclass
 class RegionInspection:
-    """What was found about one region; `spread_k` and `edge_k` are NaN without a picture.
+    """The result of checking one region; `spread_k` and `edge_k` are NaN without a frame.
 
     `edge_k` is how much the outer two pixels differ from the inside, in kelvin.
     """
@@ -47,18 +176,18 @@ class RegionInspection:
 
     @property
     def level(self) -> Level:
-        """The worst of the findings."""
+        """The worst level of all issues."""
         return "FAIL" if self.failures else "warn" if self.warnings else "ok"
 
     def row(self) -> tuple[str, ...]:
         """One line of the table."""
         spread = "-" if math.isnan(self.spread_k) else f"{self.spread_k:.2f} K"
-        said = "; ".join(self.failures + self.warnings)
-        verdict = f"{self.level}: {said}" if said else "ok"
+        issues = "; ".join(self.failures + self.warnings)
+        verdict = f"{self.level}: {issues}" if issues else "ok"
         return self.region.name, slope_text(self.region), f"{self.pixels} px", spread, verdict
 
     def document(self) -> dict[str, Any]:
-        """The same for machines."""
+        """The result as a JSON object."""
         return {
             "name": self.region.name,
             "pixels": self.pixels,
@@ -75,9 +204,9 @@ def slope_text(region: Region) -> str:
 
 
 def check_regions(
-    regions: Sequence[Region], shape: tuple[int, ...] | None, picture: Picture | None = None
+    regions: Sequence[Region], shape: tuple[int, ...] | None, frame: FrameK | None = None
 ) -> list[RegionInspection]:
-    """Look at each region in a picture of `shape` (rows, cols); `picture` holds kelvin of that shape.
+    """Check each region in a frame of `shape` (rows, cols); `frame` holds kelvin of that shape.
 
     Without a shape the regions are only checked against each other.
     """
@@ -91,32 +220,32 @@ def check_regions(
         for other, its_mask in zip(inspections[:number], masks[:number], strict=True):
             if shared := int((mask & its_mask).sum()):
                 inspection.failures.append(f"shares {shared} px with {other.region.name}")
-        if shape is not None and inspection.pixels > MOST_OF_PICTURE * rows * cols:
+        if shape is not None and inspection.pixels > MOST_OF_FRAME * rows * cols:
             inspection.warnings.append(
-                f"covers {inspection.pixels / (rows * cols):.0%} of the picture, not one bed"
+                f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
             )
-        if picture is not None and inspection.pixels:
-            _check_evenness(inspection, mask, picture)
+        if frame is not None and inspection.pixels:
+            _check_evenness(inspection, mask, frame)
     return inspections
 
 
-def mean_picture(path: Path) -> Picture:
-    """Mean of the first good pictures of a session's first camera, kelvin, shape (rows, cols).
+def mean_frame_k(path: Path) -> FrameK:
+    """Mean of the first good frames of a session's first camera, kelvin, shape (rows, cols).
 
-    Raises `SessionError` if the session has no pictures with a temperature.
+    Raises `SessionError` if the session has no frames with a temperature.
     """
     from fieldkit.sessions.reader import open_session
 
     with open_session(path) as session:
         camera = next((info for info in session.streams.values() if info.is_camera), None)
-        pictures = _pictures(session.samples(camera.name), camera) if camera else iter(())
-        kept = list(itertools.islice(pictures, PICTURES))
+        frames = _usable_frames_k(session.samples(camera.name), camera) if camera else iter(())
+        kept = list(itertools.islice(frames, AVERAGED_FRAMES))
     if not kept:
-        raise SessionError(f"{path} has no good picture with temperatures", fix="leave --on away")
+        raise SessionError(f"{path} has no usable frame with temperatures", fix="omit --on")
     return np.asarray(np.mean(kept, axis=0, dtype=np.float64))
 
 
-def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[Picture]:
+def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[FrameK]:
     """The usable frames, as brightness temperatures."""
     if not has_temperatures(camera):
         return
@@ -126,59 +255,59 @@ def _pictures(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[Picture
 
 
 def _around(regions: Sequence[Region]) -> tuple[int, int]:
-    """A picture large enough for every region."""
+    """A frame large enough for every region."""
     corners = [corner for region in regions for corner in region.vertices] or [(0.0, 0.0)]
     return math.ceil(max(y for _, y in corners)) + 1, math.ceil(max(x for x, _ in corners)) + 1
 
 
 def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
     if not inspection.region.is_within((rows, cols)):
-        inspection.failures.append(f"outside the picture of {cols} x {rows} pixels")
+        inspection.failures.append(f"outside the frame of {cols} x {rows} pixels")
     elif inspection.pixels < MIN_PIXELS:
         inspection.failures.append(f"too small, needs {MIN_PIXELS} px")
     if inspection.region.crosses_itself:
-        inspection.failures.append("its outline crosses itself: give the corners in their order around it")
+        inspection.failures.append("its outline crosses itself: give the corners in order around it")
 
 
-def _check_evenness(inspection: RegionInspection, mask: NDArray[np.bool_], picture: Picture) -> None:
-    """Spread of the region, and whether its rim sees something else than its inside."""
-    inspection.spread_k = float(picture[mask].std())
-    inspection.edge_k = _edge_k(inspection.region, picture)
+def _check_evenness(inspection: RegionInspection, mask: NDArray[np.bool_], frame: FrameK) -> None:
+    """Temperature spread of the region, and whether its rim differs from its inside."""
+    inspection.spread_k = float(frame[mask].std())
+    inspection.edge_k = _edge_k(inspection.region, frame)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
-        name, pixels = inspection.region.name, _pixels_to_shrink(inspection.region, picture)
+        name, pixels = inspection.region.name, _pixels_to_shrink(inspection.region, frame)
         advice = (
             f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
         )
         inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: fieldkit {advice}")
 
 
-def _edge_k(region: Region, picture: Picture) -> float:
+def _edge_k(region: Region, frame: FrameK) -> float:
     """How much the outer pixels of a region differ from those inside; NaN if there are none of either."""
-    shape = picture.shape[0], picture.shape[1]
+    shape = frame.shape[0], frame.shape[1]
     try:
         inside = region.shrunk(EDGE_PX).mask(shape)
     except ValueError:
         return math.nan
     rim = region.mask(shape) & ~inside
-    return float(picture[rim].mean() - picture[inside].mean()) if rim.any() and inside.any() else math.nan
+    return float(frame[rim].mean() - frame[inside].mean()) if rim.any() and inside.any() else math.nan
 
 
-def _pixels_to_shrink(region: Region, picture: Picture) -> int | None:
-    """How much smaller the region looks at its bed alone, None if too little would be left.
+def _pixels_to_shrink(region: Region, frame: FrameK) -> int | None:
+    """Pixels to shrink a region by so that it covers only its bed; None if too little would be left.
 
-    A bed that is itself uneven is at least to come below what is warned of.
+    On an uneven bed the edge difference need only fall below the warning.
     """
-    edges = list(_edges_inside(region, picture))
+    edges = list(_edges_inside(region, frame))
     limits = (CLEAN_EDGE_K, UNEVEN_EDGE_K)
     return next((pixels for limit in limits for pixels, edge_k in edges if abs(edge_k) <= limit), None)
 
 
-def _edges_inside(region: Region, picture: Picture) -> Iterator[tuple[int, float]]:
-    """Pixels that the region could be smaller, and by how many kelvin its edge would differ then."""
+def _edges_inside(region: Region, frame: FrameK) -> Iterator[tuple[int, float]]:
+    """Pairs of pixels to shrink by and the edge difference in kelvin that remains."""
     for pixels in range(1, MOST_SHRUNK_PX + 1):
         try:
             smaller = region.shrunk(pixels)
         except ValueError:
             return
-        if smaller.mask((picture.shape[0], picture.shape[1])).sum() >= MIN_PIXELS:
-            yield pixels, _edge_k(smaller, picture)
+        if smaller.mask((frame.shape[0], frame.shape[1])).sum() >= MIN_PIXELS:
+            yield pixels, _edge_k(smaller, frame)

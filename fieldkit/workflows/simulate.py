@@ -1,19 +1,27 @@
-"""From a configuration to a simulated field: the scene that its regions and its sky describe."""
+"""Simulate a session: record on simulated instruments that watch a simulated scene.
+
+`simulate` makes a campaign and records it; `scene_of` builds the scene that a configuration describes: a
+bed of sand for every region, under a clear or a measured sky.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.config import Config
+from fieldkit.config import FILE_NAME, Config, load_config
+from fieldkit.config.template import SIMULATED
 from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
+from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
@@ -21,19 +29,98 @@ from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, 
 from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.views.report.assessment import mean_error
+from fieldkit.views.report.series import series
 from fieldkit.weather import Weather, packaged, read_station_file
+from fieldkit.workflows.campaign import create_campaign
+from fieldkit.workflows.record import RecordedSession, record
 
 PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
-"""Crumpled aluminium: it mirrors, and shows a camera the sky."""
+"""Crumpled aluminium: it reflects the sky into the camera."""
 NEAR_DEG = 0.2
 BED_OVER_REGION = 1.18
-"""Beds are larger than the regions somebody careful draws on them."""
+"""Beds are this much larger than the regions drawn on them."""
+
+DEMO_NOISE_K = 0.1
+"""Noise of a region's mean on the demo's day, half of it by gusts of wind."""
+PAPER_WINDOW_S = 1200.0
+"""The paper estimates over 20 minutes."""
+
+
+def simulate(
+    folder: str | Path | None = None,
+    *,
+    beds: Mapping[str, tuple[float, float]] | None = None,
+    day: str = "clear",
+    duration: str | float = "20m",
+    seed: int = 1,
+    on_minute: Callable[[Minute], None] | None = None,
+) -> RecordedSession:
+    """Record a session on simulated instruments, as fast as possible.
+
+    Parameters
+    ----------
+    folder
+        Where the campaign is created; a temporary folder by default, which is not removed.
+    beds
+        Up to three beds of sand by name: tilt from horizontal and azimuth of the surface normal from north,
+        clockwise. [degrees] By default 5, 15 and 25 degrees to the south. A flat reference lies beside them.
+    day
+        ``"clear"`` for a clear-sky model, ``"alamosa-2016-01-01"`` for the measured day that comes with
+        fieldkit, or a SURFRAD or BSRN file of the station at the campaign's site.
+    duration
+        Scene time: ``"20m"``, ``"3h"``, or a number of seconds.
+    seed
+        Of all noise: the same seed gives the same session.
+    on_minute
+        Called with each minute as it closes.
+
+    Raises
+    ------
+    ConfigError
+        Too many beds, an invalid slope, or an unknown day.
+    RefusedError
+        The folder is a campaign already.
+    """
+    where = Path(tempfile.mkdtemp(prefix="fieldkit-")) if folder is None else Path(folder)
+    simulation = {**SIMULATED["simulation"], "weather": day, "speed": "max", "seed": seed}
+    tables = {**SIMULATED, "region": _region_tables(beds), "simulation": simulation}
+    return record(create_campaign(where, tables), duration=duration, name="simulated", on_minute=on_minute)
+
+
+def _region_tables(beds: Mapping[str, tuple[float, float]] | None) -> list[Mapping[str, Any]]:
+    """The usual flat reference, and the given beds in the usual places."""
+    flat, *usual = SIMULATED["region"]
+    if beds is None:
+        return [flat, *usual]
+    if len(beds) > len(usual):
+        raise ConfigError(f"{len(beds)} beds do not fit the frame", fix=f"give at most {len(usual)}")
+    return [flat] + [
+        {**place, "name": name, "tilt_deg": float(tilt_deg), "azimuth_deg": float(azimuth_deg)}
+        for place, (name, (tilt_deg, azimuth_deg)) in zip(usual, beds.items(), strict=False)
+    ]
+
+
+def demo_campaign(folder: Path, *, speed: float | Literal["max"], fault: str | None = None) -> Config:
+    """The demo's campaign, created if it does not exist, with speed and fault of this run."""
+    if not (folder / FILE_NAME).exists():
+        estimator = {"azimuth": "known", "noise_k": DEMO_NOISE_K, "window_s": PAPER_WINDOW_S}
+        create_campaign(folder, {**SIMULATED, "estimator": estimator})
+    settings = [f"simulation.speed={speed}"]
+    if fault is not None:
+        settings.append(f'simulation.faults=["{fault}"]')
+    return load_config(folder / FILE_NAME, settings=settings)
+
+
+def mean_tilt_error_deg(minutes: Sequence[Minute], regions: Sequence[Region]) -> float:
+    """Mean absolute error of tilt over the estimates of all beds of known tilt, as in a report, degrees."""
+    return mean_error(series(minutes, regions))
 
 
 @contextmanager
 def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[SimulatedClock, SimulatedField]]:
-    """The clock and the instruments of the configured scene, pulled and closed at the end."""
+    """The clock and the instruments of the configured scene, closed at the end."""
     scene = scene_of(config, duration_s)
     simulation = config.tables.simulation
     speed = 1.0 if simulation is None else simulation.speed
@@ -43,11 +130,10 @@ def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[Simulat
 
 
 def scene_of(config: Config, duration_s: float) -> Scene:
-    """The configured scene; every region with a known tilt is a bed of sand that slopes so.
+    """The configured scene, with a bed of sand under every region, of its tilt and azimuth.
 
-    Beds of the usual field on which no region is drawn yet lie there as well, to be seen before they are.
-
-    Raises `ConfigError` where the configuration does not describe one.
+    Where no region is drawn yet, the usual beds are there too, so that a user can see where to draw.
+    Raises `ConfigError` if the configuration does not describe a scene.
     """
     simulation = config.simulation
     if simulation is None:
@@ -95,7 +181,7 @@ def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
 
 
 def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Facet]:
-    """Beds of the usual field under no region; none where a region lies off it: then the field is another."""
+    """Usual beds without a region; none if some region lies off the usual field: then it is another field."""
     usual = {bed.name: _covered(bed) for bed in BEDS}
     under = [{name for name, mask in usual.items() if (mask & _covered(bed)).any()} for bed in drawn]
     if all(under):

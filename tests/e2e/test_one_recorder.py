@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.cli.init import make_campaign
-from fieldkit.config.template import SIMULATED, campaign_toml
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.campaign import init_campaign
 from fieldkit.workflows.running import session_in_progress
 
 PROJECT = Path(__file__).parents[2]
@@ -34,7 +33,7 @@ def outcome(process: subprocess.Popen[str]) -> tuple[int, str]:
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
     folder = tmp_path / "field"
-    make_campaign(folder, campaign_toml(SIMULATED))
+    init_campaign(folder, simulated=True)
     return folder
 
 

@@ -172,7 +172,7 @@ def test_check_looks_at_the_pictures_of_a_session(roi, tmp_path, scale, code):
     result = roi("check", "--on", str(session), "--json")
     assert result.exit_code == code
     if code:
-        assert "no good picture with temperatures" in result.stderr
+        assert "no usable frame with temperatures" in result.stderr
     else:
         (inspection,) = json.loads(result.stdout)["regions"]
         assert (inspection["level"], inspection["spread_k"], inspection["edge_k"]) == ("ok", 0.0, 0.0)
@@ -194,7 +194,7 @@ def test_a_region_below_100_pixels_is_too_small():
 
 def test_a_region_outside_the_picture_fails():
     (inspection,) = check_regions([square("a", 155, 20)], (120, 160))
-    assert inspection.failures == ["outside the picture of 160 x 120 pixels"]
+    assert inspection.failures == ["outside the frame of 160 x 120 pixels"]
 
 
 def test_regions_that_overlap_are_told_with_the_pixels_they_share():
@@ -248,7 +248,7 @@ def test_a_region_over_the_whole_picture_is_doubted():
     whole = Region("all", RegionKind.TARGET, ((0, 0), (159, 0), (159, 119), (0, 119)))
     (inspection,) = check_regions([whole], (120, 160))
     assert inspection.level == "warn"
-    assert inspection.warnings == ["covers 100% of the picture, not one bed"]
+    assert inspection.warnings == ["covers 100% of the frame, not one bed"]
 
 
 def test_a_region_that_crosses_itself_is_refused_with_what_to_do(roi):
