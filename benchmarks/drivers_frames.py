@@ -194,7 +194,7 @@ def _seq() -> list[Result]:
     data, bed = fff_bytes(), _Bed(640, 512)
 
     def ours() -> Any:
-        (picture,) = flir_file.pictures(data)
+        (picture,) = flir_file.frames(data)
         image = picture.temperature_k()
         return image, bed.mean_k(image)
 

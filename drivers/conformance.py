@@ -200,7 +200,7 @@ def _delivers(device: Device, clock: Clock) -> str:
 def _fits(sample: Frame | Reading, info: StreamInfo) -> None:
     _need(sample.stream == info.name, f"a sample of stream {sample.stream}")
     if isinstance(sample, Frame):
-        _need(sample.counts.shape == info.shape, f"a picture of {sample.counts.shape}, declared {info.shape}")
+        _need(sample.counts.shape == info.shape, f"a frame of {sample.counts.shape}, declared {info.shape}")
         _need(sample.counts.dtype == "uint16", f"counts are {sample.counts.dtype}")
     else:
         _need(len(sample.values) == info.shape[0], f"{len(sample.values)} values, declared {info.shape[0]}")

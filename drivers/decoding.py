@@ -15,9 +15,6 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from fieldkit.model.samples import NO_COUNTER, Quality
 
-GOOD, NO_VALUE = Quality.GOOD, Quality.NO_VALUE
-"""Flags by plain names: looking them up in their class, or combining them, costs more than a reading."""
-
 
 class Channel(NamedTuple):
     """What an instrument says beside a number: which one it is, its unit, and how far to trust it.
@@ -27,7 +24,7 @@ class Channel(NamedTuple):
 
     name: str
     unit: str
-    quality: Quality = GOOD
+    quality: Quality = Quality.GOOD
     words: tuple[str, ...] = ()
 
 
@@ -40,7 +37,7 @@ class Value(NamedTuple):
     value: float
     unit: str
     channel: str
-    quality: Quality = GOOD
+    quality: Quality = Quality.GOOD
     words: tuple[str, ...] = ()
 
     @property

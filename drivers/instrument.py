@@ -1,4 +1,4 @@
-"""An instrument in the hands of a person: open it, read physical values, close it.
+"""Open an instrument by hand, read physical values, close it.
 
     with open_device("purethermal") as camera:
         frame = camera.read()
@@ -33,7 +33,7 @@ TIMEOUT_S = 5.0
 
 @dataclass(frozen=True, slots=True, repr=False)
 class MeasuredFrame:
-    """One frame of a camera and the stream that says what its counts mean."""
+    """One frame of a camera and the stream that defines its scale."""
 
     frame: Frame
     info: StreamInfo
@@ -207,17 +207,30 @@ def open_device(
 ) -> Instrument[Any]:
     """Open a camera or a meter.
 
-    Parameters ---------- driver Name of the driver (``fieldkit devices`` lists them), or an element of
-    `find_devices`. Empty for the only connected instrument that a driver recognises for certain. identity,
-    port Which one, where several are connected: ``vendor:product[:serial]``, or the path of a port. every_s
-    How often to poll a meter that must be asked. [s] clock The clock that stamps samples; the computer's own
-    by default. **options The driver's own options, as in ``fieldkit.toml``.
+    Parameters
+    ----------
+    driver
+        Name of the driver (``fieldkit devices`` lists them), or an element of `find_devices`.
+        Empty for the only connected instrument that a driver recognises for certain.
+    identity, port
+        Which one, where several are connected: ``vendor:product[:serial]``, or the path of a port.
+    every_s
+        Polling interval of a meter that sends nothing by itself. [s]
+    clock
+        The clock that stamps samples; the computer's own by default.
+    **options
+        The driver's own options, as in ``fieldkit.toml``.
 
-    Returns ------- An `Instrument`: its `read` gives a `MeasuredFrame` of a camera, a `MeasuredReading` of a
-    meter.
+    Returns
+    -------
+    An `Instrument`: its `read` gives a `MeasuredFrame` of a camera, a `MeasuredReading` of a meter.
 
-    Raises ------ DeviceError If the instrument is missing, busy, silent or not the one the driver expects.
-    ConfigError If the driver or one of its options does not exist.
+    Raises
+    ------
+    DeviceError
+        If the instrument is missing, busy, silent or not the one the driver expects.
+    ConfigError
+        If the driver or one of its options does not exist.
     """
     if not driver:
         driver = _only_device()

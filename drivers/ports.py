@@ -37,7 +37,6 @@ from fieldkit.drivers.identity import (
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostError, DeviceNotFoundError
-from fieldkit.model.samples import new_tuple
 from fieldkit.model.units import SECOND_NS
 
 # --- records out of a stream of bytes
@@ -136,7 +135,7 @@ class Framer:
                 self._refused = b""
                 self._passed = self.received
                 self._passed_ns = self._read_ns = mono_ns
-                return new_tuple(Stamped, (parsed, chunk, begun_ns, False))
+                return Stamped(parsed, chunk, begun_ns)
         self.left += chunk
         self._arrivals.append(Arrival(self.received, mono_ns, mono_ns - self._read_ns))
         self._read_ns = mono_ns
@@ -209,8 +208,7 @@ class Framer:
         return self._passed_ns
 
 
-CHUNK_BYTES = 448
-"""More than an adapter holds back at a meter's speed; larger blocks would not be small objects to Python."""
+CHUNK_BYTES = 4096
 _LONGEST_TENTHS = 255
 
 

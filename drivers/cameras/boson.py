@@ -170,11 +170,11 @@ LOOK_NS = SECOND_NS  # the serial side is asked once a second
 
 
 def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
-    """A picture by its byte count; `scale` (K per count) is what the stream was told."""
+    """A frame by its byte count; `scale` (K per count) is what the stream was told."""
     shape = SHAPES.get(len(data))
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
-        return Rejected(len(data), f"{len(data)} bytes; a Boson's picture has {sizes}")
+        return Rejected(len(data), f"{len(data)} bytes; a Boson's frame has {sizes}")
     pixels = words(data, shape)
     height = IMAGE_ROWS[shape[1]]
     counts = pixels[:height]
@@ -201,12 +201,12 @@ class Boson:
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more pictures; option `kelvin_per_count` (0.01 for TLinear)."""
+        """Explain bytes of one or more frames; option `kelvin_per_count` (0.01 for TLinear)."""
         scale = kelvin_per_count(decoding_settings(self.name, options))
         return decode_frames(data, partial(decode, scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
-        """Open pictures and commands; a Boson without reachable commands still gives pictures."""
+        """Open frames and commands; a Boson without reachable commands still gives frames."""
         scale = kelvin_per_count(settings)
         radiometric = options.flag(settings, "radiometric", False)
         opened = open_source(settings, WANTED, clock)
@@ -222,7 +222,7 @@ class Boson:
         if radiometric and first.quality & Quality.NO_VALUE:
             opened.source.close()
             raise DeviceError(
-                f"{settings.name}: after asking for TLinear the pictures are no temperatures",
+                f"{settings.name}: after asking for TLinear the frames are no temperatures",
                 fix="is it a radiometric model? without it leave radiometric out: counts are recorded",
             )
         info = describe(settings, opened, first, facts)
@@ -231,9 +231,9 @@ class Boson:
 
 
 class BosonCamera(camera.ThermalCamera):
-    """A Boson: shutter and sensor temperature are asked once a second beside the pictures.
+    """A Boson: shutter and sensor temperature are asked once a second beside the frames.
 
-    Once the commands have failed they are not asked again: waiting for them would cost pictures.
+    Once the commands have failed they are not asked again: waiting for them would cost frames.
     """
 
     def __init__(self, *given: Any) -> None:
@@ -244,13 +244,13 @@ class BosonCamera(camera.ThermalCamera):
         self._look_ns = 0
         self._told = (math.nan, False)
 
-    def told(self, picture: DecodedFrame, mono_ns: int) -> DecodedFrame:
-        """The picture with what the serial side said last."""
+    def told(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
+        """The frame with what the serial side said last."""
         if self._answers and mono_ns >= self._look_ns:
             self._look_ns = mono_ns + LOOK_NS
             self._told = self._ask()
         fpa, running = self._told
-        return picture._replace(fpa_temperature_k=fpa, shutter=running or None)
+        return frame._replace(fpa_temperature_k=fpa, shutter=running or None)
 
     def _ask(self) -> tuple[float, bool]:
         """Temperature of the sensor, and whether a correction runs."""
@@ -262,7 +262,7 @@ class BosonCamera(camera.ThermalCamera):
             return math.nan, False
 
     def close(self) -> None:
-        """Release pictures and commands."""
+        """Release frames and commands."""
         super().close()
         if self._serial is not None:
             self._serial.close()

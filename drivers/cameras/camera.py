@@ -34,7 +34,7 @@ _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding 
 
 
 class DecodedFrame(NamedTuple):
-    """One picture as its bytes alone tell it; a tuple, because one is made for every frame.
+    """One frame as its bytes alone tell it; a tuple, because one is made for every frame.
 
     `extremes` are the coldest and the hottest of the counts. Kelvin are ``counts * scale + offset`` if `law`
     is linear; `scale` is NaN where they are not, or unknown.
@@ -86,10 +86,10 @@ def quality_flags(
 
 
 def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Decoded:
-    """Explain a file or line of hex as pictures of one length.
+    """Explain a file or line of hex as frames of one length.
 
     `lengths` are those the family has; the one that divides the data is taken, the longest that
-    fits otherwise, and what else it could be is noted. A picture becomes its minimum, mean and maximum.
+    fits otherwise, and what else it could be is noted. A frame becomes its minimum, mean and maximum.
     """
     length = _frame_length(len(data), lengths)
     whole = len(data) // length * length if length else 0
@@ -97,12 +97,12 @@ def decode_frames(data: bytes, decode: Decode, lengths: tuple[int, ...]) -> Deco
     rejected: list[Rejected] = []
     notes: list[str] = []
     for start in range(0, whole, length or 1):
-        picture = decode(data[start : start + length])
-        if isinstance(picture, Rejected):
-            rejected.append(Rejected(length, picture.reason, start))
+        frame = decode(data[start : start + length])
+        if isinstance(frame, Rejected):
+            rejected.append(Rejected(length, frame.reason, start))
         else:
-            values.extend(summary(picture))
-            notes.append(_note(picture))
+            values.extend(summary(frame))
+            notes.append(_note(frame))
     notes += _other_readings(len(data), length, lengths)
     return Decoded(tuple(values), tuple(rejected), len(data) - whole, tuple(notes))
 
@@ -113,18 +113,18 @@ def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[st
         return []
     if not length or size % length:
         sizes = " or ".join(str(one) for one in sorted(lengths))
-        return [f"a picture of this family has {sizes} bytes"]
+        return [f"a frame of this family has {sizes} bytes"]
     others = [one for one in sorted(lengths) if one != length and size % one == 0]
-    return [f"could also be {size // one} pictures of {one} bytes; cut the file to tell" for one in others]
+    return [f"could also be {size // one} frames of {one} bytes; cut the file to tell" for one in others]
 
 
-def _note(picture: DecodedFrame) -> str:
-    height, width = picture.counts.shape
-    parts = [f"picture of {width}x{height}"]
-    if picture.gain:
-        parts.append(f"gain {picture.gain}")
-    if picture.device_seq != NO_COUNTER:
-        parts.append(f"counter {picture.device_seq}")
+def _note(frame: DecodedFrame) -> str:
+    height, width = frame.counts.shape
+    parts = [f"frame of {width}x{height}"]
+    if frame.gain:
+        parts.append(f"gain {frame.gain}")
+    if frame.device_seq != NO_COUNTER:
+        parts.append(f"counter {frame.device_seq}")
     return ", ".join(parts)
 
 
@@ -134,43 +134,43 @@ def _frame_length(size: int, lengths: tuple[int, ...]) -> int:
     return max(dividing, default=max(fitting, default=0))
 
 
-def summary(picture: DecodedFrame) -> list[Value]:
+def summary(frame: DecodedFrame) -> list[Value]:
     """Minimum, mean and maximum in kelvin, in counts where no temperature is known, and the sensor's own."""
-    quality = picture.quality | (Quality.SHUTTER if picture.shutter else Quality.GOOD)
-    known = picture.law != "linear" or not math.isnan(picture.scale)
+    quality = frame.quality | (Quality.SHUTTER if frame.shutter else Quality.GOOD)
+    known = frame.law != "linear" or not math.isnan(frame.scale)
     unit = "K" if known else "counts"
-    image = kelvin(picture) if known else picture.counts
+    image = kelvin(frame) if known else frame.counts
     figures = {"minimum": image.min(), "mean": image.mean(dtype=np.float64), "maximum": image.max()}
     values = [Value(float(figure), unit, name, quality) for name, figure in figures.items()]
-    sensors = {"fpa": picture.fpa_temperature_k, "housing": picture.housing_temperature_k}
+    sensors = {"fpa": frame.fpa_temperature_k, "housing": frame.housing_temperature_k}
     values += [Value(number, "K", name) for name, number in sensors.items() if not math.isnan(number)]
     return values
 
 
-def kelvin(picture: DecodedFrame) -> NDArray[np.float32]:
-    """Brightness temperature of a picture, float32.
+def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
+    """Brightness temperature of a frame, float32.
 
     OpenCV converts and scales in one pass where numpy needs two, but only to a largest value that is told.
     """
-    if picture.law != "linear":
-        return temperature_k(picture.law, picture.counts, picture.metadata_rows, {})
-    hottest_k = picture.extremes[1] * picture.scale
-    made = cv2.normalize(picture.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
+    if frame.law != "linear":
+        return temperature_k(frame.law, frame.counts, frame.metadata_rows, {})
+    hottest_k = frame.extremes[1] * frame.scale
+    made = cv2.normalize(frame.counts, _NEW, hottest_k, 0.0, cv2.NORM_INF, cv2.CV_32F)
     image = cast("NDArray[np.float32]", made)
-    if picture.offset:
-        image += picture.offset
+    if frame.offset:
+        image += frame.offset
     return image
 
 
 # --- the frames around it: what only a sequence shows
 
-FROZEN_NS = 3_000_000_000  # longer than any shutter correction holds the picture
+FROZEN_NS = 3_000_000_000  # longer than any shutter correction holds the frame
 SETTLING_NS = 10_000_000_000  # levels creep after a correction
-REPEATS_OF_A_SHUTTER = 2  # more than a transport repeats a picture by mistake
+REPEATS_OF_A_SHUTTER = 2  # more than a transport repeats a frame by mistake
 
 
 class Watch:
-    """Remembers just enough of the last pictures; restart it after pictures were let go by."""
+    """Remembers just enough of the last frames; restart it after frames were let go by."""
 
     def __init__(self) -> None:
         self._counts: NDArray[np.uint16] | None = None
@@ -181,9 +181,9 @@ class Watch:
         self._settled_ns = -(2**63)
 
     def restart(self) -> None:
-        """Pictures were skipped on purpose: the gap means nothing.
+        """Frames were skipped on purpose: the gap means nothing.
 
-        The last picture is still remembered: the same one again so much later is a frozen one.
+        The last frame is still remembered: the same one again so much later is a frozen one.
         """
         self._sequence = -1
         self._repeats = 0
@@ -192,10 +192,10 @@ class Watch:
         """A correction was seen or ordered at `mono_ns`."""
         self._settled_ns = mono_ns + SETTLING_NS
 
-    def look(self, picture: DecodedFrame, buffer: Buffer) -> Quality:
+    def look(self, frame: DecodedFrame, buffer: Buffer) -> Quality:
         """What the history adds to what the bytes say."""
         quality = self._gap(buffer.sequence)
-        if self._is_repeated(picture):
+        if self._is_repeated(frame):
             self._repeats += 1
             quality |= Quality.DUPLICATE
             if buffer.mono_ns - self._changed_ns > FROZEN_NS:
@@ -203,31 +203,31 @@ class Watch:
         else:
             self._repeats = 0
             self._changed_ns = buffer.mono_ns
-        self._counts = picture.counts
-        self._counter = (picture.device_seq, picture.device_time)
-        return quality | self._shutter(picture, buffer.mono_ns)
+        self._counts = frame.counts
+        self._counter = (frame.device_seq, frame.device_time)
+        return quality | self._shutter(frame, buffer.mono_ns)
 
     def _gap(self, sequence: int) -> Quality:
         lost = self._sequence >= 0 and sequence > self._sequence + 1
         self._sequence = sequence
         return Quality.DROPPED_BEFORE if lost else Quality.GOOD
 
-    def _is_repeated(self, picture: DecodedFrame) -> bool:
+    def _is_repeated(self, frame: DecodedFrame) -> bool:
         """By the camera's own counter or clock where it has one, else, and in doubt, by the pixels."""
-        counter = (picture.device_seq, picture.device_time)
+        counter = (frame.device_seq, frame.device_time)
         if any(new == old != NO_COUNTER for new, old in zip(counter, self._counter, strict=True)):
             return True
-        last, now = self._counts, picture.counts
+        last, now = self._counts, frame.counts
         if last is None or last.shape != now.shape:
             return False
-        middle = len(now) // 2  # noise makes one row enough to tell pictures apart
+        middle = len(now) // 2  # noise makes one row enough to tell frames apart
         return np.array_equal(now[middle], last[middle]) and np.array_equal(now, last)
 
-    def _shutter(self, picture: DecodedFrame, mono_ns: int) -> Quality:
-        """The camera's word if it gives one; else a picture that stands still betrays the shutter."""
-        if picture.shutter is None and self._repeats >= REPEATS_OF_A_SHUTTER:
+    def _shutter(self, frame: DecodedFrame, mono_ns: int) -> Quality:
+        """The camera's word if it gives one; else a frame that stands still betrays the shutter."""
+        if frame.shutter is None and self._repeats >= REPEATS_OF_A_SHUTTER:
             self.shutter_runs(mono_ns)
-        return Quality.SHUTTER if picture.shutter or mono_ns < self._settled_ns else Quality.GOOD
+        return Quality.SHUTTER if frame.shutter or mono_ns < self._settled_ns else Quality.GOOD
 
 
 FIRST_FRAME_S = 5.0
@@ -255,25 +255,25 @@ class ThermalCamera:
         self._watch = Watch()
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The next picture, or None; see `fieldkit.model.device.Device`."""
+        """The next frame, or None; see `fieldkit.model.device.Device`."""
         buffer = self.source.read(timeout_s)
         if buffer is None:
             return None
-        picture = None if buffer.error else self._decode(buffer.data)
-        if picture is None or isinstance(picture, Rejected):
+        frame = None if buffer.error else self._decode(buffer.data)
+        if frame is None or isinstance(frame, Rejected):
             self.rejected += 1
             return None
-        picture = self.told(picture, buffer.mono_ns)
+        frame = self.told(frame, buffer.mono_ns)
         return Frame(
             stream=self.info.name,
             mono_ns=buffer.mono_ns,
             time_ns=self._clock.to_utc_ns(buffer.mono_ns),
-            counts=picture.counts,
-            metadata_rows=picture.metadata_rows,
-            quality=picture.quality | self._watch.look(picture, buffer) | self._scale_doubt(picture),
-            device_time=picture.device_time,
-            device_seq=_number(picture, buffer),
-            fpa_temperature_k=picture.fpa_temperature_k,
+            counts=frame.counts,
+            metadata_rows=frame.metadata_rows,
+            quality=frame.quality | self._watch.look(frame, buffer) | self._scale_doubt(frame),
+            device_time=frame.device_time,
+            device_seq=_number(frame, buffer),
+            fpa_temperature_k=frame.fpa_temperature_k,
         )
 
     def run_shutter(self) -> bool:
@@ -288,7 +288,7 @@ class ThermalCamera:
         return True
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by undecoded until a monotonic time, keeping the stream alive."""
+        """Let frames go by undecoded until a monotonic time, keeping the stream alive."""
         self.source.skip_until(mono_ns)
         self._watch.restart()
 
@@ -296,25 +296,25 @@ class ThermalCamera:
         """Release the camera; a second call does nothing."""
         self.source.close()
 
-    def told(self, picture: DecodedFrame, mono_ns: int) -> DecodedFrame:
-        """The picture with what a second channel of the camera tells about it; most have none."""
-        return picture
+    def told(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
+        """The frame with what a second channel of the camera tells about it; most have none."""
+        return frame
 
-    def _scale_doubt(self, picture: DecodedFrame) -> Quality:
-        """`NO_VALUE` where a picture's own scale is not the one the stream declared."""
-        changed = picture.scale != self.info.scale and self.info.law == "linear"
+    def _scale_doubt(self, frame: DecodedFrame) -> Quality:
+        """`NO_VALUE` where a frame's own scale is not the one the stream declared."""
+        changed = frame.scale != self.info.scale and self.info.law == "linear"
         return Quality.NO_VALUE if changed else Quality.GOOD
 
 
-def _number(picture: DecodedFrame, buffer: Buffer) -> int:
-    """The camera's own count of its pictures; the kernel's where the camera keeps none."""
-    if picture.device_seq == NO_COUNTER and buffer.sequence >= 0:
+def _number(frame: DecodedFrame, buffer: Buffer) -> int:
+    """The camera's own count of its frames; the kernel's where the camera keeps none."""
+    if frame.device_seq == NO_COUNTER and buffer.sequence >= 0:
         return buffer.sequence
-    return picture.device_seq
+    return frame.device_seq
 
 
 def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
-    """The first picture of a camera that has just been opened; it tells shape and scale.
+    """The first frame of a camera that has just been opened; it tells shape and scale.
 
     Raises `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none; the source is
     closed then.
@@ -327,17 +327,17 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
 
 
 def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
-    """Some cameras begin with pictures of another kind; what is still wrong after a while is wrong."""
+    """Some cameras begin with frames of another kind; what is still wrong after a while is wrong."""
     deadline_ns = clock.mono_ns() + int(FIRST_FRAME_S * 1e9)
     wrong, raw = "", b""
     while (remaining_ns := deadline_ns - clock.mono_ns()) > 0:
         buffer = source.read(remaining_ns / 1e9)
         if buffer is None:
             break
-        picture = decode(buffer.data)
-        if not isinstance(picture, Rejected):
-            return picture
-        wrong, raw = picture.reason, buffer.data[:64]
+        frame = decode(buffer.data)
+        if not isinstance(frame, Rejected):
+            return frame
+        wrong, raw = frame.reason, buffer.data[:64]
     if wrong:
         raise DecodeError(
             f"{name}: the camera at {source.port} sends something else: {wrong}",
@@ -345,6 +345,6 @@ def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock
             fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
         )
     raise DeviceTimeoutError(
-        f"{name}: no picture from {source.port} within {FIRST_FRAME_S:g} s",
+        f"{name}: no frame from {source.port} within {FIRST_FRAME_S:g} s",
         fix="unplug the camera and plug it into another socket, without a hub",
     )

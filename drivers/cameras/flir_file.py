@@ -31,7 +31,7 @@ _INFORMATION_END = 0x394
 
 @dataclass(frozen=True, slots=True)
 class FlirFrame:
-    """One picture of a file: counts (rows, cols), its Planck constants and path, and where it came from.
+    """One frame of a file: counts (rows, cols), its Planck constants and path, and where it came from.
 
     `time_ns` is UTC nanoseconds since 1970 as the camera's clock had it, 0 if the file does not say.
     """
@@ -48,14 +48,14 @@ class FlirFrame:
         return planck_table(self.constants).take(self.counts)
 
 
-def pictures(data: bytes | mmap) -> Iterator[FlirFrame]:
-    """Every picture of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
+def frames(data: bytes | mmap) -> Iterator[FlirFrame]:
+    """Every frame of an FFF, SEQ or radiometric JPEG file; raises `DecodeError` where it is none."""
     if data[:2] == b"\xff\xd8":
         data = embedded(data)
     start = 0
     while start < len(data):
         length = frame_length(data, start)
-        yield read_picture(data[start : start + length])
+        yield read_frame(data[start : start + length])
         start += length
 
 
@@ -84,7 +84,7 @@ def frame_length(data: bytes | mmap, start: int = 0) -> int:
     return max(ends)
 
 
-def read_picture(data: bytes) -> FlirFrame:
+def read_frame(data: bytes) -> FlirFrame:
     """Decode one FFF; raises `DecodeError`."""
     order, directory, count = _header(data, 0)
     records = {
@@ -92,7 +92,7 @@ def read_picture(data: bytes) -> FlirFrame:
         for kind, offset, length in _entries(data, 0, order, directory, count)
     }
     if RAW_IMAGE not in records or CAMERA_INFORMATION not in records:
-        raise DecodeError("an FFF without raw picture or camera information", data[:32])
+        raise DecodeError("an FFF without raw frame or camera information", data[:32])
     return _with_information(_pixels(records[RAW_IMAGE]), records[CAMERA_INFORMATION])
 
 
@@ -132,7 +132,7 @@ def _order(record: bytes) -> str:
 
 def _pixels(record: bytes) -> NDArray[np.uint16]:
     if len(record) < RAW_HEADER:
-        raise DecodeError("the raw picture has no header", record)
+        raise DecodeError("the raw frame has no header", record)
     order = _order(record)
     width, height = struct.unpack_from(f"{order}HH", record, 2)
     body = record[RAW_HEADER:]
@@ -140,26 +140,26 @@ def _pixels(record: bytes) -> NDArray[np.uint16]:
         return _png(body, height, width)
     if body.startswith(_JPEG_LS):
         raise DecodeError(
-            f"the raw picture of {width}x{height} is compressed as JPEG-LS (a .csq)",
+            f"the raw frame of {width}x{height} is compressed as JPEG-LS (a .csq)",
             record[:RAW_HEADER],
-            fix="save it as .seq, or its pictures as radiometric JPEG, in the maker's program",
+            fix="save it as .seq, or its frames as radiometric JPEG, in the maker's program",
         )
     if not 0 < width * height <= MOST_PIXELS or len(body) < 2 * width * height:
-        raise DecodeError(f"the raw picture of {width}x{height} has {len(body)} bytes", record[:RAW_HEADER])
+        raise DecodeError(f"the raw frame of {width}x{height} has {len(body)} bytes", record[:RAW_HEADER])
     return (
         np.frombuffer(body, f"{order}u2", width * height).reshape(height, width).astype(np.uint16, copy=False)
     )
 
 
 def _png(body: bytes, height: int, width: int) -> NDArray[np.uint16]:
-    """A picture stored as PNG, whose samples FLIR writes in the other byte order."""
+    """A frame stored as PNG, whose samples FLIR writes in the other byte order."""
     import cv2
 
     if width * height > MOST_PIXELS or body[16:24] != struct.pack(">II", width, height):
-        raise DecodeError(f"the raw picture's PNG is not of {width}x{height} pixels", body[:32])
+        raise DecodeError(f"the raw frame's PNG is not of {width}x{height} pixels", body[:32])
     image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint16 or image.shape != (height, width):
-        raise DecodeError("the raw picture's PNG does not decode", body[:32])
+        raise DecodeError("the raw frame's PNG does not decode", body[:32])
     return np.asarray(image, np.uint16).byteswap()
 
 
@@ -227,10 +227,10 @@ def _text(raw: bytes) -> str:
     return raw.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
-def settings(picture: FlirFrame) -> dict[str, Any]:
-    """What a stream with law ``planck`` records of a picture: brightness temperature, the path taken out.
+def settings(frame: FlirFrame) -> dict[str, Any]:
+    """What a stream with law ``planck`` records of a frame: brightness temperature, the path taken out.
 
     The emissivity set in the camera is kept as `camera_emissivity` and not applied.
     """
-    kept = {name: getattr(picture.constants, name) for name in Planck.__slots__}
-    return {**kept, "emissivity": 1.0, "camera_emissivity": picture.constants.emissivity}
+    kept = {name: getattr(frame.constants, name) for name in Planck.__slots__}
+    return {**kept, "emissivity": 1.0, "camera_emissivity": frame.constants.emissivity}

@@ -1,8 +1,8 @@
 """HT-301, T3S, Xtherm, T2S+ and T2L: counts with four rows of metadata below them.
 
-Announced as YUYV of 384x292, 256x196, 240x184 or 640x516: the picture and four rows. In the temperature
+Announced as YUYV of 384x292, 256x196, 240x184 or 640x516: the frame and four rows. In the temperature
 mode each word holds 14 bits of counts; the rows carry the temperatures of sensor and shutter and the
-calibration of the same picture, so they are kept and the conversion (`fieldkit.physics.camera_laws`, law
+calibration of the same frame, so they are kept and the conversion (`fieldkit.physics.camera_laws`, law
 ``ht301``) can be repeated. Layout and main law are sure by three public programs; other models than the
 HT-301 by width only.
 
@@ -58,16 +58,16 @@ class ZoomSource(FrameSource, Protocol):
 
 
 def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
-    """A picture by its byte count; words beyond 14 bits are the camera's ordinary picture."""
+    """A frame by its byte count; words beyond 14 bits are the camera's ordinary image."""
     shape = SHAPES.get(len(data))
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
-        return Rejected(len(data), f"{len(data)} bytes; a picture of this family has {sizes}")
+        return Rejected(len(data), f"{len(data)} bytes; a frame of this family has {sizes}")
     pixels = words(data, shape)
     counts, rows = pixels[:-ROWS], pixels[-ROWS:]
     found = coldest, hottest = extremes(counts)
     if hottest > HT301_COUNTS:
-        return Rejected(len(data), "an ordinary picture, not temperatures: the camera is in the wrong mode")
+        return Rejected(len(data), "an ordinary image, not temperatures: the camera is in the wrong mode")
     parameters = ht301_parameters(rows)
     scale, offset, zero = ht301_curve(parameters)
     warm = [math.sqrt(max(count * scale + offset, 0.0)) + zero for count in (coldest, hottest)]
@@ -107,7 +107,7 @@ class Ht301:
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more pictures; see `fieldkit.drivers.decoding.Decodes`."""
+        """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_frames(data, decode, tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
@@ -137,7 +137,7 @@ def zoom_of(source: FrameSource) -> Callable[[int], None]:
 
 
 def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame, chosen: str) -> StreamInfo:
-    """The stream of a camera, from its first picture's rows."""
+    """The stream of a camera, from its first frame's rows."""
     facts = user_block(first.metadata_rows)
     known = chosen == "normal"
     return StreamInfo(

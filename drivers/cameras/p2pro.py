@@ -160,7 +160,7 @@ def connect(
 ) -> tuple[Commands | None, dict[str, Any]]:
     """The command channel of a camera and what it tells; (None, reason) where it cannot be reached.
 
-    Pictures work without commands, so trouble here is a fact to record, not an error, unless a setting
+    Frames work without commands, so trouble here is a fact to record, not an error, unless a setting
     was asked for.
     """
     units = [unit for unit, found in usb_instruments(((usb.vendor, usb.product),)) if found.path == usb.path]
@@ -183,7 +183,7 @@ def connect(
 
 
 def _apply(commands: Commands, wish: CameraSetting) -> None:
-    """Write a setting; an automatic shutter that is off would leave the first pictures uncorrected."""
+    """Write a setting; an automatic shutter that is off would leave the first frames uncorrected."""
     taken = commands.set(wish.table, wish.item, wish.counts)
     if abs(taken - wish.counts) > wish.slack:
         raise DeviceError(
@@ -211,7 +211,7 @@ LENGTH = 2 * WIDTH * 2 * HEIGHT
 WANTED = CameraFormat(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
 SCALE = 1 / 64
 RATE_HZ = 25.0
-GREY = (0x8000, 0x80FF)  # a grey picture taken for temperatures; a camera that starts sends 0x8000
+GREY = (0x8000, 0x80FF)  # a grey image taken for temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
 
 

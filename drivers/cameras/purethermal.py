@@ -32,7 +32,6 @@ from fieldkit.drivers.options import decoding_settings, kelvin_per_count
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice, FrameSource, StreamInfo
 from fieldkit.model.errors import DeviceError
-from fieldkit.model.samples import new_tuple
 
 WANTED = CameraFormat(((0x1E4E, 0x0100),), "Y16 ", ((160, 122), (80, 63), (160, 120), (80, 60)))
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
@@ -59,10 +58,10 @@ _TELEMETRY = struct.Struct("<H I I 30x I 4x H 2x H 6x I 268x H 82x H H")
 
 
 def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejected:
-    """A picture by its byte count; `default_scale` (K per count) is for pictures without telemetry."""
+    """A frame by its byte count; `default_scale` (K per count) is for frames without telemetry."""
     shape = SHAPES.get(len(data))
     if shape is None:
-        return Rejected(len(data), f"{len(data)} bytes; a Lepton's picture has {_sizes()}")
+        return Rejected(len(data), f"{len(data)} bytes; a Lepton's frame has {_sizes()}")
     pixels, height = words(data, shape), IMAGE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
@@ -76,15 +75,14 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
     state, (running, done) = status >> 4 & 3, OLD_FFC if revision == OLD_REVISION else FFC
     shutter = state == running or (state == done and 0 <= uptime - corrected < SETTLING_MS)
-    fields = (
+    return DecodedFrame(
         counts, found, rows, scale, 0.0, "linear", quality, shutter, uptime, counter,
         fpa / 100, housing / 100, GAINS.get(gain, "unknown"),
     )  # fmt: skip
-    return new_tuple(DecodedFrame, fields)
 
 
 def _without_telemetry(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> DecodedFrame:
-    """A picture that says nothing about itself."""
+    """A frame that says nothing about itself."""
     found = extremes(counts)
     quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
     return DecodedFrame(counts, found, rows, scale, quality=quality)
@@ -116,12 +114,12 @@ class PureThermal:
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
-        """Explain bytes of one or more pictures; see `fieldkit.drivers.decoding.Decodes`."""
+        """Explain bytes of one or more frames; see `fieldkit.drivers.decoding.Decodes`."""
         scale = kelvin_per_count(decoding_settings(self.name, options))
         return decode_frames(data, partial(decode, default_scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
-        """Open the board, choose the picture with telemetry, declare what the first one says."""
+        """Open the board, choose the frame with telemetry, declare what the first one says."""
         default_scale = kelvin_per_count(settings)
         opened = open_source(settings, WANTED, clock)
         source = opened.source
@@ -134,7 +132,7 @@ class PureThermal:
 
 
 def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame) -> StreamInfo:
-    """The stream of a board, from its first picture and its extension units."""
+    """The stream of a board, from its first frame and its extension units."""
     source = opened.source
     told = not math.isnan(first.fpa_temperature_k)
     facts: dict[str, Any] = {"backend": source.backend}

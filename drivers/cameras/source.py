@@ -1,6 +1,6 @@
 """Find a camera by its USB identity and open its video node, by V4L2 or, said openly, by OpenCV.
 
-The node is found through sysfs, never by number: index 0 of an interface is the picture, index 1 metadata.
+The node is found through sysfs, never by number: index 0 of an interface is the frame, index 1 metadata.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundEr
 class OpenCvSource:
     """A camera by OpenCV, raw; see `fieldkit.model.device.FrameSource`.
 
-    `port` is a video node's path, or elsewhere than on Linux the camera's number. A picture is
-    taken by its byte count, never by the shape OpenCV reports: 4.11 returns raw pictures as one row.
+    `port` is a video node's path, or elsewhere than on Linux the camera's number. A frame is
+    taken by its byte count, never by the shape OpenCV reports: 4.11 returns raw frames as one row.
     OpenCV waits up to ten seconds by itself, whatever the timeout.
     """
 
@@ -45,26 +45,26 @@ class OpenCvSource:
                 return
         self.close()
         raise DeviceNotFoundError(
-            f"OpenCV gets no raw {fourcc.strip()} picture from {port}",
+            f"OpenCV gets no raw {fourcc.strip()} frame from {port}",
             fix="close other programs that use the camera; fieldkit devices shows what is plugged in",
         )
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture; raises `DeviceLostError` when OpenCV gets none any more."""
+        """The next frame; raises `DeviceLostError` when OpenCV gets none any more."""
         good, image = self._capture.read()
         if not good:
             raise self._lost()
         return Buffer(image.tobytes(), self._stamp_ns())
 
     def skip_until(self, mono_ns: int) -> None:
-        """Grab pictures without fetching them until a monotonic time."""
+        """Grab frames without fetching them until a monotonic time."""
         while self._clock.mono_ns() < mono_ns:
             if not self._capture.grab():
                 raise self._lost()
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(
-            f"the camera at {self.port} sends no more pictures",
+            f"the camera at {self.port} sends no more frames",
             fix="plug it back in; it is opened again by identity",
         )
 
@@ -131,7 +131,7 @@ class OpenedSource:
 
 
 def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
-    """(path, identity) of the picture node of every USB camera."""
+    """(path, identity) of the frame node of every USB camera."""
     found: list[tuple[str, UsbIdentity]] = []
     for node in sorted(
         (sysfs / "class/video4linux").glob("video*"), key=lambda node: (len(node.name), node.name)

@@ -73,7 +73,7 @@ def marker(data: bytes, sync: tuple[int, int]) -> Marker | None:
 
 
 class Assembler:
-    """Pictures of `length` bytes out of transfers; `sequence` counts those the camera made, lost ones too."""
+    """Frames of `length` bytes out of transfers; `sequence` counts those the camera made, lost ones too."""
 
     def __init__(self, length: int) -> None:
         self._length = length
@@ -83,20 +83,20 @@ class Assembler:
         self.rejected = 0
 
     def feed(self, chunk: bytes) -> bytes | None:
-        """A picture with its markers, once it is complete."""
+        """A frame with its markers, once it is complete."""
         self._data += chunk
         self._to_begin()
         whole = self._length + 2 * MARKER.size
         if len(self._data) < whole:
             return None
-        picture, self._data = self._data[:whole], self._data[whole:]
-        begin, end = marker(picture, BEGIN), marker(picture[-MARKER.size :], FINISH)
+        frame, self._data = self._data[:whole], self._data[whole:]
+        begin, end = marker(frame, BEGIN), marker(frame[-MARKER.size :], FINISH)
         if begin is None or end is None or begin.counter != end.counter:
             self.rejected += 1
-            self._data = picture[1:] + self._data
+            self._data = frame[1:] + self._data
             return None
         self._count(begin.third)
-        return picture
+        return frame
 
     def _to_begin(self) -> None:
         """Drop what stands before the next begin marker."""
@@ -130,17 +130,17 @@ class BulkSource:
             self._unit.ctrl_transfer(0x40, 0xEE, 0, 1)
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture with its markers, stamped when it was complete."""
+        """The next frame with its markers, stamped when it was complete."""
         deadline_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
         while (remaining_ns := deadline_ns - self._clock.mono_ns()) > 0:
             chunk = self._chunk(remaining_ns // 1_000_000)
-            picture = self._assembler.feed(chunk) if chunk else None
-            if picture is not None:
-                return Buffer(picture, self._clock.mono_ns(), self._assembler.sequence)
+            frame = self._assembler.feed(chunk) if chunk else None
+            if frame is not None:
+                return Buffer(frame, self._clock.mono_ns(), self._assembler.sequence)
         return None
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by until a monotonic time."""
+        """Let frames go by until a monotonic time."""
         while self._clock.mono_ns() < mono_ns:
             self.read((mono_ns - self._clock.mono_ns()) / 1e9)
 
@@ -227,7 +227,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
         if begin is None or (end is None and len(data) > bare + MARKER.size):
             return Rejected(len(data), f"{bare} bytes with more around them, but no markers")
         if end is not None and begin.counter != end.counter:
-            return Rejected(len(data), f"markers disagree: picture {begin.counter} and {end.counter}")
+            return Rejected(len(data), f"markers disagree: frame {begin.counter} and {end.counter}")
         counter, data = begin.counter, data[MARKER.size : MARKER.size + bare]
     width, height = LENGTHS[bare]
     pixels = words(data, (2 * height + 2, width))

@@ -161,12 +161,12 @@ ENUM_FRAMESIZES = _request(3, "V", 74, FrameSize)
 UVC_QUERY = _request(3, "u", 0x21, ExtensionQuery)
 
 
-BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a picture
+BUFFERS = 32  # the most there are: a second of a 30 Hz camera before a busy computer costs a frame
 OVERTAKEN_NS = 750_000_000
-"""How long to wait for a picture that later ones have overtaken.
+"""How long to wait for a frame that later ones have overtaken.
 
-The kernel's UVC driver copies the parts of pictures in several workers at once; one that is kept waiting on a
-busy computer finishes its picture after those of the others.
+The kernel's UVC driver copies the parts of frames in several workers at once; one that is kept waiting on a
+busy computer finishes its frame after those of the others.
 """
 
 
@@ -184,7 +184,7 @@ class V4l2Source:
         self._clock = clock
         self._maps: list[mmap.mmap] = []
         self._fd = -1
-        self._early: list[tuple[int, Buffer]] = []  # a heap of pictures by number
+        self._early: list[tuple[int, Buffer]] = []  # a heap of frames by number
         self._next, self._last_ns = -1, 0
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
@@ -199,12 +199,12 @@ class V4l2Source:
             raise
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture in the order they were taken, or None; raises `DeviceLostError`.
+        """The next frame in the order they were taken, or None; raises `DeviceLostError`.
 
         One that comes after its successors have been passed on is marked as an error.
         """
         end_ns = self._clock.mono_ns() + int(timeout_s * 1e9)
-        while (picture := self._due()) is None:
+        while (frame := self._due()) is None:
             now_ns = self._clock.mono_ns()
             until_ns = min(end_ns, self._last_ns + OVERTAKEN_NS) if self._early else end_ns
             try:
@@ -218,7 +218,7 @@ class V4l2Source:
                 heapq.heappush(self._early, (arrived.sequence, arrived))
             elif until_ns == end_ns:
                 return None
-        return picture
+        return frame
 
     def skip_until(self, mono_ns: int) -> None:
         """Give every buffer back unread until a monotonic time."""
@@ -258,33 +258,33 @@ class V4l2Source:
         self._fd = -1
 
     def _due(self) -> Buffer | None:
-        """The first of the pictures that are here, unless one before it may still come."""
+        """The first of the frames that are here, unless one before it may still come."""
         if not self._early:
             return None
-        number, picture = self._early[0]
+        number, frame = self._early[0]
         if number > self._next >= 0 and self._clock.mono_ns() < self._last_ns + OVERTAKEN_NS:
             return None
         heapq.heappop(self._early)
-        if number < self._next and picture.mono_ns < self._last_ns:
-            return replace(picture, error=True)
-        self._next, self._last_ns = number + 1, picture.mono_ns
-        return picture
+        if number < self._next and frame.mono_ns < self._last_ns:
+            return replace(frame, error=True)
+        self._next, self._last_ns = number + 1, frame.mono_ns
+        return frame
 
     def _arrived(self, timeout_s: float) -> Buffer | None:
-        """The next picture in the order the kernel has done with them."""
+        """The next frame in the order the kernel has done with them."""
         taken = self._dequeue(timeout_s)
         if taken is None:
             return None
         monotonic = taken.flags & STAMP_MASK == STAMP_MONOTONIC
         stamp_ns = taken.seconds * SECOND_NS + taken.microseconds * 1000
-        picture = Buffer(
+        frame = Buffer(
             data=self._maps[taken.index][: taken.bytesused],
             mono_ns=stamp_ns if monotonic else self._clock.mono_ns(),
             sequence=taken.sequence,
             error=bool(taken.flags & FLAG_ERROR),
         )
         self._call(QBUF, taken)  # last: the kernel then clears the buffer's description
-        return picture
+        return frame
 
     def _need_capture(self) -> None:
         """A camera has two nodes; the one for metadata cannot capture."""
@@ -292,7 +292,7 @@ class V4l2Source:
         fcntl.ioctl(self._fd, QUERYCAP, caps)
         if not (caps.device_caps & CAP_CAPTURE and caps.device_caps & CAP_STREAMING):
             raise DeviceNotFoundError(
-                f"{self.port} is a metadata node, not the camera's picture",
+                f"{self.port} is a metadata node, not the camera's frame",
                 fix="leave port out of the configuration: fieldkit finds the node by identity",
             )
 
@@ -301,7 +301,7 @@ class V4l2Source:
         chosen = next((size for size in sizes if size in offered), None)
         if chosen is None:
             raise DeviceNotFoundError(
-                f"{self.port} offers no {fourcc.strip()} picture of {_list(sizes)}; it has {_list(offered)}",
+                f"{self.port} offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
                 fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
             )
         wanted = Format(type=CAPTURE)

@@ -1,6 +1,6 @@
 """Any camera that delivers Y16: counts, and a temperature only if the user says how they become one.
 
-Nothing is guessed: without `kelvin_per_count` the stream is counts and every picture says so.
+Nothing is guessed: without `kelvin_per_count` the stream is counts and every frame says so.
 """
 
 from __future__ import annotations
@@ -43,11 +43,9 @@ SIZES = (
 def decode(
     data: bytes, width: int, height: int, scale: float = math.nan, offset: float = 0.0
 ) -> DecodedFrame | Rejected:
-    """A picture of width x height words."""
+    """A frame of width x height words."""
     if len(data) != 2 * width * height:
-        return Rejected(
-            len(data), f"{len(data)} bytes; a picture of {width}x{height} has {2 * width * height}"
-        )
+        return Rejected(len(data), f"{len(data)} bytes; a frame of {width}x{height} has {2 * width * height}")
     counts = words(data, (height, width))
     found = extremes(counts)
     quality = quality_flags(found, (0, 0xFFFF), scale, offset)

@@ -56,8 +56,6 @@ from typing import Any
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import (
-    GOOD,
-    NO_VALUE,
     Channel,
     Decoded,
     Layout,
@@ -74,7 +72,7 @@ from fieldkit.drivers.ports import Line, SerialPort, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DeviceNotFoundError
-from fieldkit.model.samples import NO_COUNTER, Quality, new_tuple
+from fieldkit.model.samples import Quality
 
 LENGTH = 45
 LINE = Line(9600)
@@ -110,7 +108,7 @@ def parse(buffer: bytes) -> Parsed:
             channel = channels[numbers.index(number)]
             reason = f"{channel.name} = {number:g} {channel.unit} is beyond any thermocouple"
             return Rejected(skip_to(_START, buffer), reason)
-    return new_tuple(Record, (LENGTH, numbers, channels, "", NO_COUNTER))
+    return Record(LENGTH, numbers, channels)
 
 
 def _no_record(buffer: bytes) -> Rejected | None:
@@ -129,12 +127,12 @@ Meaning = tuple[tuple[Channel, ...], tuple[float, ...], float, float]
 def _meaning(first: int, second: int, overload: int, whole: int, without: tuple[bool, ...]) -> Meaning:
     """Of the four bytes of flags and the channels without a probe, which hardly ever change."""
     unit = "°C" if first & 0x80 else "°F"
-    quality = Quality.STALE if first & 0x20 else GOOD
+    quality = Quality.STALE if first & 0x20 else Quality.GOOD
     words = _words(first, second)
     channels, divisors = [], []
     for place, name in enumerate(CHANNELS):
         if overload >> place & 1 or without[place]:
-            channels.append(Channel(name, unit, quality | NO_VALUE, ("overload", *words)))
+            channels.append(Channel(name, unit, quality | Quality.NO_VALUE, ("overload", *words)))
             divisors.append(math.nan)
         else:
             channels.append(Channel(name, unit, quality, words))

@@ -32,8 +32,6 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.decoding import (
-    GOOD,
-    NO_VALUE,
     Channel,
     Decoded,
     Layout,
@@ -48,7 +46,7 @@ from fieldkit.drivers.ports import Line, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
 from fieldkit.model.errors import DecodeError
-from fieldkit.model.samples import NO_COUNTER, new_tuple
+from fieldkit.model.samples import Quality
 
 LENGTH = 16
 LINE = Line(9600)
@@ -71,7 +69,7 @@ def parse(buffer: bytes) -> Parsed:
     head, digits = _head(buffer[:7]), buffer[7:15]
     if head is not None and buffer[15] == _END:
         if digits.isdigit():
-            return new_tuple(Record, (LENGTH, (int(digits) / head.divisor,), head.channels, "", NO_COUNTER))
+            return Record(LENGTH, (int(digits) / head.divisor,), head.channels)
         if _OVERLOAD in digits and digits.replace(_OVERLOAD, b"0").isdigit():
             return Record(LENGTH, (math.nan,), head.overload)
     return Rejected(skip_to(_START, buffer), "not of the form 02 '4' display unit sign decimals digits 0D")
@@ -95,8 +93,8 @@ def _head(start: bytes) -> Head | None:
     unit = UNITS.get(code, f"code {code}")
     words = () if code in UNITS else ("unknown_unit",)
     divisor = 10 ** int(decimals) * (-1 if polarity == "1" else 1)
-    overload = Channel(display, unit, NO_VALUE, ("overload", *words))
-    return Head(divisor, (Channel(display, unit, GOOD, words),), (overload,))
+    overload = Channel(display, unit, Quality.NO_VALUE, ("overload", *words))
+    return Head(divisor, (Channel(display, unit, Quality.GOOD, words),), (overload,))
 
 
 LAYOUT = Layout(parse, LENGTH)

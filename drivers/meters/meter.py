@@ -13,12 +13,12 @@ from operator import and_, or_
 from typing import NamedTuple
 
 from fieldkit.drivers import options
-from fieldkit.drivers.decoding import NO_VALUE, Channel, Layout
+from fieldkit.drivers.decoding import Channel, Layout
 from fieldkit.drivers.ports import Port, Stamped
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
-from fieldkit.model.samples import NO_COUNTER, UNNUMBERED, Quality, Reading, new_tuple
+from fieldkit.model.samples import Quality, Reading
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 # --- units
@@ -76,7 +76,6 @@ class Meter:
         poll: PollSettings | None = None,
     ) -> None:
         self.info = info
-        self._name = info.name
         self._port = port
         self._layout = layout
         self._clock = clock
@@ -143,7 +142,7 @@ class Meter:
         return True
 
     def _reading(self, found: Stamped) -> Reading | None:
-        (_, numbers, channels, _, device_time), raw, mono_ns, bunched = found
+        numbers, channels = found.record.numbers, found.record.channels
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
             self.words = tuple(dict.fromkeys(word for one in channels for word in one.words))
@@ -154,11 +153,17 @@ class Meter:
         values = tuple([(numbers[place] + add) / by for place, add, by in steps]) if steps else numbers
         if self._range_max is not None and any(value >= self._range_max for value in values):
             quality |= Quality.OVERRANGE
-        if bunched:
+        if found.bunched:
             quality |= Quality.INTERPOLATED
-        utc_ns = self._clock.to_utc_ns(mono_ns)
-        fields = (self._name, mono_ns, utc_ns, values, raw, quality, device_time, NO_COUNTER, UNNUMBERED)
-        return new_tuple(Reading, fields)
+        return Reading(
+            stream=self.info.name,
+            mono_ns=found.mono_ns,
+            time_ns=self._clock.to_utc_ns(found.mono_ns),
+            values=values,
+            raw=found.raw,
+            quality=quality,
+            device_time=found.record.device_time,
+        )
 
 
 class Conversion(NamedTuple):
@@ -187,10 +192,10 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
         steps.append(step)
     if not quality_flags:
         return None
-    missing = reduce(and_, quality_flags) & NO_VALUE
+    missing = reduce(and_, quality_flags) & Quality.NO_VALUE
     if steps == [(place, 0.0, 1.0) for place in range(len(channels))]:
         steps = []
-    return Conversion(tuple(steps), reduce(or_, quality_flags) & ~NO_VALUE | missing)
+    return Conversion(tuple(steps), reduce(or_, quality_flags) & ~Quality.NO_VALUE | missing)
 
 
 def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:

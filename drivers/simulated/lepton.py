@@ -205,7 +205,7 @@ _TRANSFER_NS = 60_000_000  # 39 kB over full-speed USB
 _QUEUED = 4  # buffers the kernel keeps for a slow reader
 _WARM_NS = 600 * SECOND_NS  # the camera was switched on before
 _CLOCK_TOO_FAST = 20e-6
-_COUNTS_PER_PICTURE = 3  # the sensor counts at 27 Hz and every third picture is sent
+_COUNTS_PER_PICTURE = 3  # the sensor counts at 27 Hz and every third frame is sent
 _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 
 
@@ -227,10 +227,10 @@ class SimulatedLepton:
         self._shutter = Shutter(self._on_ns, [clock.to_mono_ns(time_ns) for time_ns in unasked])
         self._drawn: tuple[int, bytes] = (-1, b"")
 
-    # --- pictures
+    # --- frames
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture when its last byte is here, or None; see `FrameSource`."""
+        """The next frame when its last byte is here, or None; see `FrameSource`."""
         self._refuse_if_unplugged()
         number = self._next = self._upcoming()
         here_ns = self._stamp(number) + _TRANSFER_NS
@@ -243,7 +243,7 @@ class SimulatedLepton:
         return Buffer(self._bytes(number), self._stamp(number), number)
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by undrawn; the next one begins at or after that time."""
+        """Let frames go by undrawn; the next one begins at or after that time."""
         self._refuse_if_unplugged()
         self._clock.sleep_until(mono_ns)
         self._refuse_if_unplugged()
@@ -254,7 +254,7 @@ class SimulatedLepton:
         self._next = None
 
     def _upcoming(self) -> int:
-        """The picture to deliver next: the first of a stream, or the oldest that is still queued."""
+        """The frame to deliver next: the first of a stream, or the oldest that is still queued."""
         now_ns = self._clock.mono_ns()
         if self._next is None:
             return self._index(now_ns) + 1
@@ -268,7 +268,7 @@ class SimulatedLepton:
         return self._on_ns + number * PERIOD_NS
 
     def _index(self, mono_ns: int) -> int:
-        """The last picture that began at or before a time."""
+        """The last frame that began at or before a time."""
         return (mono_ns - self._on_ns) // PERIOD_NS
 
     def _seen_ns(self, number: int) -> int:
@@ -281,7 +281,7 @@ class SimulatedLepton:
         return self._drawn[1]
 
     def _frozen(self, number: int) -> int:
-        """The picture that is sent in the place of `number`: itself, unless the camera hangs."""
+        """The frame that is sent in the place of `number`: itself, unless the camera hangs."""
         seen_ns = self._clock.to_utc_ns(self._seen_ns(number))
         for begin_ns, end_ns in self._scene.fault_spans(FaultKind.FROZEN):
             if begin_ns <= seen_ns < end_ns:
@@ -289,7 +289,7 @@ class SimulatedLepton:
         return number
 
     def _draw(self, number: int) -> bytes:
-        """Bytes of a picture; while the shutter is closed they show what was seen before."""
+        """Bytes of a frame; while the shutter is closed they show what was seen before."""
         shutter = self._shutter.at(self._seen_ns(number))
         shown = self._index(shutter.began_ns) if shutter.state is ShutterState.RUNNING else number
         seen_ns = self._seen_ns(shown)

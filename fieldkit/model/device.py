@@ -57,7 +57,7 @@ class StreamInfo:
 
     @property
     def is_camera(self) -> bool:
-        """Whether the stream is pictures."""
+        """Whether the stream is frames."""
         return len(self.shape) == 2
 
     def has_the_columns_of(self, other: StreamInfo) -> bool:
@@ -74,9 +74,9 @@ class StreamInfo:
 
 @dataclass(frozen=True, slots=True)
 class Buffer:
-    """One picture as the video driver handed it over.
+    """One frame as the video driver handed it over.
 
-    `mono_ns` is the kernel's stamp where there is one; `sequence` counts the pictures the
+    `mono_ns` is the kernel's stamp where there is one; `sequence` counts the frames the
     kernel saw (a gap is a loss on this computer), -1 where the backend does not tell;
     `error` is the driver's own doubt about the bytes.
     """
@@ -94,10 +94,10 @@ class FrameSource(Protocol):
     port: str
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture, or None; raises `DeviceLostError`."""
+        """The next frame, or None; raises `DeviceLostError`."""
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by until a monotonic time, keeping the stream alive."""
+        """Let frames go by until a monotonic time, keeping the stream alive."""
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
         """Read a control of a UVC extension unit; raises `DeviceError` if there is none."""
@@ -163,16 +163,16 @@ class Device(Protocol):
 
 @runtime_checkable
 class Camera(Device, Protocol):
-    """A camera: pictures, and a shutter that can be run."""
+    """A camera: frames, and a shutter that can be run."""
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The next picture; see `Device.read`."""
+        """The next frame; see `Device.read`."""
 
     def run_shutter(self) -> bool:
         """Start a shutter correction; False if this camera cannot."""
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by undecoded until a monotonic time, keeping the stream alive."""
+        """Let frames go by undecoded until a monotonic time, keeping the stream alive."""
 
 
 class Driver(Protocol):

@@ -23,21 +23,14 @@ NO_COUNTER = -(2**63)
 UNNUMBERED = -1
 """`seq` of a sample that the recorder has not taken yet."""
 
-new_tuple = tuple.__new__
-"""Makes a named tuple of all its fields, ``new_tuple(Reading, (...))``, without its own constructor.
-
-That is a function, and at ten readings a second, when nothing is left in the processor's caches, each step
-of a reading is felt.
-"""
-
 
 class Quality(enum.IntFlag):
     """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
 
     GOOD = 0
     STALE = 1  # a value of another moment: held, a maximum, a minimum, or void by the device's own word
-    FROZEN = 2  # identical pictures for longer than a shutter correction lasts
-    DUPLICATE = 4  # the same picture once more (frame counter or pixels)
+    FROZEN = 2  # identical frames for longer than a shutter correction lasts
+    DUPLICATE = 4  # the same frame once more (frame counter or pixels)
     DROPPED_BEFORE = 8  # samples were lost between the previous one and this
     SHUTTER = 16  # during, or within 10 s after, a shutter correction (FFC, NUC)
     SATURATED = 32  # at the end of the camera's counts
@@ -50,7 +43,7 @@ class Quality(enum.IntFlag):
     CLOUD = 4096  # the light changed faster than the sun can
     UNRESOLVED = 8192  # data fit more than one slope
     NO_VALUE = 16384  # open probe, overload, or no temperature scale known
-    MOVED = 32768  # the picture moved: regions may be off their beds
+    MOVED = 32768  # the frame moved: regions may be off their beds
 
 
 UNUSABLE = (
@@ -130,7 +123,7 @@ class EventKind(NumberedEnum):
 
 
 class Frame(NamedTuple):
-    """One picture of a camera.
+    """One frame of a camera.
 
     `counts` has shape (rows, cols), uint16; `metadata_rows` (extra rows, cols), uint16, is
     what the camera sent with it (telemetry), possibly of zero rows. `fpa_temperature_k` is

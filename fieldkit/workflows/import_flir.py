@@ -141,6 +141,6 @@ def _pictures(path: Path) -> Iterator[FlirFrame]:
         if path.stat().st_size == 0:  # an empty file cannot be mapped
             return
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            yield from flir_file.pictures(data)
+            yield from flir_file.frames(data)
     except OSError as error:
         raise ConfigError(f"{path}: {error}", fix=_COPY) from error

@@ -144,7 +144,7 @@ def test_boson_frames_survive_their_escapes(sequence, function, payload):
 @pytest.mark.parametrize("name", FRAMES)
 @settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), head=st.binary(max_size=64))
-def test_any_picture_is_decoded_or_rejected(name, seed, head):
+def test_any_frame_is_decoded_or_rejected(name, seed, head):
     decode, lengths = FRAMES[name]
     length = lengths[seed % len(lengths)]
     data = head + random.Random(seed).randbytes(length)[len(head) :]
@@ -157,13 +157,13 @@ def test_any_picture_is_decoded_or_rejected(name, seed, head):
 
 
 @given(st.binary(max_size=2000), st.integers(0, 2**32 - 1))
-def test_any_file_is_a_picture_or_no_flir_file(data, seed):
+def test_any_file_is_a_frame_or_no_flir_file(data, seed):
     dice = random.Random(seed)
     header = bytearray(b"FFF\0".ljust(64, b"\0"))
     header[0x14:0x20] = b"\x64\0\0\0\x40\0\0\0" + bytes([dice.randrange(4), 0, 0, 0])
     for attempt in (data, bytes(header) + data, b"\xff\xd8" + data):
         with contextlib.suppress(DecodeError):
-            assert all(one.counts.ndim == 2 for one in flir_file.pictures(attempt))
+            assert all(one.counts.ndim == 2 for one in flir_file.frames(attempt))
 
 
 def noise(name, seed):
@@ -187,7 +187,7 @@ def test_ten_million_bytes_through_every_meter(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FRAMES)
-def test_ten_million_bytes_through_every_picture(name):
+def test_ten_million_bytes_through_every_frame(name):
     decode, lengths = FRAMES[name]
     dice = random.Random(2)
     done = 0

@@ -90,7 +90,7 @@ def usb_device(kind: tuple[int, int]) -> Announced:
     return announced(words={"SUBSYSTEM": "usb"}, attributes=attributes, env={"DEVTYPE": "usb_device"})
 
 
-def picture_node(kind: tuple[int, int], index: int) -> Announced:
+def frame_node(kind: tuple[int, int], index: int) -> Announced:
     words = {"SUBSYSTEM": "video4linux", "SUBSYSTEMS": "usb"}
     return announced(words=words, attributes={**ids(kind), "index": str(index)})
 
@@ -108,11 +108,11 @@ def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind: tuple[
 
 
 @pytest.mark.parametrize("kind", sorted(VIDEO), ids=str)
-def test_pictures_of_every_camera_may_be_read_under_a_stable_name(kind: tuple[int, int]) -> None:
-    picture, metadata = picture_node(kind, 0), picture_node(kind, 1)
-    for node in (picture, metadata):
+def test_frames_of_every_camera_may_be_read_under_a_stable_name(kind: tuple[int, int]) -> None:
+    frame, metadata = frame_node(kind, 0), frame_node(kind, 1)
+    for node in (frame, metadata):
         assert node.set_to == {"TAG": "uaccess", "GROUP": "video", "MODE": "0660"}
-    assert (picture.links, metadata.links) == (["fieldkit/camera"], [])
+    assert (frame.links, metadata.links) == (["fieldkit/camera"], [])
 
 
 @pytest.mark.parametrize("kind", ADAPTERS.values(), ids=ADAPTERS)
@@ -135,7 +135,7 @@ def test_ftdi_adapters_hand_over_bytes_within_a_millisecond() -> None:
     assert port.as_text == {"latency_timer": "1"}
 
 
-@pytest.mark.parametrize("made", [usb_device, tty, lambda kind: picture_node(kind, 0)])
+@pytest.mark.parametrize("made", [usb_device, tty, lambda kind: frame_node(kind, 0)])
 def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made) -> None:
     for kind in ((0x046D, 0x0825), (0x0403, 0x6002), (0x1D6B, 0x0002)):
         device = made(kind)

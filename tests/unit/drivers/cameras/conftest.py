@@ -1,4 +1,4 @@
-"""A source of pictures for cameras that are not plugged in: the bytes are the test's."""
+"""A source of frames for cameras that are not plugged in: the bytes are the test's."""
 
 import pytest
 
@@ -42,11 +42,11 @@ class Reel:
 
 @pytest.fixture
 def reel():
-    def play(*pictures, interval_ns=111_111_111, **more):
-        """Pictures as bytes, 9 a second, or as ready buffers."""
+    def play(*frames, interval_ns=111_111_111, **more):
+        """Frames as bytes, 9 a second, or as ready buffers."""
         buffers = [
-            Buffer(picture, 10**9 + index * interval_ns, index) if isinstance(picture, bytes) else picture
-            for index, picture in enumerate(pictures)
+            Buffer(frame, 10**9 + index * interval_ns, index) if isinstance(frame, bytes) else frame
+            for index, frame in enumerate(frames)
         ]
         return Reel(buffers, **more)
 

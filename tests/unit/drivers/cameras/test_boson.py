@@ -12,7 +12,7 @@ from fieldkit.model.errors import ConfigError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import Quality
 
 
-def picture(count=29515, rows=512, seed=0):
+def frame(count=29515, rows=512, seed=0):
     return (count + np.random.default_rng(seed).integers(-9, 9, (rows, 640))).astype("<u2").tobytes()
 
 
@@ -63,20 +63,20 @@ def test_refusal_and_silence_are_errors(wire):
 
 
 def test_plain_boson_is_counts(reel):
-    camera = opened(reel(picture(), picture(seed=1)))
+    camera = opened(reel(frame(), frame(seed=1)))
     assert (camera.info.unit, camera.info.shape) == ("counts", (512, 640))
     assert camera.info.settings["commands"] == "not reachable"
     assert camera.read(1.0).quality == Quality.NO_VALUE
 
 
 def test_radiometric_one_is_kelvin_times_100(reel):
-    camera = opened(reel(picture(), picture(seed=1)), kelvin_per_count=0.01)
+    camera = opened(reel(frame(), frame(seed=1)), kelvin_per_count=0.01)
     assert (camera.info.unit, camera.info.scale) == ("K", 0.01)
     assert camera.read(1.0).quality == Quality.GOOD
 
 
 def test_two_more_rows_are_kept():
-    told = decode(picture(rows=514), 0.01)
+    told = decode(frame(rows=514), 0.01)
     assert told.counts.shape == (512, 640)
     assert told.metadata_rows.shape == (2, 640)
 
@@ -114,7 +114,7 @@ def serial(monkeypatch):
 
 
 def test_serial_side_tells_sensor_and_shutter(reel, serial):
-    camera = opened(reel(*(picture(seed=seed) for seed in range(14))), radiometric=True)
+    camera = opened(reel(*(frame(seed=seed) for seed in range(14))), radiometric=True)
     assert (camera.info.scale, camera.info.serial_number) == (0.01, "4711")
     first = camera.read(1.0)
     assert first.fpa_temperature_k == 298.25
@@ -129,22 +129,22 @@ def test_serial_side_tells_sensor_and_shutter(reel, serial):
 def test_low_gain_needs_its_scale_told(reel, serial, monkeypatch):
     monkeypatch.setattr(serial, "facts", lambda: {"gain": "low"})
     with pytest.raises(DeviceError, match="low gain") as caught:
-        opened(reel(picture()), radiometric=True)
+        opened(reel(frame()), radiometric=True)
     assert "kelvin_per_count" in caught.value.fix
-    hot = picture(count=14757)  # 295.15 K x 50
+    hot = frame(count=14757)  # 295.15 K x 50
     camera = opened(reel(hot, hot), radiometric=True, kelvin_per_count=0.02)
     assert (camera.info.scale, camera.info.settings["gain"]) == (0.02, "low")
 
 
-def test_silent_commands_do_not_cost_the_pictures(reel, wire, monkeypatch):
+def test_silent_commands_do_not_cost_the_frames(reel, wire, monkeypatch):
     monkeypatch.setattr(boson, "serial_side", lambda *_: BosonSerial(wire.path, HostClock()))
-    camera = opened(reel(picture(), picture(seed=1)), kelvin_per_count=0.01)
+    camera = opened(reel(frame(), frame(seed=1)), kelvin_per_count=0.01)
     assert "does not answer" in camera.info.settings["commands"]
     assert camera.read(1.0).quality == Quality.GOOD
 
 
 def test_commands_that_fall_silent_are_not_asked_again(reel, serial, monkeypatch):
-    camera = opened(reel(*(picture(seed=seed) for seed in range(40))), kelvin_per_count=0.01)
+    camera = opened(reel(*(frame(seed=seed) for seed in range(40))), kelvin_per_count=0.01)
     assert camera.read(1.0).fpa_temperature_k == 298.25
     asked = []
 
@@ -160,7 +160,7 @@ def test_commands_that_fall_silent_are_not_asked_again(reel, serial, monkeypatch
 
 
 def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):
-    source = reel(picture(count=8000))
+    source = reel(frame(count=8000))
     with pytest.raises(DeviceError, match="no temperatures"):
         opened(source, radiometric=True)
     assert source.closed
@@ -169,9 +169,9 @@ def test_radiometric_that_gives_no_temperatures_is_refused(reel, serial):
 
 
 def test_without_a_scale_decode_gives_counts():
-    decoded = Boson().decode(picture(), {})
+    decoded = Boson().decode(frame(), {})
     assert {value.unit for value in decoded.values} == {"counts"}
-    kelvin = Boson().decode(picture(), {"kelvin_per_count": 0.01}).values[1]
+    kelvin = Boson().decode(frame(), {"kelvin_per_count": 0.01}).values[1]
     assert kelvin.unit == "K"
     assert kelvin.value == pytest.approx(295.15, abs=0.1)
     assert not math.isnan(kelvin.value)

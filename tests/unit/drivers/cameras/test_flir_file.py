@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.drivers.cameras import flir_file
-from fieldkit.drivers.cameras.flir_file import frame_length, pictures
+from fieldkit.drivers.cameras.flir_file import frame_length, frames
 from fieldkit.model.errors import DecodeError
 from fieldkit.physics.camera_laws import temperature_k
 from tests.shared_data import shared
@@ -23,8 +23,8 @@ def recorded(request):
 
 def test_public_files_give_their_stated_counts_and_temperatures(recorded):
     data, expected = recorded
-    (picture,) = pictures(data)
-    counts, celsius = picture.counts, picture.temperature_k() - 273.15
+    (frame,) = frames(data)
+    counts, celsius = frame.counts, frame.temperature_k() - 273.15
     assert list(counts.shape) == expected["shape"]
     assert (counts.min(), counts.max(), np.median(counts)) == tuple(
         expected[key] for key in ("raw_min", "raw_max", "raw_median")
@@ -37,17 +37,17 @@ def test_public_files_give_their_stated_counts_and_temperatures(recorded):
 def test_sequence_is_walked_by_its_directories(recorded):
     data, _ = recorded
     assert frame_length(data) == len(data)
-    found = list(pictures(data * 3))
+    found = list(frames(data * 3))
     assert len(found) == 3
     assert all((one.counts == found[0].counts).all() for one in found)
 
 
 def test_marker_bytes_inside_the_pixels_do_no_harm(recorded):
     data, _ = recorded
-    (picture,) = pictures(data)
-    place = data.index(picture.counts.tobytes())
+    (frame,) = frames(data)
+    place = data.index(frame.counts.tobytes())
     disguised = data[:place] + b"FFF\0" + data[place + 4 :]
-    assert len(list(pictures(disguised * 2))) == 2
+    assert len(list(frames(disguised * 2))) == 2
 
 
 def test_radiometric_jpeg_carries_the_same_file_in_parts(recorded):
@@ -57,41 +57,41 @@ def test_radiometric_jpeg_carries_the_same_file_in_parts(recorded):
     for number, part in reversed(list(enumerate(parts))):  # the order of segments is not the order of parts
         body = b"FLIR\0\x01" + bytes([number, len(parts) - 1]) + part
         jpeg += b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body
-    (picture,) = pictures(jpeg + b"\xff\xda")
-    (plain,) = pictures(data)
-    assert (picture.counts == plain.counts).all()
+    (frame,) = frames(jpeg + b"\xff\xda")
+    (plain,) = frames(data)
+    assert (frame.counts == plain.counts).all()
 
 
-def test_picture_stored_as_png_is_unswapped(recorded):
+def test_frame_stored_as_png_is_unswapped(recorded):
     data, _ = recorded
-    (plain,) = pictures(data)
+    (plain,) = frames(data)
     pixels = plain.counts.tobytes()
     _, png = cv2.imencode(".png", plain.counts.byteswap())
     body = png.tobytes().ljust(len(pixels), b"\0")
-    (picture,) = pictures(data.replace(pixels, body))
-    assert (picture.counts == plain.counts).all()
+    (frame,) = frames(data.replace(pixels, body))
+    assert (frame.counts == plain.counts).all()
 
 
 def test_stream_settings_give_brightness_temperature_without_the_cameras_emissivity(recorded):
     data, _ = recorded
-    (picture,) = pictures(data)
-    settings = flir_file.settings(picture)
-    assert settings["camera_emissivity"] == picture.constants.emissivity
-    brightness = temperature_k("planck", picture.counts, picture.counts[:0], settings)
-    warmer = picture.temperature_k() > picture.constants.reflected_k
-    assert (brightness[warmer] < picture.temperature_k()[warmer]).all()
+    (frame,) = frames(data)
+    settings = flir_file.settings(frame)
+    assert settings["camera_emissivity"] == frame.constants.emissivity
+    brightness = temperature_k("planck", frame.counts, frame.counts[:0], settings)
+    warmer = frame.temperature_k() > frame.constants.reflected_k
+    assert (brightness[warmer] < frame.temperature_k()[warmer]).all()
 
 
 @pytest.mark.parametrize("length", [0, 3, 63, 70, 500, -1])
 def test_cut_files_are_refused(recorded, length):
     data, _ = recorded
     if length == 0:
-        assert list(pictures(b"")) == []
+        assert list(frames(b"")) == []
         return
     with pytest.raises(DecodeError):
-        list(pictures(data[:length]))
+        list(frames(data[:length]))
 
 
 def test_jpeg_without_thermal_data_is_refused():
     with pytest.raises(DecodeError, match="without FLIR"):
-        list(pictures(b"\xff\xd8\xff\xe0\0\x04JF\xff\xda"))
+        list(frames(b"\xff\xd8\xff\xe0\0\x04JF\xff\xda"))

@@ -15,7 +15,7 @@ COEFFICIENTS = (0.001, 1.0, 0.0, 1e-4, 0.018)
 
 
 def frame(counts, width=384, fpa_raw=7620, cal_00=6000, shutter=3032, coefficients=COEFFICIENTS):
-    """A picture with the metadata rows of the family; sensor 25 °C, shutter 30.05 °C by default."""
+    """A frame with the metadata rows of the family; sensor 25 °C, shutter 30.05 °C by default."""
     rows = bytearray(2 * 4 * width)
     area = 2 * (3 * width if width in (384, 640) else width)
     struct.pack_into("<HH", rows, 0, fpa_raw, fpa_raw)
@@ -35,8 +35,8 @@ def opened(source, **options):
     return Ht301().open(DeviceSettings("ir", "ht301", source=source, options=options), HostClock())
 
 
-def kelvin(picture):
-    return temperature_k(picture.law, picture.counts, picture.metadata_rows, {})
+def kelvin(frame):
+    return temperature_k(frame.law, frame.counts, frame.metadata_rows, {})
 
 
 @pytest.mark.parametrize(
@@ -55,14 +55,14 @@ def test_counts_of_a_temperature_give_it_back(width, height, fpa_raw, t_fpa, cut
     gain = c3 * t_fpa**2 + c4 * t_fpa + c5
     beyond = (c1 * 40.0**2 + c2 * 40.0) - (c1 * t_s**2 + c2 * t_s)
     count = round(6000 - cut + beyond / gain)
-    picture = decode(frame(flat(count, width, height), width, fpa_raw))
+    decoded = decode(frame(flat(count, width, height), width, fpa_raw))
     step = gain / (2 * c1 * 40.0 + c2)  # kelvin per count there
-    assert kelvin(picture)[5, 5] - 273.15 == pytest.approx(40.0, abs=step)
-    assert picture.fpa_temperature_k - 273.15 == pytest.approx(t_fpa, abs=0.01)
-    assert picture.metadata_rows.shape == (4, width)
+    assert kelvin(decoded)[5, 5] - 273.15 == pytest.approx(40.0, abs=step)
+    assert decoded.fpa_temperature_k - 273.15 == pytest.approx(t_fpa, abs=0.01)
+    assert decoded.metadata_rows.shape == (4, width)
 
 
-def test_ordinary_picture_is_the_wrong_mode():
+def test_ordinary_frame_is_the_wrong_mode():
     rejected = decode(frame(np.full((288, 384), 0x8040)))
     assert "wrong mode" in rejected.reason
 

@@ -16,7 +16,7 @@ GREY = np.full((192, 256), 0x8020, "<u2")
 
 
 def frame(counts=None, seed=0):
-    """A grey picture over temperatures of 22 °C with the noise of a clean camera."""
+    """A grey image over temperatures of 22 °C with the noise of a clean camera."""
     noise = np.random.default_rng(seed).integers(-4, 5, (192, 256))
     return GREY.tobytes() + (18890 + noise if counts is None else counts).astype("<u2").tobytes()
 
@@ -28,12 +28,12 @@ def opened(source, **options):
 def test_lower_half_is_kelvin_times_64():
     counts = 18890 + np.arange(192 * 256).reshape(192, 256) % 7
     counts[147, 157], counts[1, 116] = 20332, 18508  # 44.54 and 16.04 °C, as a public TC001 frame has them
-    picture = decode(frame(counts))
-    assert picture.counts.shape == (192, 256)
-    kelvin = picture.counts * picture.scale
+    decoded = decode(frame(counts))
+    assert decoded.counts.shape == (192, 256)
+    kelvin = decoded.counts * decoded.scale
     assert kelvin[147, 157] - 273.15 == pytest.approx(44.5375)
     assert kelvin[1, 116] - 273.15 == pytest.approx(16.0375)
-    assert picture.quality == Quality.GOOD
+    assert decoded.quality == Quality.GOOD
 
 
 @pytest.mark.parametrize("size", [0, LENGTH // 2, LENGTH - 2, LENGTH + 8])
@@ -57,10 +57,10 @@ def test_halves_out_of_step_have_no_value(rows):
     assert decode(np.roll(whole, rows, axis=0).tobytes()).quality & Quality.NO_VALUE
 
 
-def test_picture_that_stands_still_betrays_the_shutter(reel):
+def test_frame_that_stands_still_betrays_the_shutter(reel):
     still, moving = frame(seed=1), [frame(seed=seed) for seed in range(2, 300)]
-    pictures = [moving[0], moving[1], still, still, still, *moving[2:]]
-    camera = opened(reel(*pictures, interval_ns=40_000_000))
+    frames = [moving[0], moving[1], still, still, still, *moving[2:]]
+    camera = opened(reel(*frames, interval_ns=40_000_000))
     flags = [camera.read(1.0).quality for _ in range(290)]
     assert flags[:2] == [Quality.GOOD] * 2
     assert flags[2] == Quality.DUPLICATE
@@ -70,7 +70,7 @@ def test_picture_that_stands_still_betrays_the_shutter(reel):
 
 
 def test_the_kernels_number_stands_in_for_the_counter_the_camera_lacks(reel):
-    numbers = (0, 1, 2, 4, -1)  # the first picture is spent on the opening; OpenCV tells no number
+    numbers = (0, 1, 2, 4, -1)  # the first frame is spent on the opening; OpenCV tells no number
     buffers = [Buffer(frame(seed=n), n * 40_000_000, number) for n, number in enumerate(numbers)]
     camera = opened(reel(*buffers))
     assert [camera.read(1.0).device_seq for _ in numbers[1:]] == [1, 2, 4, NO_COUNTER]
@@ -221,14 +221,14 @@ def test_kernels_error_flag_is_a_rejection(reel):
 
 
 def test_a_scene_with_edges_and_one_as_hot_as_a_stove_are_temperatures():
-    """Neighbours that differ by 50 counts, 0.8 K; and 516 K, beyond the grey values a picture may have."""
+    """Neighbours that differ by 50 counts, 0.8 K; and 516 K, beyond the grey values a frame may have."""
     edges = np.tile(18_890 + 25 * (-1) ** np.arange(256), (192, 1))
     assert decode(frame(edges)).quality == Quality.GOOD
     hot = np.tile(33_100 + np.arange(256) % 7, (192, 1))
     assert decode(frame(hot)).quality == Quality.GOOD
 
 
-def test_a_single_picture_lost_on_the_way_is_flagged_on_the_next(reel):
+def test_a_single_frame_lost_on_the_way_is_flagged_on_the_next(reel):
     numbers = (0, 1, 2, 4, 5)
     camera = opened(reel(*(Buffer(frame(seed=n), n * 40_000_000, n) for n in numbers)))
     flagged = [Quality.DROPPED_BEFORE in camera.read(1.0).quality for _ in numbers[1:]]

@@ -17,8 +17,8 @@ from tests.shared_data import shared
 ROOM = 29515  # 22 °C in hundredths of a kelvin
 
 
-def picture(counts=None, **words):
-    """A picture of a Lepton 3.5 with telemetry; words by number as `w20=...`."""
+def frame(counts=None, **words):
+    """A frame of a Lepton 3.5 with telemetry; words by number as `w20=...`."""
     noise = np.random.default_rng(words.get("w20", 0)).integers(-20, 20, (120, 160))
     rows = np.zeros(320, "<u2")
     usual = {"w0": 14, "w1": 60_000, "w3": 0x30, "w20": 27, "w24": 30015, "w26": 29815, "w30": 5_000}
@@ -32,8 +32,8 @@ def opened(source, **options):
     return PureThermal().open(settings, HostClock())
 
 
-def test_telemetry_documents_every_picture():
-    told = decode(picture(w1=0x0002, w2=0x0001, w20=7, w21=2))
+def test_telemetry_documents_every_frame():
+    told = decode(frame(w1=0x0002, w2=0x0001, w20=7, w21=2))
     assert told.counts.shape == (120, 160)
     assert told.metadata_rows.shape == (2, 160)
     assert told.device_time == 0x10002
@@ -47,19 +47,19 @@ def test_telemetry_documents_every_picture():
 
 def test_emissivity_that_the_camera_applied_is_recorded(reel):
     # 8028 in word 99 of danjulio/lepton's agc_off.tjsn: 0.98
-    told = [opened(reel(picture(w99=word))).info.settings for word in (8028, 8192, 0)]
+    told = [opened(reel(frame(w99=word))).info.settings for word in (8028, 8192, 0)]
     assert [settings.get("emissivity") for settings in told] == [0.98, 1.0, None]
 
 
 def test_rows_of_ones_tell_nothing():
-    told = decode(picture()[: 2 * 120 * 160] + b"\xff" * 640)
+    told = decode(frame()[: 2 * 120 * 160] + b"\xff" * 640)
     assert told.quality & Quality.NO_VALUE
     assert told.shutter is None
     assert np.isnan(told.fpa_temperature_k)
 
 
 def test_lepton_2_has_three_telemetry_rows_of_eighty_words():
-    data = picture()
+    data = frame()
     counts, rows = data[: 2 * 80 * 60], data[2 * 120 * 160 :][: 2 * 3 * 80]
     told = decode(counts + rows)
     assert told.counts.shape == (60, 80)
@@ -68,18 +68,18 @@ def test_lepton_2_has_three_telemetry_rows_of_eighty_words():
 
 
 def test_tenth_of_a_kelvin_is_read_from_the_telemetry():
-    assert decode(picture(np.full((120, 160), 2952), w209=0)).scale == 0.1
+    assert decode(frame(np.full((120, 160), 2952), w209=0)).scale == 0.1
 
 
 def test_without_tlinear_there_is_no_temperature():
-    told = decode(picture(np.full((120, 160), 8192), w208=0))
+    told = decode(frame(np.full((120, 160), 8192), w208=0))
     assert np.isnan(told.scale)
     assert told.quality == Quality.NO_VALUE
 
 
 def test_scale_that_gives_no_scene_of_this_earth_is_doubted():
     # A 0.1 K stream read as 0.01 K gives about -243 °C.
-    assert decode(picture(np.full((120, 160), 2952), w209=1)).quality == Quality.NO_VALUE
+    assert decode(frame(np.full((120, 160), 2952), w209=1)).quality == Quality.NO_VALUE
 
 
 @pytest.mark.parametrize(
@@ -95,14 +95,14 @@ def test_scale_that_gives_no_scene_of_this_earth_is_doubted():
     ],
 )
 def test_shutter_is_what_the_status_bits_say(words, shutter):
-    assert decode(picture(**words)).shutter is shutter
+    assert decode(frame(**words)).shutter is shutter
 
 
 @pytest.mark.parametrize("count", [0, 0xFFFF])
 def test_end_of_counts_is_saturated(count):
     counts = np.full((120, 160), ROOM)
     counts[3, 4] = count
-    assert decode(picture(counts)).quality == Quality.SATURATED
+    assert decode(frame(counts)).quality == Quality.SATURATED
 
 
 @pytest.mark.parametrize(
@@ -120,9 +120,9 @@ def test_other_byte_counts_are_rejected_with_the_right_ones(size):
     assert "9600 or 10080 or 38400 or 39040" in rejected.reason
 
 
-def test_stream_is_declared_by_the_first_picture(reel):
+def test_stream_is_declared_by_the_first_frame(reel):
     controls = {(4, 8): b"500-0771-01\0".ljust(32, b"\0"), (6, 3): (123456).to_bytes(8, "little")}
-    camera = opened(reel(picture(), picture(w20=30), controls=controls))
+    camera = opened(reel(frame(), frame(w20=30), controls=controls))
     assert isinstance(camera, Camera)
     info = camera.info
     assert (info.quantity, info.unit, info.shape, info.scale) == (
@@ -134,14 +134,14 @@ def test_stream_is_declared_by_the_first_picture(reel):
     assert (info.model, info.serial_number, info.metadata_shape) == ("500-0771-01", "123456", (2, 160))
     assert info.settings["backend"] == "reel"
     assert info.settings["gain"] == "high"
-    frame = camera.read(1.0)
-    assert frame.device_seq == 30
-    assert frame.mono_ns == 10**9 + 111_111_111
-    assert frame.quality == Quality.GOOD
+    decoded = camera.read(1.0)
+    assert decoded.device_seq == 30
+    assert decoded.mono_ns == 10**9 + 111_111_111
+    assert decoded.quality == Quality.GOOD
 
 
 def test_scale_without_telemetry_is_asked_of_the_camera(reel):
-    bare = picture()[: 2 * 120 * 160]
+    bare = frame()[: 2 * 120 * 160]
     controls = {(0x15, 18): (1).to_bytes(4, "little"), (0x15, 19): (1).to_bytes(4, "little")}
     assert opened(reel(bare, controls=controls)).info.scale == 0.01
     silent = opened(reel(bare, bare))
@@ -152,80 +152,80 @@ def test_scale_without_telemetry_is_asked_of_the_camera(reel):
 
 
 def test_other_resolution_than_declared_has_no_value(reel):
-    camera = opened(reel(picture(), picture(np.full((120, 160), 2952), w209=0, w20=30)))
+    camera = opened(reel(frame(), frame(np.full((120, 160), 2952), w209=0, w20=30)))
     assert camera.read(1.0).quality == Quality.NO_VALUE
 
 
 def test_repeated_counter_is_a_duplicate(reel):
-    camera = opened(reel(picture(), picture(w20=30, w1=60_100), picture(w20=30, w1=60_100)))
+    camera = opened(reel(frame(), frame(w20=30, w1=60_100), frame(w20=30, w1=60_100)))
     assert camera.read(1.0).quality == Quality.GOOD
     assert camera.read(1.0).quality == Quality.DUPLICATE
 
 
 def test_repeated_pixels_are_a_duplicate(reel):
     still = np.arange(120 * 160).reshape(120, 160) % 50 + ROOM
-    camera = opened(reel(*(picture(still, w20=count, w1=60_000 + count) for count in (27, 30, 33))))
+    camera = opened(reel(*(frame(still, w20=count, w1=60_000 + count) for count in (27, 30, 33))))
     assert camera.read(1.0).quality == Quality.GOOD
     assert camera.read(1.0).quality == Quality.DUPLICATE
 
 
-def test_picture_that_stands_still_for_three_seconds_is_frozen(reel):
-    camera = opened(reel(*[picture()] * 32))
+def test_frame_that_stands_still_for_three_seconds_is_frozen(reel):
+    camera = opened(reel(*[frame()] * 32))
     flags = [camera.read(1.0).quality for _ in range(31)]
-    assert flags[27] == Quality.DUPLICATE  # 27 pictures, 2.999... s
+    assert flags[27] == Quality.DUPLICATE  # 27 frames, 2.999... s
     assert flags[28] == Quality.DUPLICATE | Quality.FROZEN
 
 
 def test_gap_in_the_kernels_numbers_is_a_loss(reel):
     buffers = [
-        Buffer(picture(w20=count, w1=count), 10**9 + count, number)
+        Buffer(frame(w20=count, w1=count), 10**9 + count, number)
         for count, number in ((1, 4), (2, 5), (3, 8))
     ]
-    camera = opened(reel(*buffers, Buffer(picture(w20=4, w1=4), 10**9 + 4, 9)))
+    camera = opened(reel(*buffers, Buffer(frame(w20=4, w1=4), 10**9 + 4, 9)))
     flags = [camera.read(1.0).quality for _ in range(3)]
     assert flags == [Quality.GOOD, Quality.DROPPED_BEFORE, Quality.GOOD]
 
 
 def test_gap_made_by_skipping_is_no_loss(reel):
-    camera = opened(reel(*(picture(w20=count, w1=count) for count in range(1, 20))))
+    camera = opened(reel(*(frame(w20=count, w1=count) for count in range(1, 20))))
     camera.read(1.0)
     camera.skip_until(2 * 10**9)
     assert camera.read(1.0).quality == Quality.GOOD
 
 
 def test_damaged_and_short_buffers_are_rejected_and_counted(reel):
-    damaged = Buffer(picture(), 2, 2, error=True)
-    camera = opened(reel(picture(), damaged, picture()[:-2]))
+    damaged = Buffer(frame(), 2, 2, error=True)
+    camera = opened(reel(frame(), damaged, frame()[:-2]))
     assert camera.read(1.0) is None
     assert camera.read(1.0) is None
     assert camera.rejected == 2
 
 
 def test_shutter_runs_through_the_extension_unit_and_flags_what_follows(reel):
-    source = reel(picture())
+    source = reel(frame())
     camera = opened(source)
     assert camera.run_shutter() is True
     assert source.as_text == [(6, 17, b"\x01")]
-    source.buffers.append(Buffer(picture(w20=30, w1=61_000), HostClock().mono_ns(), 1))
+    source.buffers.append(Buffer(frame(w20=30, w1=61_000), HostClock().mono_ns(), 1))
     assert camera.read(1.0).quality == Quality.SHUTTER
 
 
 def test_camera_without_controls_says_so(reel, monkeypatch):
-    source = reel(picture())
+    source = reel(frame())
     monkeypatch.setattr(source, "set_control", lambda *_: source.get_control(0, 0, 0))
     assert opened(source).run_shutter() is False
 
 
-def test_silent_camera_and_other_pictures_are_explained_and_closed(reel):
+def test_silent_camera_and_other_frames_are_explained_and_closed(reel):
     silent, other = reel(), reel(bytes(640 * 480 * 2))
-    with pytest.raises(DeviceTimeoutError, match="no picture"):
+    with pytest.raises(DeviceTimeoutError, match="no frame"):
         opened(silent)
     with pytest.raises(DecodeError, match="614400 bytes"):
         opened(other)
     assert (silent.closed, other.closed) == (1, 1)
 
 
-def recorded_pictures():
+def recorded_frames():
     """Bytes and arrival times of the public recording: index, seconds, milliseconds, 120x160 words each."""
     data = gzip.decompress(shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz").read_bytes())
     assert data[:8] == b"PTY16V1\n"
@@ -238,7 +238,7 @@ def recorded_pictures():
 def test_public_recording_of_a_purethermal_3(reel):
     expected = json.loads(shared("data/frames/expected.json").read_text())
     expected = expected["purethermal3/thermal_20260512_151542.raw.y16.gz"]
-    recorded = list(recorded_pictures())
+    recorded = list(recorded_frames())
     assert len(recorded) == expected["frames"]
     buffers = [Buffer(data, int(seconds * 1e9), index) for index, (data, seconds) in enumerate(recorded)]
     camera = opened(reel(buffers[0], *buffers), kelvin_per_count=expected["scale_kelvin_per_count"])

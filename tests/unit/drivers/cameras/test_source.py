@@ -29,7 +29,7 @@ def plug(sysfs, number, socket, vendor, product, serial="", index=0):
     (shelf / f"video{number}").symlink_to(node)
 
 
-def test_picture_nodes_are_found_with_their_identity(tmp_path):
+def test_frame_nodes_are_found_with_their_identity(tmp_path):
     plug(tmp_path, 1, "1-2", "1e4e", "0100", "ABC", index=1)
     plug(tmp_path, 0, "1-2", "1e4e", "0100", "ABC")
     plug(tmp_path, 10, "1-1.4", "0bda", "5830")

@@ -36,12 +36,12 @@ def test_commands_are_the_published_bytes(built, published):
     assert built == bytes.fromhex(published)
 
 
-def test_temperatures_stand_below_picture_and_metadata():
-    picture = decode(frame())
-    assert picture.counts.shape == (192, 256)
-    assert picture.metadata_rows.shape == (2, 256)
-    assert (picture.counts * picture.scale).mean() == pytest.approx(295.15, abs=0.1)
-    assert picture.quality == Quality.GOOD
+def test_temperatures_stand_below_frame_and_metadata():
+    decoded = decode(frame())
+    assert decoded.counts.shape == (192, 256)
+    assert decoded.metadata_rows.shape == (2, 256)
+    assert (decoded.counts * decoded.scale).mean() == pytest.approx(295.15, abs=0.1)
+    assert decoded.quality == Quality.GOOD
 
 
 def test_small_sibling_is_known_by_its_byte_count():
@@ -55,22 +55,22 @@ def test_markers_must_agree():
     assert "no markers" in decode(bytes(LENGTH + 24)).reason
 
 
-def test_picture_may_be_kept_with_the_marker_before_it_alone():
+def test_frame_may_be_kept_with_the_marker_before_it_alone():
     kept = marked(7, 280)[:-12]  # what one transfer of a P3 holds, as the public programs write it
-    picture = decode(kept)
-    assert (picture.device_seq, picture.quality) == (7, Quality.GOOD)
-    assert np.array_equal(picture.counts, decode(frame()).counts)
+    decoded = decode(kept)
+    assert (decoded.device_seq, decoded.quality) == (7, Quality.GOOD)
+    assert np.array_equal(decoded.counts, decode(frame()).counts)
     assert len(ThermalMaster().decode(2 * kept, {}).values) == 6
 
 
-def test_pictures_are_assembled_from_transfers_and_losses_counted():
+def test_frames_are_assembled_from_transfers_and_losses_counted():
     assembler = Assembler(LENGTH)
     stream = b"\x0c\x0c\x8cnoise" + marked(1, 40) + marked(2, 80, 1) + marked(5, 200, 2)
     found = []
     for start in range(0, len(stream), 16_384):
-        picture = assembler.feed(stream[start : start + 16_384])
-        if picture:
-            found.append((decode(picture).device_seq, assembler.sequence))
+        frame = assembler.feed(stream[start : start + 16_384])
+        if frame:
+            found.append((decode(frame).device_seq, assembler.sequence))
     assert found == [(1, 0), (2, 1), (5, 4)]
 
 

@@ -55,11 +55,11 @@ class P3(Instrument):
     def pending(self, endpoint):
         if not self.streams:
             return b""
-        self.stream = self.stream or self.picture()
+        self.stream = self.stream or self.frame()
         said, self.stream = self.stream[:16_384], self.stream[16_384:]
         return said
 
-    def picture(self):
+    def frame(self):
         self.number += 1 + self.lost
         self.lost = 0
         rows = np.full((386, 256), 0x8020, "<u2")
@@ -121,7 +121,7 @@ def test_unplugged_camera_is_lost(camera):
     device.close()
 
 
-def test_pictures_let_go_by_leave_the_stream_alive(camera):
+def test_frames_let_go_by_leave_the_stream_alive(camera):
     device = opened()
     device.skip_until(HostClock().mono_ns() + 20_000_000)
     assert device.read(1.0) is not None

@@ -18,7 +18,7 @@ WIDTH, HEIGHT = 160, 122
 
 
 class Kernel:
-    """Answers the requests of one streaming camera; pictures lie in a file mapped instead of a node."""
+    """Answers the requests of one streaming camera; frames lie in a file mapped instead of a node."""
 
     def __init__(self, path):
         self.path = path
@@ -118,7 +118,7 @@ def source(kernel):
     source.close()
 
 
-def test_picture_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
+def test_frame_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
     data = os.urandom(2 * WIDTH * HEIGHT)
     kernel.deliver(data, 41)
     kernel.deliver(data[:100], 43, v4l2.STAMP_MONOTONIC | v4l2.FLAG_ERROR)
@@ -130,33 +130,33 @@ def test_picture_comes_with_kernel_stamp_sequence_and_flag(kernel, source):
 
 
 def deliver_now(kernel, *numbers):
-    """Pictures taken just now, 0.1 ms after one another, in the order the kernel has done with them."""
+    """Frames taken just now, 0.1 ms after one another, in the order the kernel has done with them."""
     begun_us = HostClock().mono_ns() // 1000
     for number in numbers:
-        kernel.deliver(b"picture", number, at=divmod(begun_us + 100 * number, 1_000_000))
+        kernel.deliver(b"frame", number, at=divmod(begun_us + 100 * number, 1_000_000))
 
 
-def test_pictures_that_the_kernel_finishes_out_of_order_come_in_the_order_they_were_taken(kernel, source):
+def test_frames_that_the_kernel_finishes_out_of_order_come_in_the_order_they_were_taken(kernel, source):
     deliver_now(kernel, 0, 1, 3, 4, 5, 6, 7, 2, 8)
-    pictures = [source.read(1.0) for _ in range(9)]
-    assert [picture.sequence for picture in pictures] == list(range(9))
-    stamps = [picture.mono_ns for picture in pictures]
+    frames = [source.read(1.0) for _ in range(9)]
+    assert [frame.sequence for frame in frames] == list(range(9))
+    stamps = [frame.mono_ns for frame in frames]
     assert stamps == sorted(stamps)
-    assert not any(picture.error for picture in pictures)
+    assert not any(frame.error for frame in frames)
 
 
-def test_a_picture_that_is_lost_holds_the_next_ones_up_for_a_moment_only(kernel, source, monkeypatch):
+def test_a_frame_that_is_lost_holds_the_next_ones_up_for_a_moment_only(kernel, source, monkeypatch):
     monkeypatch.setattr(v4l2, "OVERTAKEN_NS", 50_000_000)
     deliver_now(kernel, 0, 2, 3)
     assert [source.read(1.0).sequence for _ in range(3)] == [0, 2, 3]
 
 
-def test_a_picture_that_comes_far_too_late_is_an_error_and_none_after_it_is(kernel, source):
+def test_a_frame_that_comes_far_too_late_is_an_error_and_none_after_it_is(kernel, source):
     monotonic_s = HostClock().mono_ns() // 1_000_000_000
     for number, ago_s in ((0, 5), (2, 3), (1, 4), (3, 2)):
-        kernel.deliver(b"picture", number, at=(monotonic_s - ago_s, 0))
+        kernel.deliver(b"frame", number, at=(monotonic_s - ago_s, 0))
     found = [source.read(1.0) for _ in range(4)]
-    assert [(picture.sequence, picture.error) for picture in found] == [
+    assert [(frame.sequence, frame.error) for frame in found] == [
         (0, False),
         (2, False),
         (1, True),
@@ -166,9 +166,9 @@ def test_a_picture_that_comes_far_too_late_is_an_error_and_none_after_it_is(kern
 
 def test_numbers_that_begin_anew_are_taken_as_they_come(kernel, source):
     for number, ago_s in ((70, 5), (71, 4), (0, 3), (1, 2)):
-        kernel.deliver(b"picture", number, at=(HostClock().mono_ns() // 1_000_000_000 - ago_s, 0))
+        kernel.deliver(b"frame", number, at=(HostClock().mono_ns() // 1_000_000_000 - ago_s, 0))
     found = [source.read(1.0) for _ in range(4)]
-    assert [(picture.sequence, picture.error) for picture in found] == [
+    assert [(frame.sequence, frame.error) for frame in found] == [
         (70, False),
         (71, False),
         (0, False),
@@ -188,7 +188,7 @@ def test_what_arrived_before_the_camera_was_unplugged_is_not_lost_with_it(kernel
 
 def test_stamp_of_another_clock_is_not_trusted(kernel, source):
     before = HostClock().mono_ns()
-    kernel.deliver(b"picture", 1, flags=0)
+    kernel.deliver(b"frame", 1, flags=0)
     assert source.read(1.0).mono_ns >= before
 
 
@@ -198,9 +198,9 @@ def test_first_wanted_size_that_is_offered_is_taken(kernel):
     assert opened(kernel).size == (160, 120)
 
 
-def test_camera_without_the_wanted_picture_says_what_it_has(kernel):
+def test_camera_without_the_wanted_frame_says_what_it_has(kernel):
     kernel.sizes = [(640, 480)]
-    with pytest.raises(DeviceNotFoundError, match="no Y16 picture of 160x122, 160x120; it has 640x480"):
+    with pytest.raises(DeviceNotFoundError, match="no Y16 frame of 160x122, 160x120; it has 640x480"):
         opened(kernel)
 
 
@@ -243,9 +243,9 @@ def test_unplugged_camera_is_lost_and_closes_quietly(kernel, source):
     source.close()
 
 
-def test_skipped_pictures_go_back_to_the_kernel(kernel, source):
+def test_skipped_frames_go_back_to_the_kernel(kernel, source):
     for number in range(5):
-        kernel.deliver(b"picture", number)
+        kernel.deliver(b"frame", number)
     source.skip_until(HostClock().mono_ns() + 20_000_000)
     assert source.read(0.0) is None
     assert len(kernel.free) == v4l2.BUFFERS

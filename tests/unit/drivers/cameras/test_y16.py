@@ -35,7 +35,7 @@ def test_it_must_be_told_which_camera():
         Y16().open(DeviceSettings("ir", "y16"), HostClock())
 
 
-def test_recorded_picture_of_unknown_scale_stays_counts():
+def test_recorded_frame_of_unknown_scale_stays_counts():
     cv2 = pytest.importorskip("cv2")
     image = cv2.imread(str(shared("data/frames/flir_file/example_radiometric.tiff")), cv2.IMREAD_UNCHANGED)
     decoded = Y16().decode(image.astype("<u2").tobytes(), {"width": 640, "height": 512})
@@ -61,6 +61,6 @@ def test_bytes_of_no_usual_size_are_not_cut_into_one():
     assert "-o width" in part.reason
     told = Y16().decode(data + b"\0", {"width": 208, "height": 156})
     assert (told.values[1].value, told.rest) == (29515.0, 1)
-    assert told.notes == ("picture of 208x156", "a picture of this family has 64896 bytes")
+    assert told.notes == ("frame of 208x156", "a frame of this family has 64896 bytes")
     with pytest.raises(ConfigError, match="width = 'wide' is not a number"):
         Y16().decode(data, {"width": "wide", "height": 156})

@@ -64,7 +64,7 @@ def opened(**given):
 def test_bridge_is_found_by_its_identity(bridge):
     (found,) = Ut325().find()
     assert (found.identity, found.port) == ("1a86:e008", "usb:1-2")
-    assert found.doubt
+    assert found.caveat
 
 
 def test_readings_come_through_the_bridge(bridge):

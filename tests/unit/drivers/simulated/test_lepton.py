@@ -43,14 +43,14 @@ def camera_of(scene, clock):
 
 
 def read_until(camera, clock, after_s, scene):
-    """Pictures until so many seconds after the scene's start."""
+    """Frames until so many seconds after the scene's start."""
     end_ns = clock.to_mono_ns(scene.start_ns) + round(after_s * SECOND_NS)
     while clock.mono_ns() < end_ns:
         if (frame := camera.read(0.5)) is not None:
             yield frame
 
 
-# --- pictures
+# --- frames
 
 
 def test_regions_show_the_brightness_of_their_beds(camera, scene):
@@ -70,7 +70,7 @@ def test_driver_learns_scale_and_identity_from_the_board(camera):
     assert info.settings["gain"] == "high"
 
 
-def test_pictures_come_at_the_rate_of_the_sensor_each_different(camera):
+def test_frames_come_at_the_rate_of_the_sensor_each_different(camera):
     frames = [camera.read(1.0) for _ in range(30)]
     assert set(np.diff([frame.mono_ns for frame in frames])) == {PERIOD_NS}
     assert all(frame.quality == Quality.GOOD for frame in frames)
@@ -93,7 +93,7 @@ def test_nothing_within_the_timeout_is_none(source):
     assert source.read(1.0) is not None
 
 
-def test_slow_reader_loses_pictures_and_is_told(camera, clock):
+def test_slow_reader_loses_frames_and_is_told(camera, clock):
     camera.read(1.0)
     clock.sleep(2.0)
     frame = camera.read(1.0)
@@ -101,7 +101,7 @@ def test_slow_reader_loses_pictures_and_is_told(camera, clock):
     assert clock.mono_ns() - frame.mono_ns < SECOND_NS, "only what the kernel's buffers hold is old"
 
 
-def test_skipped_pictures_are_not_lost_ones(camera, clock):
+def test_skipped_frames_are_not_lost_ones(camera, clock):
     camera.read(1.0)
     until_ns = clock.mono_ns() + 60 * SECOND_NS
     camera.skip_until(until_ns)
@@ -124,7 +124,7 @@ def test_same_scene_gives_the_same_bytes(scene):
 # --- shutter
 
 
-def test_correction_freezes_the_picture_and_is_told_for_ten_seconds(camera, clock):
+def test_correction_freezes_the_frame_and_is_told_for_ten_seconds(camera, clock):
     camera.read(1.0)
     assert camera.run_shutter()
     began_ns = clock.mono_ns()
@@ -157,7 +157,7 @@ def test_camera_corrects_itself_every_three_minutes_unless_told_not_to(source, c
     assert len({corrected_ms(30) for _ in range(10)}) == 1
 
 
-def test_correction_changes_the_level_of_the_whole_picture(source, clock, scene):
+def test_correction_changes_the_level_of_the_whole_frame(source, clock, scene):
     def level():
         kelvin = decode(source.read(1.0).data).counts.astype(float) / 100
         seen_ns = clock.to_utc_ns(clock.mono_ns())
@@ -230,7 +230,7 @@ def test_pulled_cable_is_a_lost_device_until_it_is_back():
         assert registry.open_device(settings, clock).read(1.0) is not None
 
 
-def test_frozen_camera_sends_one_picture_again_and_again():
+def test_frozen_camera_sends_one_frame_again_and_again():
     scene = sand_slopes(duration_s=60.0, faults=(Fault(FaultKind.FROZEN, 10.0, 20.0),))
     with SimulatedClock(scene.start_ns) as clock:
         camera = camera_of(scene, clock)
