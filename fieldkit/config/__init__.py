@@ -1,7 +1,7 @@
-"""The configuration of a campaign: ``fieldkit.toml``, strict, with every mistake told at once.
+"""The configuration of a campaign, ``fieldkit.toml``: strict, with all mistakes reported at once.
 
-`load_config` gives a `Config`, whose accessors speak the language of the other rooms (`Site`,
-`Region`, `DeviceSettings`, `EstimatorSettings`). Keys carry their unit in their name.
+`load_config` returns a `Config`, whose properties are the objects that other rooms use (`Site`, `Region`,
+`DeviceSettings`, `EstimatorSettings`). Keys carry their unit in their name.
 """
 
 from fieldkit.config.config import Config

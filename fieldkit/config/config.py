@@ -1,4 +1,4 @@
-"""A checked configuration, in the words of the other rooms."""
+"""A checked configuration, as the objects that other rooms use."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Config:
         return calibration_folder(self.path)
 
     def calibrations(self) -> dict[str, CalibrationRecord]:
-        """The records in force, by the key that names them."""
+        """The active records, by the key that refers to them."""
         return {key: from_document(record, key) for key, record in self.tables.calibration.items()}
 
     @property
@@ -78,17 +78,17 @@ class Config:
 
     @property
     def record(self) -> RecordTable:
-        """What is kept of the camera's pictures."""
+        """Which frames of the camera are kept."""
         return self.tables.record
 
     @property
     def alarms(self) -> AlarmsTable:
-        """When to raise the alarm."""
+        """Limits for alarms."""
         return self.tables.alarms
 
     @property
     def simulation(self) -> SimulationTable | None:
-        """The simulated field, or None."""
+        """The simulated field, if any."""
         return self.tables.simulation
 
     @property
@@ -107,14 +107,14 @@ class Config:
         return tuple(_device(name, table) for name, table in self._device_tables())
 
     def irradiance_model(self) -> IrradianceModel:
-        """How direct sunlight is worked out from the light meter."""
+        """How direct irradiance is derived from the light meter."""
         from fieldkit.physics.irradiance import IrradianceModel
 
         values = self.tables.irradiance.model_dump(exclude={"measures", "stream", "factor_sd"})
         return IrradianceModel(kind=values.pop("model"), factor=values.pop("factor") or NAN, **values)
 
     def surface_parameters(self) -> SurfaceParameters:
-        """The energy balance's parameters of the beds and the air over them."""
+        """Parameters of the energy balance: the beds and the air above them."""
         from fieldkit.physics.energy_balance import SurfaceParameters
 
         surface, air = self.tables.surface, self.tables.air
@@ -159,7 +159,7 @@ class Config:
         return table.factor_sd / table.factor if table.model == "calibrated" and table.factor else 0.0
 
     def to_toml(self) -> str:
-        """Every value in force as TOML, without comments: what a session keeps of its configuration."""
+        """All active values as TOML without comments, as a session stores them."""
         return tomlkit.dumps(self.tables.model_dump(by_alias=True, exclude_none=True))
 
     def _device_tables(self) -> Iterator[tuple[str, DeviceTable]]:

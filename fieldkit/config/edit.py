@@ -22,19 +22,19 @@ from fieldkit.model.errors import ConfigError, StorageError
 
 
 def add_region(file: Path, region: Mapping[str, Any]) -> None:
-    """Append a ``[[region]]``; raises `ConfigMistakesError` if the new one makes a mistake."""
+    """Append a ``[[region]]``; raises `ConfigMistakesError` if it is invalid."""
     with one_at_a_time(file.resolve().parent):
         before = _read(file)
         index = len(_names(file, before))
         keys = [assignment(key, value) for key, value in region.items()]
         text = "\n".join([before.rstrip("\r\n"), "", "[[region]]", *keys, ""])
-        _write_sound(file, text, index, f"the new region {region['name']!r}")
+        _write_checked(file, text, index, f"the new region {region['name']!r}")
 
 
 def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
-    """Give keys of the region called `name` other values.
+    """Change keys of the region `name`.
 
-    Raises `ConfigError` if there is none, `ConfigMistakesError` if it would be wrong then.
+    Raises `ConfigError` if there is none, `ConfigMistakesError` if the result is invalid.
     """
     with one_at_a_time(file.resolve().parent):
         text = _read(file)
@@ -42,11 +42,11 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
         before, region, after = _cut(text, index)
         document = tomlkit.parse(region)
         document["region"][0].update(changes)
-        _write_sound(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
+        _write_checked(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 
 
 def remove_region(file: Path, name: str) -> None:
-    """Take out the region called `name`; raises `ConfigError` if there is none."""
+    """Remove the region `name`; raises `ConfigError` if there is none."""
     with one_at_a_time(file.resolve().parent):
         text = _read(file)
         before, _, after = _cut(text, _find(file, text, name))
@@ -56,31 +56,31 @@ def remove_region(file: Path, name: str) -> None:
 def _find(file: Path, text: str, name: str) -> int:
     names = _names(file, text)
     if name not in names:
-        there = f"there are {', '.join(map(str, names))}" if names else "there is none"
-        raise ConfigError(f"no region is called {name!r}", fix=there)
+        known = f"the regions are {', '.join(map(str, names))}" if names else "add it with: fieldkit roi add"
+        raise ConfigError(f"there is no region {name!r}", fix=known)
     return names.index(name)
 
 
 def _names(file: Path, text: str) -> list[Any]:
-    """Of every ``[[region]]``; raises `ConfigError` where regions are written in another way."""
+    """The name of every ``[[region]]``; raises `ConfigError` if the regions are written inline."""
     values = tomllib.loads(text)
     if "region" in values and ("region", 0) not in key_lines(text):
         raise ConfigError(
-            f"{file} has its regions inline, as region = ...: these can only be changed by hand",
-            fix=f"edit {file}: write each as a [[region]] of its own, and take out region = ...",
+            f"{file} defines its regions inline (region = ...), which can only be edited by hand",
+            fix=f"edit {file}: write each region as its own [[region]] and remove region = ...",
         )
     return [region.get("name") for region in values.get("region", [])]
 
 
 def _cut(text: str, index: int) -> tuple[str, str, str]:
-    """What stands before region number `index`, from its header to its last key, and after it.
+    """The text before region number `index`, the region from header to last key, and the text after it.
 
-    Comments below its last key stay outside: they mostly speak of the next table.
+    Comments below its last key are not part of it: they usually belong to the next table.
     """
     own = [line for path, line in key_lines(text).items() if path[:2] == ("region", index)]
     lines = toml_lines(text)
     first, end = min(own) - 1, max(own)
-    while not _is_toml("".join(lines[max(own) - 1 : end])):  # its last value goes over several lines
+    while not _is_toml("".join(lines[max(own) - 1 : end])):  # its last value spans several lines
         end += 1
     return "".join(lines[:first]), "".join(lines[first:end]), "".join(lines[end:])
 
@@ -93,22 +93,22 @@ def _is_toml(text: str) -> bool:
     return True
 
 
-def _write_sound(file: Path, text: str, index: int, where: str) -> None:
+def _write_checked(file: Path, text: str, index: int, where: str) -> None:
     """Write, unless region number `index` has a mistake in it."""
-    found = [said for _, said in mistakes_in(text, file) if said.path[:2] == ("region", index)]
+    found = [mistake for _, mistake in mistakes_in(text, file) if mistake.path[:2] == ("region", index)]
     if found:
-        raise ConfigMistakesError([(where, said) for said in found], fix="nothing was changed")
+        raise ConfigMistakesError([(where, mistake) for mistake in found], fix="nothing was changed")
     _write(file, text)
 
 
 def _read(file: Path) -> str:
     text = read_text(file, newline="")
-    mistakes_in(text, file)  # raises where the text is no TOML
+    mistakes_in(text, file)  # raises if the text is not TOML
     return text
 
 
 def _write(file: Path, text: str) -> None:
-    """Replace the file as a whole, so that a power cut leaves the old or the new one."""
+    """Replace the file atomically: after a power cut it is either the old or the new one."""
     file = file.resolve()  # a link stays a link
     draft: Path | None = None
     try:

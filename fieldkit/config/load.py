@@ -40,7 +40,7 @@ ENVIRONMENT = "FIELDKIT_"
 
 
 def user_file() -> Path:
-    """The user's own configuration, which stands behind every campaign's."""
+    """The user's own configuration, which every campaign's overrides."""
     return platformdirs.user_config_path("fieldkit") / "config.toml"
 
 
@@ -54,7 +54,7 @@ def find_campaign(start: Path) -> Path:
             return folder / FILE_NAME
     raise ConfigError(
         f"no {FILE_NAME} in {start.resolve()} or above it",
-        fix="go into a campaign folder, name it with -C DIR, or make one: fieldkit init DIR",
+        fix="change to a campaign folder, name it with -C DIR, or create one: fieldkit init DIR",
     )
 
 
@@ -66,15 +66,15 @@ def load_config(
     `settings` are ``KEY=VALUE`` of the command line, values written as in TOML (text may go without
     quotes). Raises `ConfigMistakesError` with every mistake, `ConfigError` if a file cannot be read.
     """
-    return _sound(*read_config(path, settings=settings, environment=environment), fix=f"edit {path}")
+    return _checked(*read_config(path, settings=settings, environment=environment), fix=f"edit {path}")
 
 
 def read_config(
     path: Path, *, settings: Sequence[str] = (), environment: Mapping[str, str] = os.environ
 ) -> tuple[Config | None, list[tuple[str, Mistake]]]:
-    """The configuration and its mistakes, each with its place, for those who report rather than refuse.
+    """The configuration and its mistakes, each with its place, for callers that report instead of raising.
 
-    None if a key by itself is wrong; mistakes between keys leave a configuration to look at.
+    The configuration is None if a single key is wrong; with mistakes between keys it is still returned.
     """
     document = _Document()
     for file in (user_file(), path):
@@ -88,31 +88,30 @@ def read_config(
 def config_from_text(text: str, path: Path, *, settings: Sequence[str] = ()) -> Config:
     """The configuration a session keeps of itself, with ``KEY=VALUE`` of the command line over it.
 
-    Neither environment nor user configuration count: a session means what it meant. Keys that this
-    version does not know are passed over with a warning, because an old session must stay readable.
-    Raises as `load_config`.
+    Environment and user configuration are ignored, so that a session keeps its meaning. Unknown keys are
+    skipped with a warning, because old sessions must stay readable. Raises as `load_config`.
     """
     document = _Document()
     document.add(text, path)
     for key in document.drop_unknown():
-        log.warning("%s: the configuration's %s is not known to this version and is left out", path.name, key)
+        log.warning("%s: the configuration's %s is unknown to this version and ignored", path.name, key)
     for origin, keys, value in _from_settings(settings):
         document.put(origin, keys, value)
-    return _sound(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
+    return _checked(*document.check(path), fix=f"correct the settings given with --set for {path.name}")
 
 
 def changed_config(config: Config, settings: Sequence[str]) -> Config:
-    """A configuration with ``KEY=VALUE`` over it, for those who try many; raises as `load_config`."""
+    """A configuration with ``KEY=VALUE`` over it, as a sweep needs many; raises as `load_config`."""
     document = _Document(config.tables.model_dump(by_alias=True, exclude_none=True))
     for origin, keys, value in _from_settings(settings):
         document.put(origin, keys, value)
-    return _sound(
+    return _checked(
         *document.check(config.path), fix=f"correct the settings given with --set for {config.path.name}"
     )
 
 
 def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
-    """What would be wrong with a ``fieldkit.toml`` of this text, each with its place.
+    """The mistakes of a ``fieldkit.toml`` with this text, each with its place.
 
     Raises `ConfigError` if the text is not TOML.
     """
@@ -121,14 +120,14 @@ def mistakes_in(text: str, path: Path) -> list[tuple[str, Mistake]]:
     return document.check(path)[1]
 
 
-def _sound(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
+def _checked(config: Config | None, mistakes: list[tuple[str, Mistake]], fix: str) -> Config:
     if config is None or mistakes:
         raise ConfigMistakesError(mistakes, fix=_correct([where for where, _ in mistakes]) or fix)
     return config
 
 
 def _correct(origins: Sequence[str]) -> str | None:
-    """What to correct if every mistake was made outside the files."""
+    """The fix if all mistakes come from the command line or the environment."""
     if all(origin.startswith(SET) for origin in origins):
         return "correct --set on the command line"
     if all(origin.startswith(ENVIRONMENT) for origin in origins):
@@ -141,7 +140,7 @@ class _Document:
     """The merged plain document, and where each of its keys came from."""
 
     values: dict[str, Any] = field(default_factory=dict)
-    origins: dict[toml_lines.Path, str] = field(default_factory=dict)
+    origins: dict[toml_lines.KeyPath, str] = field(default_factory=dict)
 
     def add(self, text: str, file: Path) -> None:
         try:
@@ -161,7 +160,7 @@ class _Document:
         self.origins[tuple(keys)] = origin
 
     def drop_unknown(self) -> Iterator[str]:
-        """Remove keys that no table has; their names."""
+        """Remove unknown keys; yields their names."""
         try:
             Tables.model_validate(self.values)
         except ValidationError as error:
@@ -176,22 +175,22 @@ class _Document:
     ) -> tuple[Config | None, list[tuple[str, Mistake]]]:
         """The configuration, if there can be one, and every mistake with its place, in file order.
 
-        `more` are checks that only some configurations must pass.
+        `more` are additional checks for configurations of campaigns.
         """
         values, mistakes = resolve(self.values, path)
-        tables, told = None, {mistake.path for mistake in mistakes}
+        tables, reported = None, {mistake.path for mistake in mistakes}
         try:
             tables = Tables.model_validate(values)
         except ValidationError as error:
-            mistakes += [mistake for mistake in explain(error, values) if mistake.path not in told]
-        told = {mistake.path for mistake in mistakes}
+            mistakes += [mistake for mistake in explain(error, values) if mistake.path not in reported]
+        reported = {mistake.path for mistake in mistakes}
         between = [*cross_check(values), *(mistake for check in more for mistake in check(values))]
-        mistakes += [mistake for mistake in between if mistake.path not in told]
+        mistakes += [mistake for mistake in between if mistake.path not in reported]
         located = [(self._origin(mistake.path) or path.name, mistake) for mistake in mistakes]
         return (Config(path, tables) if tables else None), sorted(located, key=_by_line)
 
-    def _origin(self, path: toml_lines.Path) -> str | None:
-        """Where the key, or the nearest table around it, was written."""
+    def _origin(self, path: toml_lines.KeyPath) -> str | None:
+        """Where the key, or the closest table around it, was written."""
         while path and path not in self.origins:
             path = path[:-1]
         return self.origins.get(path)
@@ -203,7 +202,7 @@ def _by_line(located: tuple[str, Mistake]) -> tuple[str, int]:
 
 
 def read_text(file: Path, *, newline: str | None = None) -> str:
-    """What stands in a file, with or without a byte order mark; `newline` as for `open`.
+    """The text of a file, without its byte order mark; `newline` as for `open`.
 
     Raises `ConfigError` if it cannot be read.
     """
@@ -217,7 +216,7 @@ def read_text(file: Path, *, newline: str | None = None) -> str:
 
 
 def _merge(below: dict[str, Any], above: Mapping[str, Any]) -> None:
-    """Lay `above` over `below`: tables key by key, anything else as a whole."""
+    """Merge `above` into `below`: tables key by key, any other value as a whole."""
     for key, value in above.items():
         if isinstance(value, dict) and isinstance(below.get(key), dict):
             _merge(below[key], value)

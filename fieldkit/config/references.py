@@ -1,19 +1,19 @@
-"""Values that a calibration gives: ``surface.emissivity = "@dry-silica-sand"``.
+"""References to calibration records: ``surface.emissivity = "@dry-silica-sand"``.
 
-A reference is looked up in the campaign's ``calibration/`` folder and replaced by the record's value; what
-is only known so well brings its uncertainty along. The record itself goes under ``[calibration]`` of the
-configuration, so a session keeps both value and origin, and means the same without the folder.
+A reference is looked up in the campaign's ``calibration/`` folder and replaced by the record's value and
+standard uncertainty. The record itself is kept under ``[calibration]`` of the configuration, so that a
+session holds both value and origin and does not depend on the folder.
 """
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from fieldkit.calibration.calibration_record import FOLDER, CalibrationRecord, as_document, find
-from fieldkit.config.toml_lines import Path
+from fieldkit.config.toml_lines import KeyPath
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
 
@@ -24,10 +24,10 @@ class _Key(NamedTuple):
     """A key that takes references: the kind of record, and the key that gets its uncertainty."""
 
     kind: str
-    uncertainty: Path
+    uncertainty: KeyPath
 
 
-KEYS: Mapping[Path, _Key] = {
+KEYS: Mapping[KeyPath, _Key] = {
     ("surface", "emissivity"): _Key("emissivity", ("surface", "emissivity_sd")),
     ("irradiance", "factor"): _Key("irradiance", ("irradiance", "factor_sd")),
     ("estimator", "scale"): _Key("surface", ("estimator", "scale_sd")),
@@ -38,11 +38,11 @@ REGION_KEYS: Mapping[str, _Key] = {
 }
 
 
-TYPED = 'unknown key; fieldkit keeps records here, you name one: surface.emissivity = "@dry-silica-sand"'
+TYPED = 'unknown key; fieldkit stores records here, refer to one: surface.emissivity = "@dry-silica-sand"'
 
 
-def resolve(document: Mapping[str, Any], path: FilePath) -> tuple[dict[str, Any], list[Mistake]]:
-    """The document with every reference replaced, and what is wrong with those that could not be.
+def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], list[Mistake]]:
+    """The document with every reference replaced, and the mistakes of those that cannot be.
 
     `path` is the ``fieldkit.toml`` or the session that the document belongs to.
     """
@@ -68,7 +68,7 @@ def resolve(document: Mapping[str, Any], path: FilePath) -> tuple[dict[str, Any]
     return values, mistakes
 
 
-def calibration_folder(path: FilePath) -> FilePath:
+def calibration_folder(path: Path) -> Path:
     """The ``calibration/`` folder of the campaign that a configuration or a session belongs to."""
     above = path.resolve().parents
     campaigns = (
@@ -83,11 +83,13 @@ def _value(record: CalibrationRecord, key: _Key, region: str) -> tuple[float, fl
     if key.kind != "uniformity":
         return float(record.value), record.standard_uncertainty
     if region not in record.values:
-        raise ConfigError(f"@{record.name} knows no region {region!r}; it has {', '.join(record.values)}")
+        raise ConfigError(
+            f"@{record.name} has no value for region {region!r}; it has {', '.join(record.values)}"
+        )
     return float(record.values[region]), record.standard_uncertainty
 
 
-def _places(values: Mapping[str, Any]) -> Iterator[tuple[Path, _Key, str]]:
+def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key, str]]:
     """Every key that takes a reference, with the name of its region."""
     yield from ((place, key, "") for place, key in KEYS.items())
     regions = values.get("region")
@@ -101,16 +103,16 @@ def _places(values: Mapping[str, Any]) -> Iterator[tuple[Path, _Key, str]]:
 
 
 def _typed(carried: Any) -> list[str]:
-    """Entries of ``[calibration]`` that no fieldkit has put there."""
+    """Entries of ``[calibration]`` that fieldkit did not write."""
     if not isinstance(carried, dict):
         return [""]
     return [name for name, record in carried.items() if not isinstance(record, dict) or "kind" not in record]
 
 
 def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
-    """Records that the document carries already, without those whose value was replaced since.
+    """Records already in the document, except those whose value has been overridden.
 
-    The uncertainty of a record that is not kept is taken out of `values` too.
+    The uncertainty of a record that is not kept is removed from `values` too.
     """
     by_name = {_name(values, place): (place, key, region) for place, key, region in _places(values)}
     known = {name: (record, *by_name[name]) for name, record in carried.items() if name in by_name}
@@ -126,14 +128,14 @@ def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str,
     return kept
 
 
-def _name(values: Mapping[str, Any], place: Path) -> str:
-    """A key as one would say it, regions by name: ``surface.emissivity``, ``b15.offset_k``."""
+def _name(values: Mapping[str, Any], place: KeyPath) -> str:
+    """A qualified key with regions by name: ``surface.emissivity``, ``b15.offset_k``."""
     if place[0] == "region":
         return f"{_get(values, (*place[:2], 'name'))}.{place[2]}"
     return ".".join(map(str, place))
 
 
-def _get(values: Any, place: Path) -> Any:
+def _get(values: Any, place: KeyPath) -> Any:
     for part in place:
         if isinstance(part, int):
             values = values[part]
@@ -144,14 +146,14 @@ def _get(values: Any, place: Path) -> Any:
     return values
 
 
-def _forget(values: dict[str, Any], place: Path, value: Any) -> None:
-    """Take a key out if it has this value."""
+def _forget(values: dict[str, Any], place: KeyPath, value: Any) -> None:
+    """Remove a key if it has this value."""
     table = _get(values, place[:-1])
     if isinstance(table, dict) and value is not None and table.get(place[-1]) == value:
         del table[place[-1]]
 
 
-def _put(values: dict[str, Any], place: Path, value: float) -> None:
+def _put(values: dict[str, Any], place: KeyPath, value: float) -> None:
     table: Any = values
     for part in place[:-1]:
         table = table[part] if isinstance(part, int) else table.setdefault(part, {})

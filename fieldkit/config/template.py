@@ -1,7 +1,7 @@
-"""The commented ``fieldkit.toml`` that ``fieldkit init`` writes: every key, its default, what it is.
+"""The commented ``fieldkit.toml`` that ``fieldkit init`` writes: every key with its default and description.
 
-What is given stands in the file as it is; every other key stands commented with its default,
-or with an example where there is none. Removing the ``#`` of a line gives a valid file.
+Given values are written as they are; every other key is commented out with its default, or with an example
+if it has none. Removing the ``#`` of a line gives a valid file.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ SIMULATED: Mapping[str, Any] = {
 
 
 def campaign_toml(given: Mapping[str, Any]) -> str:
-    """The text of a ``fieldkit.toml`` with `given` in force and every other key commented."""
+    """The text of a ``fieldkit.toml`` with the values `given` and every other key commented out."""
     parts = [HEADING + "schema = 1"]
     for name in json_schema()["properties"]:
         if name != "schema":
@@ -98,7 +98,7 @@ def _tables(name: str, given: Any) -> Iterator[list[str]]:
 
 
 def _table(header: str, path: tuple[str | int, ...], given: Mapping[str, Any] | None) -> list[str]:
-    """A table's lines; with nothing given the header is commented too."""
+    """A table's lines; if nothing is given the header is commented out too."""
     node = node_at(path) or {}
     about = f"# {node['description']}"
     lines = [about, header if given is not None else f"#{header}"]

@@ -1,7 +1,6 @@
-"""On which line of a TOML text each key stands; tomllib itself does not tell.
+"""The line number of each key in a TOML text, which tomllib does not report.
 
-Statements are found by handing the text to tomllib piece by piece: a statement begins on a
-line of its own and ends where the piece first parses.
+The text is parsed statement by statement: a statement begins on its own line and ends where it first parses.
 """
 
 from __future__ import annotations
@@ -11,18 +10,18 @@ import tomllib
 from collections.abc import Iterator
 from typing import Any
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Where a value stands in a document: keys, and indices of arrays of tables."""
 
 
-def key_lines(text: str) -> dict[Path, int]:
+def key_lines(text: str) -> dict[KeyPath, int]:
     """Line number, from 1, of every key and table of a valid TOML document.
 
-    Values inside an array have no line of their own: ask for the key that holds them.
+    Values inside an array have no entry: look up the key that holds them.
     """
-    lines: dict[Path, int] = {}
-    counts: dict[Path, int] = {}
-    table: Path = ()
+    lines: dict[KeyPath, int] = {}
+    counts: dict[KeyPath, int] = {}
+    table: KeyPath = ()
     for number, statement in _statements(text):
         if statement.lstrip().startswith("["):
             table = _open_table(statement, counts)
@@ -34,9 +33,9 @@ def key_lines(text: str) -> dict[Path, int]:
 
 
 def toml_lines(text: str) -> list[str]:
-    """The lines of a TOML text, with their ends: only those of Windows and Unix end one.
+    """The lines of a TOML text with their line ends, which are LF or CRLF only.
 
-    `str.splitlines` also ends a line at U+2028 and its like, which may stand in comments and strings.
+    `str.splitlines` would also split at U+2028 and the like, which comments and strings may contain.
     """
     return list(io.StringIO(text, newline=""))
 
@@ -57,9 +56,9 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
         piece = ""
 
 
-def _open_table(header: str, counts: dict[Path, int]) -> Path:
-    """The path a header opens; elements of ``[[name]]`` are counted, and ``[name.x]`` means the last one."""
-    path: Path = ()
+def _open_table(header: str, counts: dict[KeyPath, int]) -> KeyPath:
+    """The path a header opens; elements of ``[[name]]`` are counted, ``[name.x]`` belongs to the last."""
+    path: KeyPath = ()
     value: Any = tomllib.loads(header)
     while isinstance(value, dict) and value:
         key, value = next(iter(value.items()))
@@ -71,7 +70,7 @@ def _open_table(header: str, counts: dict[Path, int]) -> Path:
     return path
 
 
-def _note(value: Any, path: Path, number: int, lines: dict[Path, int]) -> None:
+def _note(value: Any, path: KeyPath, number: int, lines: dict[KeyPath, int]) -> None:
     if isinstance(value, dict):
         for key, item in value.items():
             lines.setdefault((*path, key), number)

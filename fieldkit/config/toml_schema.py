@@ -1,7 +1,7 @@
 """The schema of ``fieldkit.toml``: one strict pydantic model per table, and what each key accepts in words.
 
-A field's description is what the commented template, the reference page and the error
-messages say about it. Physics defaults are the paper's Tables 1 and 3.
+The description of a field appears in the commented template, on the reference page and in error messages.
+Defaults of physical parameters are those of the paper's Tables 1 and 3.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
 
-from fieldkit.config.toml_lines import Path
+from fieldkit.config.toml_lines import KeyPath
 from fieldkit.model.radiation import Component
 
 Degrees = Annotated[float, Field(ge=0, le=360)]
@@ -32,17 +32,17 @@ class Table(BaseModel):
 
 
 class CampaignTable(Table):
-    """What is written into every session about the campaign."""
+    """Facts about the campaign that every session stores."""
 
-    title: str = Field(default="", description="what this campaign is about")
-    operator: str = Field(default="", description="who records")
-    description: str = Field(default="", description="anything a later reader should know")
+    title: str = Field(default="", description="subject of this campaign")
+    operator: str = Field(default="", description="name of the operator")
+    description: str = Field(default="", description="notes for later readers")
     license: str = Field(default="", description="licence of the data, such as CC-BY-4.0")
     references: str = Field(default="", description="papers or pages to cite")
 
 
 class SiteTable(Table):
-    """Where the beds stand; the sun is computed from it."""
+    """Location of the beds, from which the sun is computed."""
 
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
@@ -51,42 +51,42 @@ class SiteTable(Table):
 
 
 class DeviceTable(Table):
-    """One instrument: which driver, and which of the things plugged in."""
+    """One instrument: its driver and its port or identity."""
 
     driver: str = Field(
         examples=["purethermal"],
         min_length=1,
         description="name of the driver, as `fieldkit devices` prints it",
     )
-    port: str = Field(default="", description="where it is plugged in, such as /dev/ttyUSB0, or simulated")
-    identity: str = Field(default="", description="which one it is: vendor:product[:serial] or a USB path")
-    options: dict[str, Any] = Field(default={}, description="what only this driver understands")
+    port: str = Field(default="", description="its port, such as /dev/ttyUSB0, or simulated")
+    identity: str = Field(default="", description="vendor:product[:serial] or a USB path")
+    options: dict[str, Any] = Field(default={}, description="options of this driver")
 
 
 class CameraTable(DeviceTable):
     """The thermal camera."""
 
     width_px: int | None = Field(
-        examples=[160], default=None, gt=0, description="columns of the picture, to check regions against"
+        examples=[160], default=None, gt=0, description="frame width, to check regions against"
     )
     height_px: int | None = Field(
-        examples=[120], default=None, gt=0, description="rows of the picture, to check regions against"
+        examples=[120], default=None, gt=0, description="frame height, to check regions against"
     )
 
 
 class MeterTable(DeviceTable):
-    """A meter that is asked for a value at an interval, or talks at its own."""
+    """A meter that is polled at an interval, or sends at its own."""
 
-    every_s: float = Field(
-        default=1.0, gt=0, le=3600, description="seconds between two questions to the meter"
-    )
+    every_s: float = Field(default=1.0, gt=0, le=3600, description="seconds between two polls of the meter")
 
 
 class LuxTable(MeterTable):
     """The illuminometer."""
 
     range_max_lx: Positive | None = Field(
-        examples=[100000.0], default=None, description="end of the meter's range; readings there are flagged"
+        examples=[100000.0],
+        default=None,
+        description="upper end of the meter's range; readings there are flagged",
     )
 
 
@@ -98,7 +98,7 @@ class IrradianceTable(Table):
         description='by stream in W/m2: what it measures, such as {sun = "ghi"}; gti: on the plane below',
     )
     stream: str = Field(
-        default="", description="the stream to take the light from; without it: dni, ghi, gti, lux"
+        default="", description="stream of the light meter; default: the first of dni, ghi, gti, lux"
     )
     model: Literal["eq10", "efficacy", "perez", "calibrated", "pyrheliometer", "file"] = Field(
         default="eq10", description="lux to W/m2; eq10 is the paper's eq. (10), divided by par_fraction"
@@ -129,10 +129,10 @@ class IrradianceTable(Table):
     )
     diffuse: Literal["none", "fraction", "erbs"] = Field(
         default="fraction",
-        description="how the light of the sky is taken out of the reading; none: a baffled tube",
+        description="how diffuse light is subtracted from the reading; none: a baffled tube",
     )
     diffuse_fraction: float = Field(
-        default=0.15, ge=0, lt=1, description="share of the sky in the reading, for diffuse = fraction"
+        default=0.15, ge=0, lt=1, description="diffuse share of the reading, for diffuse = fraction"
     )
 
 
@@ -149,18 +149,18 @@ class SurfaceTable(Table):
     emissivity_broadband: Annotated[float, Field(gt=0, le=1)] | None = Field(
         default=None,
         examples=[0.90],
-        description="of the energy balance, all wavelengths; without it: as emissivity",
+        description="for the energy balance, all wavelengths; default: emissivity",
     )
     reflected_temperature_c: float = Field(
         default=-40.0,
         ge=-120,
         le=100,
-        description="what the beds reflect into the camera: the sky's, in its band",
+        description="reflected temperature: that of the sky in the camera's band",
     )
 
 
 class AirTable(Table):
-    """The air over the beds, as it takes heat away."""
+    """The air over the beds and its heat exchange."""
 
     heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
     density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
@@ -171,31 +171,32 @@ class EstimatorTable(Table):
     """How slopes are estimated."""
 
     method: Literal["unit-norm", "contours", "posterior"] = Field(
-        default="unit-norm", description="contours is the paper's scoring of a table"
+        default="unit-norm", description="contours: the paper's contour score"
     )
     model: Literal["paper", "full"] = Field(
-        default="paper", description="full adds the sky's light and long wave and the heat stored in the sand"
+        default="paper",
+        description="full: adds diffuse light, longwave radiation and heat storage in the sand",
     )
     window_s: Annotated[float, Field(ge=60)] | Literal["weather"] = Field(
         default="weather",
-        description='how far back an estimate looks; "weather": as far as one slope explains the minutes',
+        description='length of the window; "weather": as long as one slope explains the minutes',
     )
     azimuth: Literal["free", "known"] = Field(
-        default="free", description="known takes each region's azimuth_deg as given"
+        default="free", description="known: uses each region's azimuth_deg"
     )
-    tilt_limit_deg: float = Field(default=45.0, gt=0, le=90, description="steeper slopes are ruled out")
+    tilt_limit_deg: float = Field(default=45.0, gt=0, le=90, description="upper limit of the tilt")
     refraction: bool = Field(default=False, description="true: the apparent sun; false: geometric (paper)")
     noise_k: float = Field(default=0.05, gt=0, description="noise of a region's minute mean, one sigma")
-    low_sun_deg: float = Field(default=8.0, ge=0, le=45, description="minutes with a lower sun are left out")
-    settle_s: float = Field(default=600.0, ge=0, description="how long minutes stay in doubt after a cloud")
+    low_sun_deg: float = Field(default=8.0, ge=0, le=45, description="minutes with a lower sun are excluded")
+    settle_s: float = Field(default=600.0, ge=0, description="how long minutes stay flagged after a cloud")
     min_minutes: int = Field(
-        default=5, ge=2, description="fewer good minutes give no estimate; a free azimuth needs 3 at least"
+        default=5, ge=2, description="minimum number of good minutes; a free azimuth needs at least 3"
     )
     contour_tolerance_w_m2: Positive | None = Field(
-        default=None, examples=[5.0], description="half width of a contour; without it: from the noise"
+        default=None, examples=[5.0], description="half width of a contour; default: from the noise"
     )
     contour_threshold: float = Field(
-        default=0.5, ge=0, le=1, description="share of minutes the best cell must explain"
+        default=0.5, ge=0, le=1, description="share of minutes that the best cell must explain"
     )
     scale: float = Field(
         default=1.0, gt=0, description='kappa: measured over true share of the sun; or "@name"'
@@ -206,24 +207,28 @@ class EstimatorTable(Table):
     )
     offset_sd_k: float = Field(default=0.25, ge=0, description="standard uncertainty of regions' offset_k")
     drift_sd_k_per_h: float = Field(
-        default=0.1, ge=0, description="how fast regions drift apart in the camera, one sigma"
+        default=0.1, ge=0, description="drift between regions in the camera, one sigma"
     )
     sky: Literal["isotropic", "hay-davies"] = Field(
-        default="hay-davies", description="full model: where the sky's light comes from"
+        default="hay-davies", description="full model: distribution of diffuse light over the sky"
     )
-    ground_albedo: float = Field(default=0.20, ge=0, lt=1, description="full model: of what lies around")
+    ground_albedo: float = Field(
+        default=0.20, ge=0, lt=1, description="full model: albedo of the surroundings"
+    )
     longwave_down_w_m2: float = Field(
-        default=300.0, ge=0, description="full model: the sky's long wave, where it is not measured"
+        default=300.0, ge=0, description="full model: downward longwave radiation, if not measured"
     )
     diffuse_fraction: float = Field(
-        default=0.15, ge=0, lt=1, description="full model: share of the sky's light, where not measured"
+        default=0.15, ge=0, lt=1, description="full model: diffuse fraction, if not measured"
     )
 
 
 class SlabTable(Table):
-    """The sand as it stores heat, for the full model."""
+    """Heat storage of the sand, for the full model."""
 
-    depth_m: float = Field(default=0.03, gt=0, le=2, description="down to the insulating sheet")
+    depth_m: float = Field(
+        default=0.03, gt=0, le=2, description="depth of the sand above the insulating sheet"
+    )
     conductivity_w_m_k: float = Field(default=0.25, gt=0, description="0.2 to 0.35 for dry loose sand")
     heat_capacity_j_m3_k: float = Field(default=1.3e6, gt=0, description="density times specific heat")
     conductivity_sd: float = Field(default=0.2, ge=0, description="relative standard uncertainty")
@@ -231,23 +236,23 @@ class SlabTable(Table):
 
 
 class RecordTable(Table):
-    """What is kept of the camera's pictures."""
+    """Which frames of the camera are kept."""
 
     sampling: Literal["all", "bursts"] = Field(
-        default="bursts", description="every picture, or a burst each every_s"
+        default="bursts", description="all frames, or a burst every every_s seconds"
     )
     every_s: Positive = Field(default=60.0, description="seconds from burst to burst")
-    burst_frames: int = Field(default=3, ge=1, le=1000, description="pictures in a burst")
+    burst_frames: int = Field(default=3, ge=1, le=1000, description="frames in a burst")
     shutter_before_burst: bool = Field(
-        default=True, description="run the camera's shutter correction before each burst"
+        default=True, description="run the shutter correction before each burst"
     )
 
 
 class AlarmsTable(Table):
-    """When to raise the alarm."""
+    """Limits for alarms."""
 
     disk_reserve_mb: float = Field(
-        default=64.0, ge=1, description="pictures stop when less than this is free"
+        default=64.0, ge=1, description="frames are no longer stored when less is free"
     )
 
 
@@ -262,24 +267,28 @@ class SimulationTable(Table):
     start: AwareDatetime | None = Field(
         examples=["2016-01-01T12:00:00-07:00"],
         default=None,
-        description="when it begins, with its offset from UTC",
+        description="start time with its offset from UTC",
     )
     speed: Positive | Literal["max"] = Field(
-        default=1.0, description="scene seconds per second; max: as fast as it goes"
+        default=1.0, description="simulated seconds per second; max: as fast as possible"
     )
-    seed: int = Field(default=1, ge=0, description="of all noise; the same seed gives the same session")
+    seed: int = Field(default=1, ge=0, description="random seed; the same seed gives the same session")
     faults: list[Fault] = Field(
         default=[],
-        description="troubles to simulate: any of cloud, cable, shutter, frozen, garbled, disk, clock",
+        description="faults to simulate: any of cloud, cable, shutter, frozen, garbled, disk, clock",
     )
-    sand_depth_m: float = Field(default=0.02, gt=0, le=1, description="sand over the insulating sheet")
+    sand_depth_m: float = Field(
+        default=0.02, gt=0, le=1, description="depth of the sand above the insulating sheet"
+    )
     albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
     emissivity: float = Field(default=0.90, gt=0, le=1, description="true emissivity of the sand")
-    foil: str = Field(default="", description="region that is crumpled aluminium foil, on an emissivity day")
+    foil: str = Field(
+        default="", description="region covered with crumpled aluminium foil, for an emissivity day"
+    )
 
 
 class RegionTable(Table):
-    """One bed or facet: a polygon of the picture."""
+    """One bed or facet: a polygon in the frame."""
 
     name: Name = Field(examples=["b15"], description="letters, digits, - and _")
     kind: Literal["reference", "target"] = Field(
@@ -294,10 +303,10 @@ class RegionTable(Table):
     tilt_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
         examples=[15.0],
         default=None,
-        description="inclinometer, from horizontal; reference: 0",
+        description="measured tilt from horizontal; reference: 0",
     )
     azimuth_deg: Degrees | None = Field(
-        examples=[180.0], default=None, description="compass, of the normal, from north, clockwise"
+        examples=[180.0], default=None, description="measured azimuth of the normal from north, clockwise"
     )
     emissivity: Annotated[float, Field(gt=0, le=1)] | None = Field(
         examples=[0.93],
@@ -305,13 +314,13 @@ class RegionTable(Table):
         description='in the camera\'s band, where it differs from surface.emissivity; or "@name"',
     )
     emissivity_sd: float = Field(
-        default=0.0, ge=0, lt=1, description="standard uncertainty of it; a record brings its own"
+        default=0.0, ge=0, lt=1, description="standard uncertainty of emissivity; a record brings its own"
     )
     offset_k: float = Field(
         default=0.0,
         ge=-10,
         le=10,
-        description='how much too warm the camera sees it; or "@name" of a uniformity',
+        description='how much too warm the camera shows it; or "@name" of a uniformity',
     )
 
 
@@ -333,7 +342,7 @@ class Tables(Table):
     record: RecordTable = RecordTable()
     alarms: AlarmsTable = AlarmsTable()
     simulation: SimulationTable | None = None
-    calibration: SkipJsonSchema[dict[str, dict[str, Any]]] = {}  # records in force; nobody types them
+    calibration: SkipJsonSchema[dict[str, dict[str, Any]]] = {}  # active records, written by fieldkit only
     region: list[RegionTable] = Field(default=[])
 
 
@@ -349,7 +358,7 @@ def json_schema() -> Node:
     return Tables.model_json_schema()
 
 
-def node_at(path: Path) -> Node | None:
+def node_at(path: KeyPath) -> Node | None:
     """The schema of the value that `path` leads to, or None if there is no such key."""
     node: Node | None = resolve(json_schema())
     for part in path:
@@ -359,7 +368,7 @@ def node_at(path: Path) -> Node | None:
     return node
 
 
-def known_keys(path: Path) -> list[str]:
+def known_keys(path: KeyPath) -> list[str]:
     """The keys of the table that `path` leads to."""
     return list((node_at(path) or {}).get("properties", ()))
 
@@ -375,7 +384,7 @@ def resolve(node: Node) -> Node:
 
 
 def expected(node: Node | None) -> str:
-    """What a key takes: ``a number from -90 to 90 (degrees, north positive)``."""
+    """What a key accepts: ``a number from -90 to 90 (degrees, north positive)``."""
     if node is None:
         return "something else"
     about = node.get("description", "")
@@ -392,7 +401,7 @@ def _step(node: Node, part: str | int) -> Node | None:
 
 
 def kind(node: Node) -> str:
-    """What a value is, without what it is for: ``a number from -90 to 90``."""
+    """The kind of value, without its description: ``a number from -90 to 90``."""
     if "anyOf" in node:
         return " or ".join(kind(resolve(branch)) for branch in node["anyOf"])
     if "enum" in node:

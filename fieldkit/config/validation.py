@@ -15,7 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from fieldkit.config.toml_lines import Path
+from fieldkit.config.toml_lines import KeyPath
 from fieldkit.config.toml_schema import expected, known_keys, node_at
 from fieldkit.drivers import registry
 from fieldkit.model.errors import ConfigError
@@ -38,10 +38,10 @@ UNITS = {
     "kg_m3": "kilograms per cubic metre",
     "j_kg_k": "joules per kilogram and kelvin",
 }
-"""How keys end, and what that means."""
+"""Unit suffixes of keys, and their names."""
 
 OTHER_UNITS = ("rad", "f", "ms", "min", "h", "cm", "mm", "km", "ft", "klx", "gb", "kj_kg_k", "percent")
-"""Units that are not taken; a key in one of them is answered with the key in fieldkit's unit."""
+"""Units that are not accepted; the error message for such a key names the key in fieldkit's unit."""
 
 
 INSTRUMENTS = ("camera", "lux", "thermometer")
@@ -50,14 +50,14 @@ INSTRUMENTS = ("camera", "lux", "thermometer")
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """One thing wrong with the configuration: `path` is the key, `said` what is wrong with it."""
+    """One mistake in the configuration: `path` is the key, `message` describes the mistake."""
 
-    path: Path
-    said: str
+    path: KeyPath
+    message: str
 
     @property
     def key(self) -> str:
-        """The key as one would type it: ``site.latitude_deg``, ``region[0].points_px``."""
+        """The key as it would be typed: ``site.latitude_deg``, ``region[0].points_px``."""
         name = ""
         for part in self.path:
             name += f"[{part}]" if isinstance(part, int) else f".{part}" if name else part
@@ -65,10 +65,10 @@ class Mistake:
 
 
 class ConfigMistakesError(ConfigError):
-    """Everything that is wrong with a configuration; `mistakes` holds one line for each."""
+    """All mistakes of a configuration; `mistakes` holds one line for each."""
 
     def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: str | None = None) -> None:
-        self.mistakes = tuple(f"{where}: {mistake.key}: {mistake.said}" for where, mistake in mistakes)
+        self.mistakes = tuple(f"{where}: {mistake.key}: {mistake.message}" for where, mistake in mistakes)
         count = f"{len(self.mistakes)} mistakes in the configuration"
         one = len(self.mistakes) == 1
         super().__init__(self.mistakes[0] if one else "\n  ".join([count, *self.mistakes]), fix=fix)
@@ -77,18 +77,18 @@ class ConfigMistakesError(ConfigError):
 def explain(error: ValidationError, values: Mapping[str, Any]) -> list[Mistake]:
     """The mistakes pydantic found in `values`, one per key, each with what was expected there.
 
-    A misspelled key is one mistake, not two: what it was meant to be does not also count as missing.
+    A misspelled key is one mistake, not two: the key it resolves to is not reported as missing as well.
     """
     details = {_path_in(values, detail): detail for detail in reversed(error.errors(include_url=False))}
     unknown = {path for path, detail in details.items() if detail["type"] == "extra_forbidden"}
-    meant = {(*path[:-1], _meant(path)) for path in unknown}
-    told = [path for path in details if details[path]["type"] != "missing" or path not in meant]
-    return [Mistake(path, _say(details[path], path)) for path in reversed(told)]
+    resolved = {(*path[:-1], _resolve_key(path)) for path in unknown}
+    reported = [path for path in details if details[path]["type"] != "missing" or path not in resolved]
+    return [Mistake(path, _message(details[path], path)) for path in reversed(reported)]
 
 
-def _path_in(values: Any, detail: ErrorDetails) -> Path:
-    """Where in the document; pydantic also names the branches of a union, which nobody typed."""
-    path: Path = ()
+def _path_in(values: Any, detail: ErrorDetails) -> KeyPath:
+    """The place in the document, without the branches of a union that pydantic adds."""
+    path: KeyPath = ()
     for part in detail["loc"]:
         try:
             values = values[part]
@@ -98,36 +98,36 @@ def _path_in(values: Any, detail: ErrorDetails) -> Path:
     return path
 
 
-def _say(detail: ErrorDetails, path: Path) -> str:
+def _message(detail: ErrorDetails, path: KeyPath) -> str:
     if detail["type"] == "extra_forbidden":
-        return _say_unknown(path)
+        return _unknown_key_message(path)
     if detail["type"] == "missing":
         return f"missing; expected {expected(node_at(path))}"
     return f"got {detail['input']!r}, expected {expected(node_at(path))}"
 
 
-def _say_unknown(path: Path) -> str:
-    typed, meant = str(path[-1]), _meant(path)
-    if meant is None and (qualified := _in_a_table(path)):
+def _unknown_key_message(path: KeyPath) -> str:
+    typed, resolved = str(path[-1]), _resolve_key(path)
+    if resolved is None and (qualified := _qualified_key(path)):
         return f"unknown key; did you mean {qualified}?"
-    if meant is None:
+    if resolved is None:
         return f"unknown key; known here: {', '.join(known_keys(path[:-1]))}"
-    stem = _without_unit(meant)
-    other_unit = stem == _without_unit(typed) and stem != meant
-    return f"unknown key; did you mean {meant}" + (
-        f", in {UNITS[meant[len(stem) + 1 :]]}?" if other_unit else "?"
+    stem = _without_unit(resolved)
+    other_unit = stem == _without_unit(typed) and stem != resolved
+    return f"unknown key; did you mean {resolved}" + (
+        f", in {UNITS[resolved[len(stem) + 1 :]]}?" if other_unit else "?"
     )
 
 
-def _meant(path: Path) -> str | None:
-    """The key that was probably meant: the same one in fieldkit's unit, or one spelled alike."""
+def _resolve_key(path: KeyPath) -> str | None:
+    """The known key closest to an unknown one: the same in fieldkit's unit, or one spelled alike."""
     typed, known = str(path[-1]).lower(), known_keys(path[:-1])
     same = [key for key in known if _without_unit(key) == _without_unit(typed)]
     return next(iter(same or get_close_matches(typed, known, n=1)), None)
 
 
-def _in_a_table(path: Path) -> str | None:
-    """A key given without its table: ``surface.albedo`` for ``albedo``; the first table that has it."""
+def _qualified_key(path: KeyPath) -> str | None:
+    """The key with its table: ``surface.albedo`` for ``albedo``, from the first table that has it."""
     if len(path) > 1:
         return None
     keys = ((table, key) for table in known_keys(()) for key in known_keys((table,)))
@@ -143,37 +143,47 @@ def _without_unit(key: str) -> str:
     return key
 
 
-# Checks between keys. They read the plain document and skip whatever is malformed, which the models report:
-# one mistake must not hide another.
+# Checks between keys. They read the plain document and skip malformed values, which the models report, so
+# that one mistake does not hide another.
 
 
 def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
-    """Mistakes between keys: time zone, names, the reference, regions off the picture, halves of pairs."""
-    checks = (_timezone, _device_names, _region_names, _reference, _off_the_picture, _irradiance, _half_pairs)
+    """Mistakes between keys: time zone, names, the reference, regions outside the frame, incomplete pairs."""
+    checks = (
+        _timezone,
+        _device_names,
+        _region_names,
+        _reference,
+        _outside_the_frame,
+        _irradiance,
+        _incomplete_pairs,
+    )
     return [mistake for check in checks for mistake in check(document)]
 
 
 def unknown_drivers(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Drivers that are not installed here; a session from elsewhere may name them, a campaign may not."""
+    """Drivers that are not installed here: allowed in a session from elsewhere, not in a campaign."""
     others = _table(document, "device")
-    tables: list[tuple[Path, Mapping[str, Any]]] = [((name,), _table(document, name)) for name in INSTRUMENTS]
+    tables: list[tuple[KeyPath, Mapping[str, Any]]] = [
+        ((name,), _table(document, name)) for name in INSTRUMENTS
+    ]
     tables += [(("device", name), _table(others, name)) for name in others]
     for path, table in tables:
         name = table.get("driver")
         if not isinstance(name, str) or name in registry.BUILT_IN or name in (known := registry.names()):
             continue
         near = get_close_matches(name, known, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
-        yield Mistake((*path, "driver"), f"no driver is called {name!r}; {hint}")
+        hint = f"did you mean {near[0]}?" if near else f"available: {', '.join(known)}"
+        yield Mistake((*path, "driver"), f"unknown driver {name!r}; {hint}")
 
 
 def crossed_outlines(document: Mapping[str, Any]) -> Iterator[Mistake]:
-    """Regions whose outline crosses itself; a session may have been recorded with one, none is begun."""
+    """Regions whose outline crosses itself: allowed in an old session, not in a new one."""
     for path, region in _regions(document):
         corners = outline(region.get("points_px"))
         if corners and Region("", RegionKind.TARGET, tuple(corners)).crosses_itself:
-            said = "the outline crosses itself; give the corners in their order around the region"
-            yield Mistake((*path, "points_px"), said)
+            message = "the outline crosses itself; list the corners in order around the region"
+            yield Mistake((*path, "points_px"), message)
 
 
 def outline(points: Any) -> list[tuple[float, float]] | None:
@@ -192,8 +202,8 @@ def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if not isinstance(name, str) or name in (known := _timezones()):
         return
     near = get_close_matches(name, known, n=1)
-    said = f"there is no time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
-    yield Mistake(("site", "timezone"), f"{said} (IANA names, such as Asia/Tokyo)")
+    message = f"unknown time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
+    yield Mistake(("site", "timezone"), f"{message} (IANA names, such as Asia/Tokyo)")
 
 
 @functools.cache
@@ -204,7 +214,7 @@ def _timezones() -> set[str]:
 def _device_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
     for name in _table(document, "device"):
         if name in INSTRUMENTS:
-            yield Mistake(("device", name), f"this name belongs to the table [{name}]; choose another")
+            yield Mistake(("device", name), f"this name is reserved for the table [{name}]; choose another")
 
 
 def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
@@ -214,7 +224,7 @@ def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if not isinstance(name, str):
             continue
         if name.casefold() in seen:
-            yield Mistake((*path, "name"), f"two regions are called {seen[name.casefold()]!r}")
+            yield Mistake((*path, "name"), f"duplicate region name {seen[name.casefold()]!r}")
         seen.setdefault(name.casefold(), name)
 
 
@@ -224,7 +234,7 @@ def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:
         yield Mistake(("region",), 'no reference among the regions; give the flat bed kind = "reference"')
 
 
-def _off_the_picture(document: Mapping[str, Any]) -> Iterator[Mistake]:
+def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
     camera = _table(document, "camera")
     width, height = camera.get("width_px"), camera.get("height_px")
     if not isinstance(width, int) or not isinstance(height, int):
@@ -232,7 +242,7 @@ def _off_the_picture(document: Mapping[str, Any]) -> Iterator[Mistake]:
     for path, region in _regions(document):
         for x, y in outline(region.get("points_px")) or ():
             if not (0 <= x <= width - 1 and 0 <= y <= height - 1):
-                where = f"corner ({x:g}, {y:g}) is outside the picture of {width} x {height} pixels"
+                where = f"corner ({x:g}, {y:g}) is outside the frame of {width} x {height} pixels"
                 yield Mistake((*path, "points_px"), where)
                 break
 
@@ -245,11 +255,11 @@ def _irradiance(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if mounting == "in-plane" and not set(plane) <= table.keys():
         yield Mistake(("irradiance", "mounting"), f'mounting = "in-plane" needs {" and ".join(plane)}')
     if mounting == "horizontal" and "gti" in _table(table, "measures").values():
-        said = f'gti needs mounting = "in-plane" with {" and ".join(plane)}, or "sun-pointing"'
-        yield Mistake(("irradiance", "measures"), said)
+        message = f'gti needs mounting = "in-plane" with {" and ".join(plane)}, or "sun-pointing"'
+        yield Mistake(("irradiance", "measures"), message)
 
 
-def _half_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
+def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
     camera = _table(document, "camera")
     if ("width_px" in camera) != ("height_px" in camera):
         yield Mistake(("camera",), "width_px and height_px belong together")
@@ -264,7 +274,7 @@ def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return table if isinstance(table, dict) else {}
 
 
-def _regions(document: Mapping[str, Any]) -> list[tuple[Path, Mapping[str, Any]]]:
+def _regions(document: Mapping[str, Any]) -> list[tuple[KeyPath, Mapping[str, Any]]]:
     regions = document.get("region")
     if not isinstance(regions, list):
         return []

@@ -123,7 +123,7 @@ def read_regions(file: Path) -> tuple[Config, list[str]]:
     config, mistakes = read_config(file)
     if config is None:
         raise ConfigMistakesError(mistakes, fix=f"edit {file}")
-    return config, [mistake.said for _, mistake in mistakes if mistake.path[:1] == ("region",)]
+    return config, [mistake.message for _, mistake in mistakes if mistake.path[:1] == ("region",)]
 
 
 def inspect_regions(config: Config, session: Path | None = None) -> list[RegionInspection]:

@@ -95,7 +95,7 @@ def record(folder: Path, text: str) -> tuple[int, str]:
         ),
         (
             SITE + CAMERA + FLAT.replace("37", "370"),
-            "fieldkit.toml:11: region[0].points_px: corner (370, 30) is outside the picture of 160 x 120",
+            "fieldkit.toml:11: region[0].points_px: corner (370, 30) is outside the frame of 160 x 120",
         ),
         (SITE + FLAT.replace("reference", "target"), "region: no reference among the regions"),
         (SITE + "[surface\n", "not valid TOML"),

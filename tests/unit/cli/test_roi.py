@@ -65,7 +65,7 @@ def test_the_first_region_may_be_a_target(roi):
         (("b15", "--rect", "1,1,9,1"), 2, "at least 2 pixels"),
         (("b15", "--points", "1,1", "2,2"), 3, "at least 3"),
         (("b15", "--points", "1,1", "2,x", "3,3"), 2, "expected X,Y"),
-        (("b15", "--rect", "150,100,32,61"), 3, "outside the picture of 160 x 120"),
+        (("b15", "--rect", "150,100,32,61"), 3, "outside the frame of 160 x 120"),
         (("b15", "--rect", "1,1,9,9", "--tilt", "15"), 3, "also needs azimuth_deg"),
         (("b15", "--rect", "1,1,9,9", "--tilt", "95"), 2, "0<=x<=90"),
     ],
@@ -132,7 +132,7 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     ("arguments", "code", "said"),
     [
         (("b15",), 2, "give what to change"),
-        (("b16", "--shrink", "2"), 3, "there are b15"),
+        (("b16", "--shrink", "2"), 3, "the regions are b15"),
         (("b15", "--shrink", "16"), 3, "nothing of region 'b15' is 16 px inside its edge"),
         (("b15", "--tilt", "15"), 3, "also needs azimuth_deg"),
     ],

@@ -60,7 +60,7 @@ def test_removing_keeps_the_comments_of_the_others(file):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"name": "FLAT"}, "two regions"),
+        ({"name": "FLAT"}, "duplicate region name"),
         ({"name": "no spaces"}, "letters, digits"),
         ({"points_px": [[0, 0], [1, 1]]}, "at least 3"),
         ({"tilt_deg": 95.0}, "from 0 to 90"),

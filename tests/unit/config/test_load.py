@@ -67,14 +67,14 @@ def test_every_mistake_is_told_at_once_with_its_line(campaign):
     assert "did you mean Asia/Tokyo?" in told[1]
     assert "expected a number at least 0 and below 1" in told[2]
     assert "did you mean method?" in told[3]
-    assert "no driver is called 'lutrn'; did you mean lutron?" in told[4]
+    assert "unknown driver 'lutrn'; did you mean lutron?" in told[4]
     assert "expected a list of at least 3 values" in told[5]
 
 
 def test_a_session_may_name_a_driver_that_is_not_installed_here(campaign):
     text = SITE + '[device.net]\ndriver = "of-another-package"\n'
     (told,) = mistakes(campaign(text))
-    assert "device.net.driver: no driver is called 'of-another-package'; there are purethermal," in told
+    assert "device.net.driver: unknown driver 'of-another-package'; available: purethermal," in told
     assert config_from_text(text, Path("session.h5")).devices[0].driver == "of-another-package"
 
 
@@ -103,19 +103,19 @@ def test_an_unknown_key_is_refused_with_the_one_that_was_meant(campaign, table, 
     ("text", "key", "said"),
     [
         (FLAT.replace("reference", "target"), "region", "no reference among the regions"),
-        (FLAT + FLAT.replace("flat", "FLAT"), "region[1].name", "two regions are called 'flat'"),
+        (FLAT + FLAT.replace("flat", "FLAT"), "region[1].name", "duplicate region name 'flat'"),
         (FLAT + "tilt_deg = 5\n", "region[0].tilt_deg", "a tilted bed also needs azimuth_deg"),
         (
             FLAT + '[camera]\ndriver = "purethermal"\nwidth_px = 9\nheight_px = 120\n',
             "region[0].points_px",
-            "corner (9, 0) is outside the picture of 9 x 120 pixels",
+            "corner (9, 0) is outside the frame of 9 x 120 pixels",
         ),
         (
             '[camera]\ndriver = "purethermal"\nwidth_px = 9\n',
             "camera",
             "width_px and height_px belong together",
         ),
-        ('[device.lux]\ndriver = "lutron"\n', "device.lux", "this name belongs to the table [lux]"),
+        ('[device.lux]\ndriver = "lutron"\n', "device.lux", "this name is reserved for the table [lux]"),
         ('[irradiance]\nmodel = "calibrated"\n', "irradiance.model", "needs irradiance.factor"),
         ("[estimator]\nwindow_s = 5\n", "estimator.window_s", 'a number at least 60 or "weather"'),
         ("[surface]\nalbedo = nan\n", "surface.albedo", "got nan"),

@@ -107,8 +107,8 @@ def test_a_light_meters_uncertainty_counts_only_where_its_factor_does(folder):
         ('[surface]\nemissivity = "@mud"\n', "toml:5: surface.emissivity: there is no calibration 'mud'"),
         ('[surface]\nemissivity = "@beds"\n', "of kind surface, not emissivity"),
         ('[surface]\nemissivity = "sand"\n', "expected a number"),
-        (REGIONS.replace("b15", "b16"), "knows no region 'b16'; it has b15"),
-        ("[calibration]\nsand = 0.9\n", "fieldkit keeps records here"),
+        (REGIONS.replace("b15", "b16"), "has no value for region 'b16'; it has b15"),
+        ("[calibration]\nsand = 0.9\n", "fieldkit stores records here"),
     ],
 )  # fmt: skip
 def test_a_reference_that_leads_nowhere_is_told_with_its_line(folder, text, said):
