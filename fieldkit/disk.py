@@ -1,13 +1,14 @@
-"""Asking the disk to keep what was written, and changing a file so that it is the old or the new one.
+"""Files on the disk: asking it to keep what was written, replacing a file as a whole, its checksum.
 
 Linux leaves written bytes in memory for half a minute. A sync then has all of them to wait for, while the
-disk has had nothing to do; so whoever writes much has the disk begin early.
+disk has had nothing to do; so what writes much has the disk begin early.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import hashlib
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,6 +34,32 @@ def put_in_place(draft: Path, path: Path) -> None:
     sync(draft)
     os.replace(draft, path)
     sync(path.parent)
+
+
+@contextlib.contextmanager
+def replacing(path: Path, *, synced: bool = True) -> Iterator[Path]:
+    """A draft beside a file, which takes its place as a whole at the end of the block; raises `OSError`.
+
+    Readers find the old or the new file. Without `synced` a power cut may cost the new one. A block that
+    raises leaves the old file and no draft.
+    """
+    draft = path.with_name(f".{path.name}.{os.getpid()}.new")
+    try:
+        yield draft
+        if synced:
+            put_in_place(draft, path)
+        else:
+            os.replace(draft, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
+        raise
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file in hexadecimal; raises `OSError`."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextlib.contextmanager

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import codecs
-import os
 import shutil
-import tempfile
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +15,7 @@ from fieldkit.config.load import mistakes_in, read_text
 from fieldkit.config.template import assignment
 from fieldkit.config.toml_lines import key_lines, toml_lines
 from fieldkit.config.validation import ConfigMistakesError
-from fieldkit.disk import one_at_a_time, put_in_place
+from fieldkit.disk import one_at_a_time, replacing
 from fieldkit.model.errors import ConfigError, StorageError
 
 
@@ -110,17 +108,12 @@ def _read(file: Path) -> str:
 def _write(file: Path, text: str) -> None:
     """Replace the file atomically: after a power cut it is either the old or the new one."""
     file = file.resolve()  # a link stays a link
-    draft: Path | None = None
     try:
-        descriptor, name = tempfile.mkstemp(".new", f".{file.name}.", file.parent)
-        os.close(descriptor)
-        draft = Path(name)
-        shutil.copymode(file, draft)
-        draft.write_bytes(_encoded(text, file.read_bytes()))
-        put_in_place(draft, file)
+        with replacing(file) as draft:
+            draft.touch()
+            shutil.copymode(file, draft)  # first: a file that may not be written is not replaced either
+            draft.write_bytes(_encoded(text, file.read_bytes()))
     except OSError as error:
-        if draft is not None:
-            draft.unlink(missing_ok=True)
         raise StorageError(f"cannot write {file}: {error.strerror}") from error
 
 

@@ -8,7 +8,6 @@ recording, which differs from the wall clock in a simulated field.
 from __future__ import annotations
 
 import json
-import os
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -16,6 +15,7 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
+from fieldkit.disk import replacing
 from fieldkit.model.clock import Clock
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.samples import Event, EventKind, Severity
@@ -54,10 +54,10 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
         fix = "split it in two, and use one short word as its kind"
         raise ConfigError(f"the mark is too long to be stored whole: {size} bytes", fix=fix)
     name = uuid.uuid4().hex
-    draft, final = folder / f".{name}", folder / f"{name}.json"
-    draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
-    os.replace(draft, final)
-    return final
+    path = folder / f"{name}.json"
+    with replacing(path, synced=False) as draft:
+        draft.write_text(json.dumps(asdict(mark), ensure_ascii=False) + "\n", encoding="utf-8")
+    return path
 
 
 @dataclass

@@ -6,12 +6,10 @@ rest, and a damaged one is made again. Nothing in them is executed: they hold ar
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import io
 import logging
-import os
 import platform
 from collections.abc import Mapping
 from importlib import metadata
@@ -27,6 +25,7 @@ import fieldkit.model
 import fieldkit.physics
 import fieldkit.sessions
 from fieldkit import __version__
+from fieldkit.disk import replacing
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -64,15 +63,12 @@ class Cache:
         packed = io.BytesIO()
         np.savez(packed, **arrays)  # type: ignore[arg-type]  # names of arrays are not its options
         path = self._path(key)
-        draft = path.with_suffix(f".{os.getpid()}.new")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            draft.write_bytes(hashlib.sha256(packed.getbuffer()).digest() + packed.getbuffer())
-            os.replace(draft, path)
+            with replacing(path, synced=False) as draft:
+                draft.write_bytes(hashlib.sha256(packed.getbuffer()).digest() + packed.getbuffer())
         except OSError as error:
             _log.warning("cannot keep results in %s: %s", self.folder, error.strerror)
-            with contextlib.suppress(OSError):
-                draft.unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.arrays"

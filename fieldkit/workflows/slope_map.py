@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import fieldkit
+from fieldkit.disk import replacing
 from fieldkit.estimation.bins import MinuteBin, RegionColumns
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.instruments import Instruments
@@ -160,14 +161,13 @@ class MappedSession:
         """
         base = default_base(self.path) if base is None else Path(base)
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
-        image, arrays = parts = [file.with_name(f".{file.name}.part") for file in files]
         try:
             base.parent.mkdir(parents=True, exist_ok=True)
-            image.write_bytes(_image(self))
-            with open_session(self.path) as session:
-                write_map(arrays, self, session)
-            for part, file in zip(parts, files, strict=True):
-                part.replace(file)  # as a whole: a viewer may have the previous one open
+            # as a whole: a viewer may have the previous one open
+            with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
+                image.write_bytes(_image(self))
+                with open_session(self.path) as session:
+                    write_map(arrays, self, session)
         except OSError as error:
             raise StorageError(
                 f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"

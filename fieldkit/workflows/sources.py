@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 
 import tomlkit
 
+from fieldkit import disk
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
@@ -124,5 +124,4 @@ def sha256(path: Path) -> str:
     """Checksum of a file; empty for a session of which only the journal is left."""
     if not path.exists():
         return ""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return disk.sha256(path)

@@ -62,4 +62,4 @@ def test_map_follows_a_recording_and_leaves_it_alone(tmp_path: Path) -> None:
     words = [*PROGRAM, "map", "-C", str(tmp_path), "--json"]
     whole = subprocess.run(words, capture_output=True, text=True, check=True)
     assert maps[-1] == json.loads(whole.stdout)["minutes"]
-    assert not list((tmp_path / "results").rglob("*.part"))
+    assert not list((tmp_path / "results").rglob("*.new"))

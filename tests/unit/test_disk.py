@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import select
 import subprocess
 import sys
 from pathlib import Path
 
-from fieldkit.disk import one_at_a_time
+from fieldkit.disk import one_at_a_time, replacing, sha256
 from tests.harness import disk
 
 
@@ -24,6 +25,25 @@ def test_a_draft_is_on_the_disk_before_it_takes_a_place_and_its_place_after(tmp_
     changes = [(one.kind, one.path) for one in disk.read_log(tmp_path / "log", place) if one.kind in "ER"]
     assert changes == [("E", "draft"), ("R", "draft"), ("E", ".")]
     assert [(path.name, path.read_text()) for path in place.iterdir()] == [("old", "new")]
+
+
+def test_a_block_that_fails_leaves_the_old_file_and_no_draft(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+    with contextlib.suppress(ValueError), replacing(path) as draft:
+        draft.write_text("half")
+        raise ValueError
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("file", "old")]
+    for synced, text in ((True, "new"), (False, "newer")):
+        with replacing(path, synced=synced) as draft:
+            draft.write_text(text)
+        assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("file", text)]
+
+
+def test_checksum_of_a_file_is_its_sha_256(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"abc")  # the example of FIPS 180-2, B.1
+    known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    assert sha256(tmp_path / "file") == known
 
 
 def test_the_next_one_waits_until_a_process_has_ended(tmp_path: Path) -> None:

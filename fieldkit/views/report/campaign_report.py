@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.disk import sha256
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.statistics import (
     ErrorSpan,
@@ -22,7 +23,7 @@ from fieldkit.model.site import Site
 from fieldkit.views import formatting, paper_figures, plotting
 from fieldkit.views.html import Figure, Table, code, render, strong
 from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
-from fieldkit.views.report.recording import sha256, versions
+from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
 

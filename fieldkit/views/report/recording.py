@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
-from pathlib import Path
 
+from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, StreamHealth
 from fieldkit.model.site import Region
@@ -210,15 +209,6 @@ def provenance(data: ReportData) -> Table:
     credits = ((name, getattr(session.header, name)) for name in ("operator", "license", "references"))
     rows += [(name, value) for name, value in credits if value]
     return Table(("", ""), rows)
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file, read a megabyte at a time."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def versions() -> Iterable[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.calibration.calibration_record import Source
+from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
@@ -28,8 +28,7 @@ def end_of(session: Session) -> datetime:
 
 def record_source(path: Path) -> Source:
     """A session or file as a record refers to it: name and SHA-256."""
-    with path.open("rb") as file:
-        return Source(path.name, hashlib.file_digest(file, "sha256").hexdigest())
+    return Source(path.name, sha256(path))
 
 
 def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
