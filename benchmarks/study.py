@@ -91,7 +91,7 @@ class Start:
         stored, some = design @ (cells - VERTICAL).T, differences[::EVERY]
         plain_s, plain = _timed(lambda: _plain_loop(cells, stored, some), 2)
         votes_s, votes = _timed(
-            lambda: RadiationTable(cells, design, VERTICAL).vote(differences, TOLERANCE_W_M2), 3
+            lambda: RadiationTable(cells, design, VERTICAL).winners(differences, TOLERANCE_W_M2), 3
         )
         squares = StudySettings(method="unit-norm")
         squares_s, found = _timed(lambda: estimated_normals(target, reference, conditions, squares), 5)

@@ -1,11 +1,10 @@
-"""The paper's method: a table of radiation differences, contours through it, and votes.
+"""The paper's method: a table of radiation differences, contours through it, and a contour score per cell.
 
-For each time the table holds ``S (n . s - reference . s)`` for all slopes of a grid. The
-paper gives a vote to each cell "on the contour" of the measured difference and takes the
-cell with most votes, but says neither how near is on the contour nor how ties are
-resolved. Here a cell is on the contour within a stated tolerance, tied cells are averaged
-as normals (never as azimuths), the column 360 that repeats column 0 is dropped, and the
-winner needs a stated share of all votes.
+For each minute bin the table contains ``S (n . s - reference . s)`` for all slopes of a grid. The paper
+scores each cell "on the contour" of the measured difference and takes the cell of highest score, but states
+neither how near is on the contour nor how ties are resolved. Here a cell is on the contour within a stated
+tolerance, tied cells are averaged as normals (never as azimuths), the column 360 that repeats column 0 is
+omitted, and the winner needs a stated share of all minute bins.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ def slope_grid(tilt_limit_deg: float = 30.0) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class ContourWinners:
-    """Outcome for m slopes: mean normal of the winning cells (m, 3), their votes (m,), how many tied (m,).
+    """Mean normal of the winning cells of m slopes (m, 3), their score (m,) and number of ties (m,).
 
     The normal is NaN where no cell reached the threshold.
     """
@@ -44,8 +43,14 @@ class ContourWinners:
 class RadiationTable:
     """Radiation differences (times, cells) of the paper's section 3, W/m2, ready for scoring.
 
-    `cells` are normals (cells, 3), `design` sun vectors (times, 3) times direct irradiance,
-    `reference` the reference's normal.
+    Parameters
+    ----------
+    cells
+        Normals of the grid, shape (cells, 3). [-]
+    design
+        Sun vectors times DNI, (times, 3). [W/m2]
+    reference
+        The reference's normal, (3,). [-]
     """
 
     def __init__(self, cells: FloatArray, design: FloatArray, reference: FloatArray) -> None:
@@ -53,7 +58,7 @@ class RadiationTable:
         self._design, self._away = design, cells - reference
 
     def _row(self, time: int) -> FloatArray:
-        """The table's row (cells,) of one time: one way of rounding, whether it is kept or not."""
+        """The table's row (cells,) of one time: rounded alike whether the table is kept or not."""
         return np.asarray(self._away @ self._design[time])
 
     @cached_property
@@ -66,67 +71,71 @@ class RadiationTable:
         return np.ascontiguousarray(self.values.T)
 
     def scores(self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray) -> NDArray[np.int64]:
-        """Votes (cells,) of every cell for one slope: the paper's Fig. 8.
+        """Contour score (cells,) of every cell for one slope: the paper's Fig. 8.
 
-        Measured differences (times,), tolerances (times,) or one for all; NaN gives no vote.
-        Row by row: the table of a day's minutes would fill a small computer's memory.
+        Parameters
+        ----------
+        difference_w_m2
+            Measured differences, shape (times,); NaN scores nowhere. [W/m2]
+        tolerance_w_m2
+            Half width of the contours, one for all or (times,). [W/m2]
         """
-        votes = np.zeros(len(self.cells), np.int64)
+        # row by row: the table of a day's minute bins would fill a small computer's memory
+        score = np.zeros(len(self.cells), np.int64)
         tolerances = np.broadcast_to(tolerance_w_m2, difference_w_m2.shape)
         for time, (measured, tolerance) in enumerate(zip(difference_w_m2, tolerances, strict=True)):
-            votes += np.abs(self._row(time) - measured) <= tolerance
-        return votes
+            score += np.abs(self._row(time) - measured) <= tolerance
+        return score
 
     def winner(
         self, difference_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
     ) -> ContourWinners:
-        """Winning cells of one slope with measured differences (times,), all cells scored."""
+        """Winning cells of one slope with measured differences (times,), scoring all cells."""
         scores = self.scores(difference_w_m2, tolerance_w_m2)
         best = int(scores.max())
         cells = np.flatnonzero(scores == best) if best else np.array([], np.intp)
         total = self.cells[cells].sum(axis=0)
-        return _elected(
+        return _winning(
             total[np.newaxis], np.array([best]), np.array([cells.size]), threshold * difference_w_m2.size
         )
 
     @cached_property
     def _order(self) -> NDArray[np.intp]:
-        """Cells of every time (times, cells) in order of their value."""
+        """Cells of every time (times, cells), sorted by value."""
         return np.argsort(self.values, axis=1)
 
-    def vote(
+    def winners(
         self, differences_w_m2: FloatArray, tolerance_w_m2: float | FloatArray, threshold: float = 0.5
     ) -> ContourWinners:
-        """Winning cells of m slopes with measured differences (m, times).
+        """Winning cells of m slopes with measured differences (m, times), without scoring all cells.
 
-        The same winners, votes and ties as `scores` would give for all cells, without
-        scoring all of them: a cell with at most j misses lies in at least one of any j + 1
-        contours. So the cells of the shortest contours are scored first, and only where the
-        winner has more misses than that are further contours drawn in.
+        Winners, scores and ties are those of `scores`: a cell with at most j misses lies on at least one of
+        any j + 1 contours. So the cells of the shortest contours are scored first, and more contours are
+        added only while the winner has more misses than that.
         """
         slopes, times = differences_w_m2.shape
         tolerance = np.broadcast_to(np.asarray(tolerance_w_m2, np.float64), (times,))
         best, tied = np.zeros(slopes, np.int64), np.zeros(slopes, np.int64)
         sums = np.zeros((slopes, 3))
         low, high = self._bands(differences_w_m2, tolerance)
-        drawn = np.argsort(high - low, axis=1, kind="stable")
+        shortest = np.argsort(high - low, axis=1, kind="stable")
         open_slopes, contours = np.arange(slopes), 1
         while open_slopes.size:
             for part in np.array_split(open_slopes, 1 + open_slopes.size * contours // 2000):
-                chosen = drawn[part, :contours]
+                chosen = shortest[part, :contours]
                 found = self._winners(differences_w_m2[part], tolerance, low[part], high[part], chosen)
                 best[part], tied[part], sums[part] = found
             settled = best[open_slopes] >= times - contours + 1
             open_slopes = open_slopes[~settled] if contours < times else open_slopes[:0]
             contours = min(2 * contours, times)
-        return _elected(sums, best, tied, threshold * times)
+        return _winning(sums, best, tied, threshold * times)
 
     def _bands(
         self, differences: FloatArray, tolerance: FloatArray
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Where each contour begins and ends (m, times) among the cells sorted by their value."""
         low, high = np.zeros((2, *differences.shape), np.intp)
-        # a hair wider than the tolerance: rounding is left to the comparison that counts votes
+        # slightly wider than the tolerance: the comparison that scores decides on rounding
         reach = tolerance * (1.0 + 1e-9) + 1e-9
         for time, row in enumerate(np.take_along_axis(self.values, self._order, axis=1)):
             low[:, time] = np.searchsorted(row, differences[:, time] - reach[time])
@@ -143,13 +152,13 @@ class RadiationTable:
         high: NDArray[np.intp],
         chosen: NDArray[np.intp],
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-        """Best votes, ties and sum of the tied normals among the cells of the chosen contours."""
+        """Best score, ties and sum of the tied normals among the cells of the chosen contours."""
         slope, cell = self._candidates(low, high, chosen)
         near = np.abs(self._by_cell[cell] - differences[slope]) <= tolerance
-        votes = np.count_nonzero(near, axis=1)
+        score = np.count_nonzero(near, axis=1)
         best = np.zeros(len(differences), np.int64)
-        np.maximum.at(best, slope, votes)
-        winners = (votes == best[slope]) & (votes > 0)
+        np.maximum.at(best, slope, score)
+        winners = (score == best[slope]) & (score > 0)
         slope, cell = slope[winners], cell[winners]
         tied = np.bincount(slope, minlength=best.size)
         sums = [np.bincount(slope, self.cells[cell, axis], best.size) for axis in range(3)]
@@ -172,10 +181,10 @@ class RadiationTable:
         return pairs // len(self.cells), pairs % len(self.cells)
 
 
-def _elected(
+def _winning(
     sums: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64], needed: float
 ) -> ContourWinners:
-    """Mean normals from the sums (m, 3) over the tied cells, NaN below the votes needed."""
+    """Mean normals from the sums (m, 3) over the tied cells, NaN below the score needed."""
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     enough = ((best > 0) & (best >= needed))[:, np.newaxis]
     return ContourWinners(np.where(enough, sums / np.where(length > 0.0, length, 1.0), np.nan), best, tied)

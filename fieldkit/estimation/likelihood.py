@@ -1,14 +1,14 @@
-"""Which normals the minutes allow: misfits with stated doubts, and the likelihood region.
+"""Likelihood of a slope: profile misfits, likelihood regions, and the posterior with robust weights.
 
-Two doubts do not average away and are known beforehand only as standard deviations: the
-scale kappa (irradiance, albedo, exchange: measured ``delta S / S`` is kappa times the true one)
-and additive ones such as an offset of temperature between regions. `ProfileMisfit` lets
-them take their best value at a price, which for additive ones is a Schur complement and for
-kappa a parabola: no iteration, any number of normals at once.
+Two kinds of systematic effects do not average away and are known only by their standard uncertainties: the
+scale kappa (irradiance, albedo, exchange: measured ``delta S / S`` is kappa times the true one) and additive
+ones such as a temperature offset between regions. Both are nuisance parameters: each takes its best value for
+a given normal, penalised by its prior (profile likelihood). For the additive ones that is a Schur complement,
+for kappa a parabola: no iteration, any number of normals at once.
 
-The region of all normals with ``q(n) - min q <= 4.61`` is a strip 0.1 degree thin and many
-degrees long. It is found on a grid in the likelihood's own axes: the height over the plane
-square to the mean sun, and the turn around the mean sun.
+The region ``q(n) - min q <= 4.61`` is a strip 0.1 degree thin and many degrees long, which a fixed grid would
+step over. The grid therefore lies in the likelihood's own axes: the height over the plane square to the mean
+sun, and the rotation about the mean sun.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, norm
 NINETY_PERCENT = 4.605
 """Chi-square quantile of 0.90 with two degrees of freedom."""
 NINETY_PERCENT_ONE = 2.706
-"""The same with one: tilt alone, the azimuth being known."""
+"""Chi-square quantile of 0.90 with one degree of freedom: tilt alone, azimuth known."""
 TILTS = 2001
-"""Tilts tried along a known azimuth: steps of 0.02 degrees up to the usual limit."""
-FREEDOM = 8.0
-"""Degrees of freedom of the residuals: heavy tails, at 2 % loss where there are no outliers."""
-REACH = 18.0
-"""How far the misfit may rise before a normal's share of the posterior (1e-4) is left out."""
+"""Tilts on the grid along a known azimuth: steps of 0.02 degrees up to the default limit."""
+STUDENT_FREEDOM = 8.0
+"""Degrees of freedom of the Student-t residuals: heavy tails, at 2 % loss of efficiency without outliers."""
+POSTERIOR_DROP = 18.0
+"""Misfit above the least at which a normal's share of the posterior (1e-4) is neglected."""
 MisfitOf = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileMisfit:
-    """Misfit of normals when the scale is only known to `scale_sd`.
+    """Misfit of normals with the scale profiled out, whose standard uncertainty is `scale_sd`.
 
-    `misfit` already carries the additive doubts (`with_systematics`); `reference` is the normal
-    against which differences were taken.
+    `misfit` already includes the additive effects (`with_systematics`); `reference` (3,) is the normal that
+    differences refer to.
     """
 
     misfit: Misfit
@@ -48,36 +48,45 @@ class ProfileMisfit:
     scale_sd: float
 
     def __call__(self, normals: FloatArray) -> FloatArray:
-        """Misfit of normals (..., 3) at the best scale for each, plus the price of that scale."""
+        """Misfit of normals (..., 3) at the best scale for each, with the penalty of that scale."""
         if self.scale_sd <= 0.0:
             return self.misfit(normals)
         away = normals - self.reference
         pull = self.misfit.b - self.reference @ self.misfit.H
         weight = 1.0 / self.scale_sd**2
         curvature = ((away @ self.misfit.H) * away) @ np.ones(3) + weight
-        slope = away @ pull + weight
-        return np.asarray(self.misfit(self.reference) + weight - slope**2 / curvature)
+        gradient = away @ pull + weight
+        return np.asarray(self.misfit(self.reference) + weight - gradient**2 / curvature)
 
     def linearised(self, at: FloatArray) -> FloatArray:
-        """The information matrix (3, 3) that is left near one normal."""
+        """Information matrix (3, 3) near one normal, after the scale has taken its part."""
         if self.scale_sd <= 0.0:
             return self.misfit.H
         spread = self.misfit.H @ (at - self.reference)
-        price = (at - self.reference) @ spread + 1.0 / self.scale_sd**2
-        return np.asarray(self.misfit.H - np.outer(spread, spread) / price)
+        curvature = (at - self.reference) @ spread + 1.0 / self.scale_sd**2
+        return np.asarray(self.misfit.H - np.outer(spread, spread) / curvature)
 
 
 def with_systematics(
     design: FloatArray, y: FloatArray, weights: FloatArray, systematics: FloatArray
 ) -> Misfit:
-    """Misfit of rows whose y may be off by ``t * doubt`` for each doubt, t of standard deviation 1.
+    """Misfit with additive systematic effects profiled out, each with a standard normal prior.
 
-    lamps (n, 3), y (n,), weights (n,), doubts (p, n). A doubt of zeros changes nothing.
+    Parameters
+    ----------
+    design
+        Design vectors, shape (n, 3). [-]
+    y
+        Measured cosines of incidence, (n,). [-]
+    weights
+        Inverse variances of `y`, (n,); zero excludes a row. [-]
+    systematics
+        Change of `y` for one standard uncertainty of each effect, (p, n); zeros change nothing. [-]
     """
     table = np.column_stack([design, y, *systematics])
     gram = (table * weights[:, np.newaxis]).T @ table
-    prices = np.eye(len(systematics))
-    gram = gram[:4, :4] - gram[:4, 4:] @ np.linalg.solve(gram[4:, 4:] + prices, gram[4:, :4])
+    priors = np.eye(len(systematics))  # every effect is in units of its own uncertainty
+    gram = gram[:4, :4] - gram[:4, 4:] @ np.linalg.solve(gram[4:, 4:] + priors, gram[4:, :4])
     return Misfit(gram[:3, :3], gram[:3, 3], gram[3, 3], np.asarray(np.count_nonzero(weights)))
 
 
@@ -85,8 +94,8 @@ def with_systematics(
 class LikelihoodRegion:
     """Projections of a likelihood region on tilt and azimuth, degrees.
 
-    Azimuths are unwrapped so that low <= estimate <= high: they may lie below 0 or above
-    360. `vertical` where the region contains the vertical normal: then every azimuth fits.
+    Azimuths are unwrapped so that low <= estimate <= high: they may lie below 0 or above 360.
+    `vertical`: the region contains the vertical normal, so every azimuth fits.
     """
 
     tilt_low_deg: float
@@ -98,7 +107,7 @@ class LikelihoodRegion:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A grid of normals (k, 3) of equal solid angle that covers one likelihood region, with misfits."""
+    """Grid of normals (k, 3) of equal `solid_angle` [sr] over one likelihood region, with misfits (k,)."""
 
     normals: FloatArray
     misfit: FloatArray
@@ -107,7 +116,7 @@ class Patch:
 
 @dataclass(frozen=True, slots=True)
 class _Box:
-    """Ranges of height over the plane square to the mean sun, and of turn around it (radians)."""
+    """Ranges of the height over the plane square to the mean sun, and of the rotation about it, rad."""
 
     height: tuple[float, float]
     turn: tuple[float, float]
@@ -121,7 +130,7 @@ class _Box:
         return np.stack(parts, axis=-1) @ axes.T
 
     def cell(self, heights: int, turns: int) -> float:
-        """Solid angle of a cell: equal everywhere in these coordinates (Archimedes)."""
+        """Solid angle of a cell: equal everywhere, since height and rotation preserve area (Archimedes)."""
         return (self.height[1] - self.height[0]) / heights * (self.turn[1] - self.turn[0]) / turns
 
 
@@ -140,8 +149,19 @@ def patch(
 ) -> Patch:
     """Grid over the connected region ``q <= q(best) + drop`` around `best`.
 
-    `information` (3, 3) only steers the axes and the first size; the grid grows until the
-    region lies inside and then closes in on it.
+    Parameters
+    ----------
+    misfit
+        Misfit of normals (..., 3).
+    information
+        Information matrix (3, 3): sets the axes and the first size only; the grid grows until the region lies
+        inside, then shrinks to it.
+    best
+        Unit normal of least misfit, (3,).
+    drop
+        Misfit above the least that bounds the region: a chi-square quantile.
+    heights, turns
+        Cells of the grid along its two axes.
     """
     values, vectors = np.linalg.eigh(information)
     axes = vectors * np.where(vectors.T @ best < 0.0, -1.0, 1.0)
@@ -168,7 +188,7 @@ def _touches(line: NDArray[np.bool_], low: bool, high: bool) -> bool:
 
 
 def _closer(box: _Box, inside: NDArray[np.bool_]) -> _Box:
-    """The part of the box that holds the region, with a cell around."""
+    """The part of the box that contains the region, with a margin of one cell."""
     if not inside.any():
         return box
     spans = []
@@ -183,7 +203,10 @@ def _closer(box: _Box, inside: NDArray[np.bool_]) -> _Box:
 def region(
     misfit: MisfitOf, information: FloatArray, best: FloatArray, drop: float, tilt_limit_deg: float
 ) -> LikelihoodRegion:
-    """Projections of the likelihood region around `best`, within the tilt limit."""
+    """Projections of the likelihood region around `best` on tilt and azimuth, within the tilt limit.
+
+    Parameters as of `patch`; `tilt_limit_deg` in degrees.
+    """
     found = patch(misfit, information, best, drop)
     least = float(misfit(best))
     inside = found.misfit <= least + drop
@@ -192,7 +215,7 @@ def region(
 
 
 def _near(vertical: FloatArray, best: FloatArray, found: Patch, inside: NDArray[np.bool_]) -> bool:
-    """Whether the vertical belongs to this region and not to one on the far branch."""
+    """Whether the vertical belongs to this region and not to that of the other branch."""
     reach = float(np.max(angle_between_deg(found.normals[inside], best), initial=0.0))
     return bool(angle_between_deg(vertical, best) <= reach + 0.5)
 
@@ -220,20 +243,20 @@ def project(normals: FloatArray, best: FloatArray, flat: bool, tilt_limit_deg: f
 def region_known_azimuth(
     misfit: MisfitOf, azimuth_deg: float, best: FloatArray, drop: float, tilt_limit_deg: float
 ) -> LikelihoodRegion:
-    """The unbroken stretch of tilts around `best` along one azimuth."""
+    """The connected interval of tilts around `best` along one azimuth, degrees; parameters as of `region`."""
     tilts, tilt = np.linspace(0.0, tilt_limit_deg, TILTS), float(tilt_azimuth(best)[0])
-    rise = np.maximum(misfit(normal(tilts, azimuth_deg)) - float(misfit(best)), 0.0) / drop
+    excess = np.maximum(misfit(normal(tilts, azimuth_deg)) - float(misfit(best)), 0.0) / drop
     below, above = tilts < tilt, tilts > tilt
-    low = _end(tilt, tilts[below][::-1], rise[below][::-1])
-    high = _end(tilt, tilts[above], rise[above])
+    low = _end(tilt, tilts[below][::-1], excess[below][::-1])
+    high = _end(tilt, tilts[above], excess[above])
     azimuth = azimuth_deg % 360.0
     return LikelihoodRegion(low, high, azimuth, azimuth, low == 0.0)
 
 
-def _end(start: float, tilts: FloatArray, rise: FloatArray) -> float:
-    """The tilt at which the rise, 0 at `start`, first passes 1 along `tilts` (k,); the last if none does."""
-    # a misfit rises as a parabola, so its root is interpolated; the whole region may be narrower than a step
-    tilts, root = np.append(start, tilts), np.append(0.0, np.sqrt(rise))
+def _end(start: float, tilts: FloatArray, excess: FloatArray) -> float:
+    """Tilt at which the excess misfit, 0 at `start`, first exceeds 1 along `tilts` (k,); else the last."""
+    # a misfit grows as a parabola, so its root is interpolated: the region may be narrower than one step
+    tilts, root = np.append(start, tilts), np.append(0.0, np.sqrt(excess))
     outside = np.flatnonzero(root > 1.0)
     if not outside.size:
         return float(tilts[-1])
@@ -247,7 +270,7 @@ _LEAST_TILT_DEG = 0.25  # the prior is cut off here, where all azimuths meet
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Mean normal (3,), the weights (n,) that the minutes kept, and each branch's share of the mass."""
+    """Mean normal (3,), robust weights of the rows (n,), and each branch's share of the probability."""
 
     mean: FloatArray
     weights: FloatArray
@@ -255,10 +278,28 @@ class Posterior:
 
 
 def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit_deg: float) -> Posterior:
-    """Posterior of one slope from rows (n,) with weights 1 / sigma**2, all positive.
+    """Posterior mean of a slope where some minute bins are outliers: Student-t residuals.
 
-    The mean is taken over the branch that holds more of the mass: between two branches
-    lies no slope that fits.
+    The prior is uniform in tilt and azimuth up to the tilt limit: gentle slopes are more common than steep
+    ones, per solid angle as 1 / sin(tilt). One grid covers each branch; the plane of the sun's motion divides
+    the sphere between them. The mean is of the branch with more probability: between two branches lies no
+    slope that fits.
+
+    Parameters
+    ----------
+    design
+        Design vectors, shape (n, 3). [-]
+    y
+        Measured cosines of incidence, (n,), finite. [-]
+    weights
+        Inverse variances of `y`, (n,), all positive. [-]
+    tilt_limit_deg
+        Largest tilt of the prior. [degrees]
+
+    References
+    ----------
+    K. Lange, R. Little and J. Taylor, "Robust statistical modeling using the t distribution", Journal of the
+    American Statistical Association 84, 1989.
     """
     robust, branches = _reweighted(design, y, weights)
     information = Misfit.of_rows(design, y, robust).H
@@ -266,10 +307,10 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
 
     def misfit(normals: FloatArray) -> FloatArray:
         squares = (normals @ design.T - y) ** 2 * weights
-        return np.asarray((FREEDOM + 1.0) * np.sum(np.log1p(squares / FREEDOM), axis=-1))
+        return np.asarray((STUDENT_FREEDOM + 1.0) * np.sum(np.log1p(squares / STUDENT_FREEDOM), axis=-1))
 
     starts = [branches.first] if branches.merged else [branches.first, branches.second]
-    patches = [patch(misfit, information, start, REACH, heights=21, turns=121) for start in starts]
+    patches = [patch(misfit, information, start, POSTERIOR_DROP, heights=21, turns=121) for start in starts]
     floor = min(float(found.misfit.min()) for found in patches)
     sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
     moments = [
@@ -284,21 +325,21 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
 
 
 def _reweighted(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple[FloatArray, Branches]:
-    """Weights of the t distribution at its own mode, by repeated least squares."""
+    """Weights of the t distribution at its mode, by iteratively reweighted least squares."""
     robust = weights
     branches = solve(Misfit.of_rows(design, y, robust))
     for _ in range(_ROUNDS):
         squares = (design @ branches.first - y) ** 2 * weights
-        fresh = weights * (FREEDOM + 1.0) / (FREEDOM + squares)
-        if np.allclose(fresh, robust, rtol=1e-6):
+        updated = weights * (STUDENT_FREEDOM + 1.0) / (STUDENT_FREEDOM + squares)
+        if np.allclose(updated, robust, rtol=1e-6):
             break
-        robust = fresh
+        robust = updated
         branches = solve(Misfit.of_rows(design, y, robust))
     return robust, branches
 
 
 def _moments(found: Patch, floor: float, tilt_limit_deg: float, side: FloatArray) -> tuple[float, FloatArray]:
-    """Mass and mean normal of the part of a patch that is allowed and on its own side of the fold."""
+    """Mass and mean normal of the part of a patch within the tilt limit and on its own side of the fold."""
     tilts = tilt_azimuth(found.normals)[0]
     allowed = (tilts <= tilt_limit_deg) & (found.normals @ side >= 0.0)
     prior = 1.0 / np.sin(np.radians(np.maximum(tilts, _LEAST_TILT_DEG)))

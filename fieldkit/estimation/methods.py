@@ -1,8 +1,12 @@
-"""The three ways from rows to a slope of one region, and what each answer comes with.
+"""From rows to the slope of one target by one of three methods, with its state and its likelihood regions.
 
-Unit-norm least squares is the default, contour scoring the paper's, the posterior the
-robust one. They differ in the answer; the likelihood regions are drawn the same way for
-all, once for noise alone and once with the stated doubts of scale, offset and stored heat.
+Unit-norm least squares is the default, contour scoring is the paper's method, the posterior is the robust
+one. They differ in the best normal; the likelihood regions are computed alike for all, once for noise alone
+and once with the stated systematic uncertainties of scale, offset and stored heat.
+
+The noise level comes from second differences, which a slope, a drift or the hour of day cannot mimic. A small
+chi-square does not mean a small error: a smooth model error fits a smooth wrong slope, and only the stated
+systematic uncertainties cover that.
 """
 
 from __future__ import annotations
@@ -34,19 +38,20 @@ from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
 ALARM_PROBABILITY = 0.01
-"""Chance that chi-square calls a good window a bad one."""
+"""Probability that chi-square rejects a good window."""
 MIN_DIFFERENCES = 8
 LOWEST_COS_INCIDENCE = 0.03
-"""Rows whose predicted cosine of incidence is lower count as in the bed's own shade."""
+"""Predicted cosine of incidence below which a facet counts as self-shaded."""
 SHADE_SIGMAS = 2.0
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What is known of one slope: best normal (3,) or None, the second that fits, both regions, the state.
+    """Slope of one target: best normal (3,) or None, a second one that fits as well or None, regions, state.
 
-    `explained` is false where the minutes agree on no slope, however steep.
+    `whole` is the region with systematic uncertainties, `noise` that of noise alone, `used` the number of
+    rows. `explained` is false if no slope fits the minute bins together, however steep.
     """
 
     state: SlopeState
@@ -63,7 +68,21 @@ class Solution:
 def solution(
     rows: Rows, index: int, weights: FloatArray, bed: Region, settings: EstimatorSettings
 ) -> Solution:
-    """Slope of one region from its rows; weights (n,), zero for rows that do not count."""
+    """Slope of one target from its rows.
+
+    Parameters
+    ----------
+    rows
+        Least-squares rows of all targets.
+    index
+        The target's column in `rows`.
+    weights
+        Inverse variances, shape (n,); zero excludes a row. At least three rows (two with a known azimuth).
+    bed
+        The target, for its azimuth where `settings.azimuth` is ``known``.
+    settings
+        Method, tilt limit, noise and systematic uncertainties.
+    """
     known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
     problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
     fit = _least_squares(problem)
@@ -75,18 +94,18 @@ def solution(
     if ratio > 1.0:
         problem = replace(problem, weights=problem.weights / ratio)
         fit = _least_squares(problem)
-    best, votes, problem = _answer(problem, fit)
+    best, score, problem = _best_normal(problem, fit)
     if problem.settings.method == "posterior":
         fit = _least_squares(problem)
     if best is None:
-        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {votes}")
+        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {score}")
         return replace(nowhere, explained=False)
     return _judged(problem, fit, best)
 
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Rows of one region, their weights (n,), the azimuth where it is known, and what else counts."""
+    """Rows of one target, their weights (n,), the azimuth where it is known, and the settings."""
 
     rows: Rows
     index: int
@@ -96,58 +115,58 @@ class _Problem:
 
     @property
     def used(self) -> NDArray[np.bool_]:
-        """Rows that count."""
+        """Rows that are used."""
         return self.weights > 0.0
 
     @property
     def design(self) -> FloatArray:
-        """Lamps of the rows that count."""
+        """Design vectors of the rows that are used."""
         return np.asarray(self.rows.design[self.used])
 
     @property
     def y(self) -> FloatArray:
-        """Measured cosines of the rows that count."""
+        """Measured cosines of the rows that are used."""
         return np.asarray(self.rows.y[self.used, self.index])
 
     @property
     def misfit(self) -> Misfit:
-        """Noise only."""
+        """Noise alone."""
         return Misfit.of_rows(self.design, self.y, self.weights[self.used])
 
     @property
-    def doubtful(self) -> ProfileMisfit:
-        """With the stated doubts of offset, stored heat and scale."""
+    def profile_misfit(self) -> ProfileMisfit:
+        """Noise and the stated systematic uncertainties."""
         settings, used = self.settings, self.used
         systematics = self.rows.systematics[:, used, self.index]
         summed = with_systematics(self.design, self.y, self.weights[used], systematics)
-        left_out = PAPER_SCALE_SD if settings.model == "paper" else 0.0
-        scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, left_out)
+        neglected = PAPER_SCALE_SD if settings.model == "paper" else 0.0
+        scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, neglected)
         return ProfileMisfit(summed, self.rows.reference, scale_sd)
 
     @property
     def freedom(self) -> int:
-        """Rows less fitted angles."""
+        """Degrees of freedom: rows less fitted angles."""
         return int(self.used.sum()) - (2 if self.azimuth_deg is None else 1)
 
     @property
     def drop(self) -> float:
-        """How far the misfit may rise within the 90 % region."""
+        """Misfit above the least that bounds the 90 % region."""
         return NINETY_PERCENT if self.azimuth_deg is None else NINETY_PERCENT_ONE
 
     def standardised(self, best: FloatArray) -> FloatArray:
-        """What a normal leaves unexplained, in standard deviations."""
+        """Residuals of a normal, in standard deviations."""
         return np.asarray((self.y - self.design @ best) * np.sqrt(self.weights[self.used]))
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Least squares: the normal to believe, the other branch within the limit or None, their misfits."""
+    """Least squares: the preferred normal, the other branch within the limit or None, their misfits."""
 
     best: FloatArray
     other: FloatArray | None
     misfit: float
     other_misfit: float
-    steeper_misfit: float  # of the better branch, where both break the limit; else that of best
+    steeper_misfit: float  # of the better branch if both exceed the limit; else that of best
 
 
 def _least_squares(problem: _Problem) -> _Fit:
@@ -163,7 +182,7 @@ def _least_squares(problem: _Problem) -> _Fit:
 
 
 def _along_azimuth(misfit: Misfit, azimuth_deg: float, limit: float) -> _Fit:
-    """Along a known azimuth; of two tilts that both fit the flatter one is believed."""
+    """Along a known azimuth; if two tilts fit, the flatter one is preferred."""
     tilt, other = solve_known_azimuth(misfit, azimuth_deg, limit)
     best, second = normal([tilt, other], azimuth_deg)
     values = misfit(np.stack([best, second]))
@@ -174,8 +193,8 @@ def _along_azimuth(misfit: Misfit, azimuth_deg: float, limit: float) -> _Fit:
     return _Fit(best, second, float(values[0]), float(values[1]), float(values[0]))
 
 
-def _answer(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Problem]:
-    """The method's own best normal (None with the votes in words), and the weights it gave."""
+def _best_normal(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Problem]:
+    """The method's best normal (None with the contour score in words), and the weights it used."""
     settings = problem.settings
     if settings.method == "unit-norm" or problem.azimuth_deg is not None:
         return fit.best, "", problem
@@ -189,17 +208,17 @@ def _answer(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Prob
 
 
 def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
-    """Contour scoring on the cosine of incidence, so that every minute's tolerance is its own."""
+    """Contour scoring of the cosine of incidence, with a tolerance of its own for every minute bin."""
     settings, used, reference = problem.settings, problem.used, problem.rows.reference
     table = RadiationTable(slope_grid(settings.tilt_limit_deg), problem.design, reference)
     tolerance = 2.0 * problem.rows.sigma[used, problem.index]
     if settings.contour_tolerance_w_m2 is not None:
         tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
     difference = problem.y - problem.design @ reference
-    votes = table.winner(difference, tolerance, settings.contour_threshold)
-    if np.isnan(votes.normals).any():
-        return None, f"at most {votes.best[0]} of {used.sum()} minutes agree"
-    return votes.normals[0], ""
+    winners = table.winner(difference, tolerance, settings.contour_threshold)
+    if np.isnan(winners.normals).any():
+        return None, f"at most {winners.best[0]} of {used.sum()} minutes agree"
+    return winners.normals[0], ""
 
 
 def _nowhere(problem: _Problem, fit: _Fit, reason: str) -> Solution:
@@ -209,22 +228,22 @@ def _nowhere(problem: _Problem, fit: _Fit, reason: str) -> Solution:
 
 
 def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
-    """State and regions of a method's answer."""
+    """State and regions of a method's best normal."""
     if fit.misfit - fit.steeper_misfit > problem.drop:
         limit = problem.settings.tilt_limit_deg
         return _nowhere(problem, fit, f"what fits best is steeper than the limit of {limit:g}°")
-    misfit, doubtful = problem.misfit, problem.doubtful
+    misfit, profiled = problem.misfit, problem.profile_misfit
     alarm = chi_square_limit(problem.freedom)
-    chi_square = max(fit.misfit, 0.0) / problem.freedom  # rounding may leave less than nothing
-    is_bad = float(doubtful(fit.best)) / problem.freedom > alarm
-    # beyond what noise explains, the misfit itself is the measure of how far to trust
-    swollen = chi_square if chi_square > alarm else 1.0
-    if swollen > 1.0:
-        loose = replace(problem, weights=problem.weights / swollen)
-        misfit, doubtful = loose.misfit, loose.doubtful
+    chi_square = max(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
+    is_bad = float(profiled(fit.best)) / problem.freedom > alarm
+    # a misfit beyond noise inflates the variance, so that the regions are as wide as the residuals
+    inflation = chi_square if chi_square > alarm else 1.0
+    if inflation > 1.0:
+        widened = replace(problem, weights=problem.weights / inflation)
+        misfit, profiled = widened.misfit, widened.profile_misfit
     noise = _region(problem, misfit, misfit.H, best)
-    whole = _region(problem, doubtful, doubtful.linearised(best), best)
-    second = fit.other if fit.other_misfit - fit.misfit < problem.drop * swollen else None
+    whole = _region(problem, profiled, profiled.linearised(best), best)
+    second = fit.other if fit.other_misfit - fit.misfit < problem.drop * inflation else None
     state, reason = SlopeState.OK, ""
     if is_bad:
         state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, chi_square)
@@ -241,7 +260,7 @@ def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
 
 
 def _misfit_reason(problem: _Problem, chi_square: float) -> str:
-    """What the misfit looks like, in words."""
+    """The likely cause of a misfit, in words."""
     brightest = float(problem.y.max())
     if brightest > 1.0:
         return f"warmer than any slope explains (cosine {brightest:.2f}): scale, offset or emissivity is off"
@@ -258,10 +277,19 @@ def _region(
 
 
 def noise_ratio(residuals: ArrayLike) -> float:
-    """Variance of standardised residuals (n,) by their second differences; 1.0 when too few.
+    """Ratio of the observed noise variance to the stated one, from second differences of residuals.
 
-    ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6``. Below 1, or above it by less than chance
-    explains (95 %), the stated noise stands: 1.0.
+    ``mean (r[k-1] - 2 r[k] + r[k+1])**2 / 6``
+
+    Parameters
+    ----------
+    residuals
+        Standardised residuals in order of time, shape (n,). [-]
+
+    Returns
+    -------
+    The ratio; 1.0 with fewer than ten residuals, and where it does not exceed 1 by more than chance explains
+    (95 %). [-]
     """
     values = np.asarray(residuals, np.float64)
     bends = np.diff(values, 2)
@@ -274,16 +302,28 @@ def noise_ratio(residuals: ArrayLike) -> float:
 
 
 def chi_square_limit(freedom: int) -> float:
-    """Reduced chi-square that noise alone exceeds once in a hundred windows."""
+    """Reduced chi-square that noise alone exceeds in one window of a hundred; `freedom` >= 1."""
     return float(chdtri(freedom, ALARM_PROBABILITY)) / freedom
 
 
-def kelvin_per_degree(tilt_deg: float, azimuth_deg: float, lamp: FloatArray, y_per_kelvin: float) -> float:
-    """Change of surface temperature per degree of tilt at a slope under a lamp (3,), K per degree."""
+def kelvin_per_degree(
+    tilt_deg: float, azimuth_deg: float, direction: FloatArray, y_per_kelvin: float
+) -> float:
+    """Change of surface temperature per degree of tilt, K per degree.
+
+    Parameters
+    ----------
+    tilt_deg, azimuth_deg
+        The slope. [degrees]
+    direction
+        Design vector of the minute bin, shape (3,). [-]
+    y_per_kelvin
+        Change of the measured cosine per kelvin (`Rows.per_kelvin`). [1/K]
+    """
     steeper = normal(tilt_deg + 90.0, azimuth_deg)  # the unit vector along growing tilt
-    return float(np.radians(1.0) * (steeper @ lamp) / y_per_kelvin)
+    return float(np.radians(1.0) * (steeper @ direction) / y_per_kelvin)
 
 
 def sunlit(y: FloatArray, sigma: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Rows bright enough to be an equation: in its own shade a bed only says ``n . s < 0``."""
+    """Rows with enough sun to be used: a self-shaded facet only shows ``n . s < 0``."""
     return np.asarray(y >= SHADE_SIGMAS * sigma)

@@ -1,14 +1,13 @@
-"""Unit normals by least squares: the sun as a moving lamp, the normal on the unit sphere.
+"""Unit normals by least squares: the sun moves, the normal stays, and lies on the unit sphere.
 
-Every minute is one row ``y = n . u + error``: `u` points to the sun (or is the effective
-lamp of the full surface model), `y` is the measured cosine of incidence. With weights
-``w = 1 / sigma_y**2`` the misfit of a normal is ``q(n) = n'Hn - 2 b'n + c``, so `Misfit`
-is all that has to be kept of any number of rows. The three-vector solution ``H x = b`` is
-never used as an answer: below three hours its length is noise. Two circles on a sphere
-meet in two points, so there are always two branches; `fieldkit.estimation.normal` says which
-of them is meant.
+Every minute bin is one row ``y = n . u + error``: `u` points to the sun (or is the design vector of the full
+surface model), `y` is the measured cosine of incidence. With weights ``w = 1 / sigma_y**2`` the misfit of a
+normal is ``q(n) = n'Hn - 2 b'n + c``, so `Misfit` is a sufficient statistic of any number of rows.
 
-Angles in degrees at every boundary; vectors are east, north, up.
+The unconstrained solution ``H x = b`` is never used: below three hours its length is noise. Two circles on a
+sphere meet in two points, so `solve` gives two branches, and `choose` prefers one of them.
+
+Angles in degrees at every interface; vectors are east, north, up.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 
 POLISH_STEPS = 30
 _MERGED = 1e-5
-"""Branches closer than this (chord) are one: the slope lies on the fold."""
+"""Chord below which two branches are one: the slope lies on the fold."""
 _ROUNDING_DEG = 1e-3
-"""A slope on the very limit must not be ruled out by rounding."""
-_ONES = np.ones(3)  # a product with it adds up components faster than a sum over three
+"""Margin of the tilt limit: a slope exactly on it must not be excluded by rounding."""
+_ONES = np.ones(3)  # a product with it is faster than a sum over three components
 
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
     """The misfit ``q(n) = n'Hn - 2 b'n + c`` of unit normals, for one slope or many.
 
-    `H` has shape (3, 3) or (m, 3, 3), `b` (3,) or (m, 3), `c` and `count` () or (m,); an
-    `H` common to all slopes is shared.
+    `H`, (3, 3) or (m, 3, 3), is the information matrix, shared where all slopes have the same weights; `b` is
+    (3,) or (m, 3), `c` and `count` (rows with a weight) are () or (m,).
     """
 
     H: FloatArray
@@ -43,9 +42,16 @@ class Misfit:
 
     @classmethod
     def of_rows(cls, design: ArrayLike, y: ArrayLike, weights: ArrayLike = 1.0) -> Misfit:
-        """Sum rows: lamps (n, 3), y (n,) or (m, n), weights that broadcast with y; zero weight drops a row.
+        """Sum rows.
 
-        A row whose y is NaN counts as dropped.
+        Parameters
+        ----------
+        design
+            Design vectors, shape (n, 3). [-]
+        y
+            Measured cosines of incidence, (n,) or (m, n) for m slopes; NaN excludes a row. [-]
+        weights
+            Inverse variances, broadcast with `y`; zero excludes a row. [-]
         """
         u, y = np.asarray(design, np.float64), np.asarray(y, np.float64)
         w = np.asarray(weights, np.float64)
@@ -75,9 +81,9 @@ class Misfit:
 
 @dataclass(frozen=True, slots=True)
 class Branches:
-    """Both minima of a misfit on the sphere, (..., 3) each, the better one first.
+    """Both minima of a misfit on the sphere, (..., 3) each, the one of less misfit first.
 
-    `merged` where they are one point: on the fold, or where the sun's circles do not meet.
+    `merged`: they are one point, on the fold or where the circles around the sun do not meet.
     """
 
     first: FloatArray
@@ -88,14 +94,17 @@ class Branches:
 
 
 def solve(misfit: Misfit) -> Branches:
-    """Both unit normals that minimise the misfit locally.
+    """Both unit normals of locally least misfit.
 
-    Closed-form starts ``c1 e1 + c2 e2 +- sqrt(1 - c1**2 - c2**2) m`` in the eigenvectors of
-    H, then Newton steps on the sphere. Exact without noise. NaN where H or b is NaN or no
-    row was summed.
+    Starts in closed form, ``c1 e1 + c2 e2 +- sqrt(1 - c1**2 - c2**2) m`` in the eigenvectors of H, then
+    Newton steps on the sphere. Exact without noise.
+
+    Returns
+    -------
+    Branches; NaN where H or b is NaN or no row was summed.
     """
     known = np.isfinite(misfit.b).all(axis=-1) & (misfit.count > 0)
-    # what is not known is solved as a flat bed and blanked at the end
+    # unknown slopes are solved as level ones and set to NaN at the end
     H = (
         misfit.H
         if misfit.H.ndim == 2 and known.any()
@@ -109,7 +118,7 @@ def solve(misfit: Misfit) -> Branches:
     lam = values.reshape(3, *([1] * (beta.ndim - 1))) if shared else values.T
     starts = np.stack(_starts(lam, beta), axis=1)
     found = _polish(lam[:, np.newaxis], beta[:, np.newaxis], starts)
-    normals = [_back(vectors, found[:, branch], shared) for branch in (0, 1)]
+    normals = [_from_eigenbasis(vectors, found[:, branch], shared) for branch in (0, 1)]
     misfits = [misfit(normal) for normal in normals]
     return _ordered(normals, misfits, known)
 
@@ -127,14 +136,14 @@ def _starts(lam: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
     """Newton steps in the tangent plane for ``sum lam x**2 - 2 beta x`` on the unit sphere, (3, ...).
 
-    The Hessian is shifted to be positive where the sphere curves away (near the fold), and
-    a step that does not improve is halved.
+    The Hessian is shifted to be positive definite near the fold, where the sphere's curvature makes it
+    indefinite; a step that does not improve is shortened.
     """
     shape = x.shape
     lam, beta = (np.broadcast_to(array, shape).reshape(3, -1) for array in (lam, beta))
     x = x.reshape(3, -1).copy()
     value = np.sum((lam * x - 2.0 * beta) * x, axis=0)
-    # most are done after three steps: only the others are carried on
+    # most converge in three steps: only the others are continued
     left, trust = np.arange(value.size), np.ones(value.size)
     for _ in range(POLISH_STEPS):
         here, pull = lam[:, left], beta[:, left]
@@ -144,7 +153,7 @@ def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
         trial_value = np.sum((here * trial - 2.0 * pull) * trial, axis=0)
         better = trial_value <= value[left]
         x[:, left[better]], value[left[better]] = trial[:, better], trial_value[better]
-        # a tiny step that does not improve has met the rounding of q: done there
+        # a tiny step without improvement has reached the rounding of q
         open_ = np.max(np.abs(step), axis=0) >= np.where(better, 1e-11, 1e-7)
         left, trust = left[open_], np.where(better, 1.0, 0.25 * trust)[open_]
         if not left.size:
@@ -153,7 +162,7 @@ def _polish(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray:
-    along, across = _tangents(x)
+    along, across = _tangent_basis(x)
     slope = lam * x - beta
     g1, g2 = np.sum(along * slope, axis=0), np.sum(across * slope, axis=0)
     pull = np.sum(x * slope, axis=0)
@@ -171,7 +180,7 @@ def _newton_step(lam: FloatArray, beta: FloatArray, x: FloatArray) -> FloatArray
     return np.asarray(shorten * (s1 * along + s2 * across))
 
 
-def _tangents(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _tangent_basis(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors square to x (3, ...) and to each other, without a singular direction.
 
     T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017.
@@ -185,7 +194,7 @@ def _tangents(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _back(vectors: FloatArray, x: FloatArray, shared: bool) -> FloatArray:
+def _from_eigenbasis(vectors: FloatArray, x: FloatArray, shared: bool) -> FloatArray:
     return x.T @ vectors.T if shared else _times(vectors, x.T)
 
 
@@ -209,7 +218,7 @@ def _ordered(normals: list[FloatArray], misfits: list[FloatArray], known: NDArra
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The normal to believe (..., 3), its misfit, and the other branch where it keeps the limit, else NaN."""
+    """The preferred normal (..., 3), its misfit, and the other branch if within the tilt limit, else NaN."""
 
     best: FloatArray
     misfit: FloatArray
@@ -218,40 +227,49 @@ class Choice:
 
 
 def choose(misfit: Misfit, branches: Branches, tilt_limit_deg: float) -> Choice:
-    """Choose between the branches, given that the tilt does not exceed the limit.
+    """The preferred branch, given that the tilt does not exceed the limit.
 
-    In 20 minutes both often fit equally well. Then the prior decides, uniform in tilt and
-    azimuth up to the limit: per solid angle it falls as 1 / sin(tilt), so of two equal fits
-    the flatter one is believed. Where both branches are steeper, the least misfit on the
-    limit itself is taken: its misfit tells whether the limit is to blame.
+    Within 20 minutes both branches often fit equally well. Then the prior decides, uniform in tilt and
+    azimuth up to the limit: per solid angle it falls as 1 / sin(tilt), so of two equal fits the flatter one
+    is preferred. Where both branches are steeper than the limit, the normal of least misfit on the limit is
+    taken: its misfit shows whether the limit is the reason.
+
+    Parameters
+    ----------
+    misfit
+        Misfit of one or many slopes.
+    branches
+        Its minima, by `solve`.
+    tilt_limit_deg
+        Largest tilt, in (0, 90]. [degrees]
     """
     normals = np.stack([branches.first, branches.second])
     misfits = np.stack([branches.first_misfit, branches.second_misfit])
     tilts = tilt_azimuth(normals)[0]
     allowed = tilts <= tilt_limit_deg + _ROUNDING_DEG
-    price = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
-    price = np.where(allowed, price, np.inf)
-    swap = price[1] < price[0]
+    penalised = misfits + 2.0 * np.log(np.sin(np.radians(np.clip(tilts, 0.1, 90.0))))
+    penalised = np.where(allowed, penalised, np.inf)
+    swap = penalised[1] < penalised[0]
     swapped = swap[..., np.newaxis]
     best, other = np.where(swapped, normals[::-1], normals)
     misfit_best, misfit_other = np.where(swap, misfits[::-1], misfits)
-    lone = branches.merged | ~allowed.all(axis=0)
-    other = np.where(lone[..., np.newaxis], np.nan, other)
+    is_single = branches.merged | ~allowed.all(axis=0)
+    other = np.where(is_single[..., np.newaxis], np.nan, other)
     steep = ~allowed.any(axis=0) & np.isfinite(misfits[0])
     if np.any(steep):
         edge, edge_misfit = _on_limit(misfit, tilt_limit_deg, steep)
         best = np.where(steep[..., np.newaxis], edge, best)
         misfit_best = np.where(steep, edge_misfit, misfit_best)
-    return Choice(best, misfit_best, other, np.where(lone, np.nan, misfit_other))
+    return Choice(best, misfit_best, other, np.where(is_single, np.nan, misfit_other))
 
 
 def _on_limit(
     misfit: Misfit, tilt_limit_deg: float, wanted: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray]:
-    """Least misfit among normals of the limit's tilt, for the slopes wanted (NaN for the others)."""
+    """Normal of least misfit on the tilt limit and that misfit, for the slopes wanted; NaN for the others."""
     rim = normal(tilt_limit_deg, np.arange(0.0, 360.0, 0.1))
     best, least = np.full((*wanted.shape, 3), np.nan), np.full(wanted.shape, np.nan)
-    # in parts, so that many slopes do not fill the memory
+    # in parts, to bound the memory for many slopes
     for part in np.array_split(np.argwhere(wanted), 1 + int(wanted.sum()) // 1000):
         index = tuple(part.T)
         H = misfit.H if misfit.H.ndim == 2 else misfit.H[index]
@@ -262,10 +280,16 @@ def _on_limit(
 
 
 def solve_known_azimuth(misfit: Misfit, azimuth_deg: float, tilt_limit_deg: float) -> tuple[float, float]:
-    """Tilts of least misfit along one azimuth, degrees: the best, and the other local minimum or NaN.
+    """Tilts of least misfit along one azimuth: the best, and the other local minimum or NaN. [degrees]
 
-    For one slope. Both lie within 0..`tilt_limit_deg`; an end of the range is a minimum
-    where the misfit falls towards it.
+    Parameters
+    ----------
+    misfit
+        Misfit of one slope.
+    azimuth_deg
+        Azimuth of the normal, from north, clockwise. [degrees]
+    tilt_limit_deg
+        Largest tilt; an end of the range counts as a minimum where the misfit falls towards it. [degrees]
     """
     azimuth = np.radians(azimuth_deg)
     facing = np.array([[np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
@@ -301,10 +325,17 @@ def _polish_tilt(H: FloatArray, b: FloatArray, tilt: float, limit: float) -> flo
 
 
 def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
-    """Mirror images ``n - 2 (n . m) m`` of normals (..., 3) in the plane of the sun's motion.
+    """Mirror images ``n - 2 (n . m) m`` of normals in the plane of the sun's motion, (..., 3).
 
-    `m`, the eigenvector of H with the smallest eigenvalue, is the direction the sun never
-    showed; what fits a slope fits its mirror image nearly as well.
+    `m`, the eigenvector of H with the smallest eigenvalue, is the direction in which the sun never stood; a
+    mirror image fits nearly as well as the slope itself.
+
+    Parameters
+    ----------
+    normals
+        Unit normals, shape (..., 3). [-]
+    H
+        Information matrix, (..., 3, 3). [-]
     """
     n = np.asarray(normals, np.float64)
     across = np.linalg.eigh(H)[1][..., :, 0]
@@ -312,9 +343,9 @@ def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:
 
 
 def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Unit vectors along growing tilt and growing azimuth at normals (..., 3).
+    """Unit vectors along increasing tilt and increasing azimuth at normals (..., 3), shape (..., 3) each.
 
-    At the vertical, where azimuth has no meaning, those of azimuth 0.
+    At the vertical, where azimuth is undefined, those of azimuth 0.
     """
     tilt, azimuth = (np.radians(angle) for angle in tilt_azimuth(normals))
     level = np.zeros_like(tilt)
@@ -323,11 +354,24 @@ def tangents(normals: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def cramer_rao(H: FloatArray, normals: ArrayLike) -> FloatArray:
-    """Smallest possible covariance (..., 2, 2) of an unbiased estimate at normals (..., 3), rad**2.
+    """Cramer-Rao bound: the smallest covariance of an unbiased estimate.
 
-    Entry 0 is tilt, entry 1 direction on the ground (azimuth times the sine of tilt). S. Kay,
-    "Fundamentals of statistical signal processing: estimation theory", 1993. Needs only sun,
-    irradiance and noise, so it can be drawn before the day. Near the fold it is too small.
+    Needs only sun, irradiance and noise, so it can be computed before the day. Too small near the fold.
+
+    Parameters
+    ----------
+    H
+        Information matrix, shape (..., 3, 3). [-]
+    normals
+        Unit normals, (..., 3). [-]
+
+    Returns
+    -------
+    Covariance (..., 2, 2) of tilt and of direction on the ground (azimuth times the sine of tilt). [rad2]
+
+    References
+    ----------
+    S. Kay, "Fundamentals of statistical signal processing: estimation theory", 1993, ch. 3.
     """
     basis = np.stack(tangents(normals), axis=-1)
     return np.asarray(np.linalg.inv(np.swapaxes(basis, -1, -2) @ H @ basis))

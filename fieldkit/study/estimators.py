@@ -149,7 +149,7 @@ def _by_contours(difference: FloatArray, conditions: Conditions, settings: Study
     design = conditions.sun * conditions.dni_w_m2[:, np.newaxis]
     table = RadiationTable(slope_grid(GRID_LIMIT_DEG), design, VERTICAL)
     # the paper takes the cell of highest score; with noise it may stand on few contours
-    return table.vote(difference, settings.tolerance_w_m2, threshold=0.0).normals
+    return table.winners(difference, settings.tolerance_w_m2, threshold=0.0).normals
 
 
 def _by_unit_norm(y: FloatArray, sigma: FloatArray, sun: FloatArray, limit_deg: float) -> FloatArray:

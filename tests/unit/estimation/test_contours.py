@@ -29,7 +29,7 @@ def test_pruned_voting_equals_scoring_every_cell(noise, tolerance):
     truths = normal(random.uniform(0, 30, 40), random.uniform(0, 360, 40))
     differences = (truths - VERTICAL) @ design.T + noise * random.standard_normal((40, 21))
     differences[3, :5] = np.nan
-    votes = table.vote(differences, tolerance, threshold=0.0)
+    votes = table.winners(differences, tolerance, threshold=0.0)
     for row in range(40):
         scores = np.zeros(len(table.cells), int)
         for time in range(21):
@@ -61,7 +61,7 @@ def test_tolerance_half_a_watt_gives_the_published_size_of_error():
     between = normal(random.uniform(0, 30, 1500), random.uniform(0, 360, 1500))
     p90 = []
     for truths in (on_grid, between):
-        found = table.vote((truths - VERTICAL) @ design.T, 0.5, threshold=0.0).normals
+        found = table.winners((truths - VERTICAL) @ design.T, 0.5, threshold=0.0).normals
         p90.append(np.percentile(np.abs(tilt_azimuth(found)[0] - tilt_azimuth(truths)[0]), 90))
     assert p90[0] == pytest.approx(0.25, abs=0.06)
     assert 1.5 * p90[0] < p90[1] < 1.5
