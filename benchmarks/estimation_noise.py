@@ -201,9 +201,9 @@ def _lagging(horizontal_w_m2: FloatArray) -> FloatArray:
 
 
 def _alarms(temperature_k: FloatArray, random: np.random.Generator) -> list[int]:
-    watch = Cusum()
+    monitor = Cusum()
     noisy = temperature_k + 0.05 * random.standard_normal(temperature_k.size)
-    return [minute for minute, value in enumerate(noisy) if watch.add(minute, float(value)) is not None]
+    return [minute for minute, value in enumerate(noisy) if monitor.update(minute, float(value)) is not None]
 
 
 def run() -> list[Result]:

@@ -1,7 +1,7 @@
 """How far back an estimate should look, and whether a bed that drifts alone is found: measured weather.
 
 Beds and days as in `estimation_outdoors`, with offsets of 0.25 K between regions and clouds
-flagged as the estimator's own watch flags them; every tenth minute from 9:40 to 15 h local.
+flagged as the estimator's own monitor flags them; every tenth minute from 9:40 to 15 h local.
 Twenty minutes, the paper's window, against the default, which looks back as far as one slope
 explains the minutes.
 """
@@ -52,13 +52,13 @@ MIXED: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0), (12.0, 90.
 
 def clouds_flagged(history: History, settle_s: float) -> History:
     """The day with the flags that the light's changes earn its minutes."""
-    watch, settled_ns, flags = CloudMonitor(), -(2**62), history.flags.copy()
+    monitor, settled_ns, flags = CloudMonitor(), -(2**62), history.flags.copy()
     clearness = history.dni_w_m2 + history.dhi_w_m2 / history.sun[:, 2]
     for index, (time_ns, clear) in enumerate(zip(history.time_ns.tolist(), clearness.tolist(), strict=True)):
-        change = watch.add(time_ns, time_ns, clear)
+        change = monitor.update(time_ns, time_ns, clear)
         if change is not None and change.kind == "end":
             settled_ns = time_ns + round(settle_s * 1e9)
-        if watch.cloudy or change is not None or time_ns < settled_ns:
+        if monitor.cloudy or change is not None or time_ns < settled_ns:
             flags[index] |= int(Quality.CLOUD)
     return replace(history, flags=flags)
 
@@ -133,7 +133,7 @@ def _told_after(history: History, target: int, settings: EstimatorSettings) -> i
 
 
 def _is_drift(one: SlopeEstimate) -> bool:
-    return "alone left its own prediction" in one.reason
+    return "alone deviates from its prediction" in one.reason
 
 
 def run() -> list[Result]:

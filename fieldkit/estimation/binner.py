@@ -1,7 +1,7 @@
-"""Samples in, closed minutes out: the part of the estimator that all parameters of slopes share.
+"""Samples in, closed minute bins out: the part of the estimator that does not depend on slope settings.
 
-A minute closes when a sample arrives that is two seconds past its end, so any interleaving
-within two seconds gives the same bins. Light, shade and picture are watched on the way.
+A bin closes when a sample arrives two seconds past its end, so any interleaving of streams within two seconds
+gives the same bins. Disturbances are flagged on the way.
 """
 
 from __future__ import annotations
@@ -23,20 +23,23 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 
 GRACE_NS = 2_000_000_000
-"""How long after its end a minute waits for samples that are late."""
+"""How long a bin waits for late samples after its end."""
 
 Closed = tuple[MinuteBin, tuple[Event, ...]]
-"""A minute, and what was noticed in it: clouds, shade, a moved picture, samples too late."""
+"""A bin, and its events: clouds, shade, a moved frame, late samples."""
 
 
 class Binner:
-    """Turns samples into minutes.
+    """Turns samples into minute bins.
 
-    The first camera stream of a known temperature scale is used; light comes from measured direct
-    irradiance, else from global irradiance, else from the illuminometer (`Instruments`). Samples of other
-    streams are passed over. `irradiance_model` says in words how direct light is worked out.
+    The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
+    else from global irradiance, else from the illuminance meter (`Instruments`). Samples of other streams are
+    skipped. `irradiance_model` describes in words how DNI is derived.
 
-    Raises `ConfigError` where the only light is of a stream whose component is unknown.
+    Raises
+    ------
+    ConfigError
+        If the only light is from a stream of unknown component.
     """
 
     def __init__(
@@ -48,7 +51,7 @@ class Binner:
     ) -> None:
         self._site, self._regions, self._settings = site, tuple(regions), settings
         self._instruments = Instruments(streams, settings)
-        self._unasked = self._instruments.unknown
+        self._unreported = self._instruments.unknown
         self.irradiance_model = self._instruments.label
         self._camera: CameraStream | None = None
         if (info := self._instruments.camera) is not None:
@@ -58,10 +61,10 @@ class Binner:
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
-        self._watch = DisturbanceMonitor(RegionColumns(self._regions))
+        self._disturbances = DisturbanceMonitor(RegionColumns(self._regions))
 
     def add(self, sample: Sample) -> list[Closed]:
-        """Take one sample; the minutes that closed by its coming, usually none."""
+        """Take one sample; returns the bins it closed, usually none."""
         start = sample.time_ns - sample.time_ns % MINUTE_NS
         closed = self._close_before(sample.time_ns - GRACE_NS)
         if start < self._closed_ns:
@@ -77,7 +80,7 @@ class Binner:
         return closed
 
     def finish(self) -> list[Closed]:
-        """Close what is open: the recording has ended."""
+        """Close the open bins at the end of a recording."""
         return self._close_before(2**62)
 
     def _close_before(self, time_ns: int) -> list[Closed]:
@@ -88,27 +91,27 @@ class Binner:
 
     def _close(self, minute: OpenBin) -> Closed:
         light = self._instruments.light(minute, self._site, self._settings)
-        entry, notices = self._watch.look(self._bin(minute, light), minute, light, self._settings)
-        notices.extend(self._ask(minute))
+        entry, events = self._disturbances.update(self._bin(minute, light), minute, light, self._settings)
+        events.extend(self._unknown_streams(minute))
         if self._late:
-            text = f"{self._late} samples came more than 2 s late and were left out of the estimates"
-            notices.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
+            text = f"{self._late} samples arrived more than 2 s late and were excluded from the estimates"
+            events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
             self._late = 0
-        return entry, tuple(notices)
+        return entry, tuple(events)
 
-    def _ask(self, minute: OpenBin) -> Iterator[Event]:
-        """Once, for each stream that cannot serve because what it measures is unknown."""
-        for name in self._unasked:
+    def _unknown_streams(self, minute: OpenBin) -> Iterator[Event]:
+        """Once for each stream that is not used because what it measures is unknown."""
+        for name in self._unreported:
             text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
-        self._unasked = ()
+        self._unreported = ()
 
     def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:
         count = len(self._regions)
         temperature, spread, jitter = np.full((3, count), np.nan)
         pixels = np.zeros(count, np.int64)
         if self._camera is not None:
-            temperature, spread, jitter = self._camera.means(minute.pictures)
+            temperature, spread, jitter = self._camera.means(minute.frame_sums)
             pixels = self._camera.outline.pixels
         sun = sun_vectors(minute.time_ns, self._site, refraction=self._settings.refraction)
         low = sun[2] < math.sin(math.radians(self._settings.low_sun_deg))
@@ -121,7 +124,7 @@ class Binner:
             spread,
             jitter,
             pixels,
-            minute.pictures.frames,
+            minute.frame_sums.frames,
             mean_of(light.dni_w_m2),
             light.illuminance_lx,
             light.dhi_w_m2,

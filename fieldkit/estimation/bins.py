@@ -1,11 +1,11 @@
-"""Minute bins: what is kept of the samples, and all that an estimate is made of.
+"""Minute bins: the statistics kept of the samples, and all that an estimate is made from.
 
-A minute gathers samples in any order and closes once. Pictures are summed as whole
-numbers, which no order of adding can change; readings are sorted by their time first. So
-live, replay and batch bins are equal to the last bit. Nothing here knows about slopes.
+A bin collects samples in any order and closes once. Frames are summed as whole numbers, so the order of
+addition cannot change a sum; readings are sorted by time first. Live, replayed and batch bins are therefore
+equal to the last bit. Nothing here depends on slopes.
 
-Samples that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded from the sums; their
-flags stay on the bin.
+Samples that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded from the sums; their flags stay
+on the bin.
 """
 
 from __future__ import annotations
@@ -32,13 +32,29 @@ LAW_STEP_K = 0.01
 
 @dataclass(frozen=True, slots=True)
 class MinuteBin:
-    """One closed minute. Temperatures per region in the order of the regions, NaN without pictures.
+    """One closed minute bin; arrays per region in the order of the regions, NaN without frames.
 
-    `time_ns` is the mean time of the pictures that count (the middle of the minute without
-    any), `sun` the unit vector to the sun then. `spread_k` is the standard deviation over a
-    region's pixels, `jitter_k` that of its mean from picture to picture (NaN for one).
-    Irradiances in W/m2, NaN where not measured; `dni_w_m2` is normal to the beam, the
-    others are on the horizontal. `flags` hold for the minute, `region_flags` for one region.
+    Attributes
+    ----------
+    minute
+        Minutes since 1970 UTC. [min]
+    time_ns
+        Mean UTC time of the frames used, or the middle of the minute. [ns]
+    sun
+        Unit vector towards the sun at `time_ns`, (3,), east, north, up. [-]
+    temperature_k, spread_k, jitter_k
+        Surface temperature; its standard deviation over the pixels; that of its mean from frame to frame (NaN
+        for one frame). [K]
+    pixels, frames
+        Pixels of each region, and frames used.
+    dni_w_m2, dhi_w_m2, longwave_down_w_m2
+        Direct normal and diffuse horizontal irradiance, downward longwave; NaN where not measured. [W/m2]
+    illuminance_lx
+        Mean of the light meter. [lx]
+    contact_k
+        Mean of every channel of the contact thermometers. [K]
+    flags, region_flags
+        Quality of the whole bin, and of single regions.
     """
 
     minute: int
@@ -64,7 +80,7 @@ class MinuteBin:
 
 
 class RegionPixels:
-    """Regions flattened once into pixel indices, so that a picture costs one gather."""
+    """Regions flattened once into pixel indices, so that a frame costs one gather."""
 
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
         masks = [np.flatnonzero(region.mask(shape)) for region in regions]
@@ -74,12 +90,12 @@ class RegionPixels:
         self._filled = np.flatnonzero(self.pixels)
         self._starts = (np.cumsum(self.pixels) - self.pixels)[self._filled]
 
-    def gather(self, picture: NDArray[Any]) -> NDArray[Any]:
+    def gather(self, frame: NDArray[Any]) -> NDArray[Any]:
         """The pixels of all regions, one region after the other."""
-        return np.asarray(picture.ravel()[self._indices])
+        return np.asarray(frame.ravel()[self._indices])
 
     def sums(self, numbers: NDArray[np.integer[Any]]) -> tuple[list[int], list[int]]:
-        """Sum and sum of squares over each region of a picture of whole numbers, exact in a double."""
+        """Sum and sum of squares over each region of a frame of whole numbers, exact in float64."""
         totals, squares = np.zeros(self.pixels.size), np.zeros(self.pixels.size)
         if self._filled.size:
             values = self.gather(numbers).astype(np.float64)
@@ -91,7 +107,7 @@ class RegionPixels:
 
 @dataclass(slots=True)
 class RegionSums:
-    """Whole-number sums over the pictures of one minute."""
+    """Whole-number sums over the frames of one bin."""
 
     regions: int
     frames: int = 0
@@ -105,7 +121,7 @@ class RegionSums:
         self.totals_squared = [0] * self.regions
 
     def add(self, totals: list[int], squares: list[int], offset_ns: int) -> None:
-        """Add one picture's region sums, taken `offset_ns` after the minute's start."""
+        """Add one frame's region sums, taken `offset_ns` after the minute's start."""
         self.frames += 1
         self.offset_ns += offset_ns
         for index, (total, square) in enumerate(zip(totals, squares, strict=True)):
@@ -115,10 +131,10 @@ class RegionSums:
 
 
 class CameraStream:
-    """The picture stream that feeds the bins: its law, its regions, how counts become kelvin.
+    """The camera stream that feeds the bins: its law, its regions, its conversion of counts to kelvin.
 
-    Counts of a linear law are summed as they are; other laws give kelvin picture by picture,
-    which are summed in whole hundredths, finer than the noise of one pixel.
+    Counts of a linear law are summed as they are; other laws give kelvin frame by frame, which are summed in
+    whole hundredths, finer than the noise of one pixel.
     """
 
     def __init__(
@@ -134,7 +150,7 @@ class CameraStream:
         self._offset = info.offset if self._is_linear else 0.0
 
     def sums(self, frame: Frame) -> tuple[list[int], list[int]] | None:
-        """Sums of a picture's regions; None where its law has no answer for a pixel in them."""
+        """Sums over the regions of a frame; None if its law is undefined for any of their pixels."""
         if self._is_linear:
             return self.outline.sums(frame.counts)
         kelvin = frame_k(self.info, frame.counts, frame.metadata_rows, np.float32)
@@ -143,7 +159,7 @@ class CameraStream:
         return self.outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
 
     def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Surface temperature, spread over pixels and jitter over pictures of each region, kelvin."""
+        """Surface temperature, spread over pixels and jitter over frames of each region, kelvin."""
         samples = self.outline.pixels * sums.frames
         if sums.frames == 0 or not np.isfinite(self._scale):
             return tuple(np.full(samples.size, np.nan) for _ in range(3))  # type: ignore[return-value]
@@ -151,7 +167,7 @@ class CameraStream:
         for index in np.flatnonzero(samples):
             total, n, pixels = sums.totals[index], int(samples[index]), int(self.outline.pixels[index])
             mean[index] = total / n
-            # integer numerators: variances of large counts without cancellation
+            # integer numerators: no cancellation in the variance of large counts
             spread[index] = np.sqrt((n * sums.squares[index] - total * total) / (n * n))
             if sums.frames > 1:
                 scatter = sums.frames * sums.totals_squared[index] - total * total
@@ -161,11 +177,11 @@ class CameraStream:
 
 
 class OpenBin:
-    """One minute while its samples arrive, in whatever order."""
+    """One bin while its samples arrive, in any order."""
 
     def __init__(self, minute: int, regions: int) -> None:
         self.minute = minute
-        self.pictures = RegionSums(regions)
+        self.frame_sums = RegionSums(regions)
         self.flags = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
@@ -177,7 +193,7 @@ class OpenBin:
             return
         if self.first_frame is None or frame.time_ns < self.first_frame.time_ns:
             self.first_frame = frame
-        self.pictures.add(*sums, frame.time_ns - self.minute * MINUTE_NS)
+        self.frame_sums.add(*sums, frame.time_ns - self.minute * MINUTE_NS)
 
     def add_reading(self, reading: Reading) -> None:
         """Keep a reading until the minute closes."""
@@ -185,18 +201,18 @@ class OpenBin:
 
     @property
     def time_ns(self) -> int:
-        """Mean time of the pictures that count, else the middle of the minute."""
-        start, frames = self.minute * MINUTE_NS, self.pictures.frames
-        return start + (self.pictures.offset_ns // frames if frames else MINUTE_NS // 2)
+        """Mean time of the frames used, else the middle of the minute."""
+        start, frames = self.minute * MINUTE_NS, self.frame_sums.frames
+        return start + (self.frame_sums.offset_ns // frames if frames else MINUTE_NS // 2)
 
     def sorted_readings(self, stream: str) -> list[Reading]:
-        """Readings of one stream by time; equal times by value, so the order of arrival never shows."""
+        """Readings of one stream by time, equal times by value: independent of the order of arrival."""
         return sorted(self.readings.get(stream, []), key=lambda r: (r.time_ns, r.values, r.quality))
 
 
 @dataclass(frozen=True, slots=True)
 class RegionColumns:
-    """The regions of a picture as the estimator sees them: which columns are references, which targets."""
+    """The regions as columns of a history: which are references, which are targets."""
 
     regions: tuple[Region, ...]
 
@@ -212,10 +228,10 @@ class RegionColumns:
 
     @property
     def reference_normals(self) -> FloatArray:
-        """Unit normals of the references; one without a tilt is flat."""
-        beds = [self.regions[column] for column in self.references]
-        tilts = [0.0 if math.isnan(bed.tilt_deg) else bed.tilt_deg for bed in beds]
-        azimuths = [0.0 if math.isnan(bed.azimuth_deg) else bed.azimuth_deg for bed in beds]
+        """Unit normals of the references, (r, 3); one without a tilt is level."""
+        references = [self.regions[column] for column in self.references]
+        tilts = [0.0 if math.isnan(one.tilt_deg) else one.tilt_deg for one in references]
+        azimuths = [0.0 if math.isnan(one.azimuth_deg) else one.azimuth_deg for one in references]
         return normal(tilts, azimuths).reshape(-1, 3)
 
     def _columns(self, kind: RegionKind) -> NDArray[np.int64]:
@@ -238,7 +254,7 @@ class History:
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin]) -> History:
-        """Stack bins, which must be in order of time."""
+        """Stack bins in order of time."""
         regions = bins[0].temperature_k.size if bins else 0
         return cls(
             np.array([b.minute for b in bins], np.int64),

@@ -1,4 +1,10 @@
-"""What the minutes say about weather, shade and camera: flags on the bins, and events to tell."""
+"""Disturbances: clouds, shade on one region, a frame that moved or froze; flags on the bins, and events.
+
+Clouds begin and end by the light readings (`CloudMonitor`): a change by more than 15 % within two minutes is
+faster than the sun can move. `Cusum` finds level shifts of a temperature without any light meter: on the
+reference it confirms the weather, on one region against the reference it finds a shadow (`ShadeMonitor`).
+`FrameShiftMonitor` compares the edges in the frames: regions warm and cool through the day, their edges stay.
+"""
 
 from __future__ import annotations
 
@@ -23,47 +29,47 @@ STEADY_CHANGE = 0.05
 STEADY_S = 60.0
 NEW_WEATHER_S = 1200.0
 MIN_VALUES = 10
-STRETCH_NS = 5 * SECOND_NS
+SLOT_NS = 5 * SECOND_NS
 GUST_SD_K = 0.2
-"""What gusts do to a bed's temperature from minute to minute outdoors: smaller jumps are no weather."""
+"""Scatter of a region's temperature from minute to minute by gusts outdoors: the least noise assumed."""
 MOVED_PX = 1.5
 _CLEAR_PEAK = 8.0
-"""How far the correlation peak must stand out of its surroundings, in standard deviations."""
+"""Height of the correlation peak over the rest that makes a shift credible, in standard deviations."""
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 
 class DisturbanceMonitor:
-    """Looks for clouds, shade on one bed, and a picture that moved or froze."""
+    """Flags bins with clouds, shade on one region, and frames that moved or froze; reports what changes."""
 
-    def __init__(self, field: RegionColumns) -> None:
-        self._field = field
+    def __init__(self, columns: RegionColumns) -> None:
+        self._columns = columns
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
-        self._shade = {int(column): ShadeMonitor() for column in field.targets}
+        self._shade = {int(column): ShadeMonitor() for column in columns.targets}
         self._shaded: set[int] = set()
-        self._picture = FrameShiftMonitor()
+        self._frame_shift = FrameShiftMonitor()
         self._moved = False
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
 
-    def look(
+    def update(
         self, entry: MinuteBin, minute: OpenBin, light: MinuteIrradiance, settings: EstimatorSettings
     ) -> tuple[MinuteBin, list[Event]]:
-        """The bin with its flags, and what is to be told."""
-        notices = self._clouds(entry, light, settings)
-        if self._light.cloudy or notices or entry.start_ns < self._settled_ns:
+        """The bin with its flags, and the events to report."""
+        events = self._clouds(entry, light, settings)
+        if self._light.cloudy or events or entry.start_ns < self._settled_ns:
             entry = replace(entry, flags=entry.flags | Quality.CLOUD)
-        reference_k = mean_of(entry.temperature_k[self._field.references])
-        jump = self._reference.add(entry.minute, reference_k)
+        reference_k = mean_of(entry.temperature_k[self._columns.references])
+        jump = self._reference.update(entry.minute, reference_k)
         if jump is not None:
-            notices.append(_jump_notice(jump, minute, bool(entry.flags & Quality.CLOUD)))
-        entry = self._shades(entry, reference_k, minute, notices)
-        return self._pictures(entry, minute, notices), notices
+            events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
+        entry = self._shades(entry, reference_k, minute, events)
+        return self._frames(entry, minute, events), events
 
     def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
-        notices = []
+        events = []
         for reading, clearness in zip(light.readings, light.clearness.tolist(), strict=True):
-            change = self._light.add(reading.mono_ns, reading.time_ns, clearness)
+            change = self._light.update(reading.mono_ns, reading.time_ns, clearness)
             if change is None:
                 continue
             if change.kind == "end":
@@ -71,47 +77,45 @@ class DisturbanceMonitor:
             data = {"phase": change.kind}
             severity = Severity.WARNING if change.kind == "begin" else Severity.INFO
             text = f"cloud {change.kind}s: {change.text}"
-            notices.append(
+            events.append(
                 Event(EventKind.CLOUD, change.mono_ns, change.time_ns, text, reading.stream, severity, data)
             )
-        return notices
+        return events
 
     def _shades(
-        self, entry: MinuteBin, reference_k: float, minute: OpenBin, notices: list[Event]
+        self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event]
     ) -> MinuteBin:
         flags = list(entry.region_flags)
-        for column, watch in self._shade.items():
-            # a cloud is not a shadow: while the light changes no bed is singled out
+        for column, monitor in self._shade.items():
+            # a cloud is not a shadow: while the light changes no single region is shaded
             over = float("nan") if entry.flags & Quality.CLOUD else entry.temperature_k[column] - reference_k
-            shaded = watch.add(entry.minute, float(over))
+            shaded = monitor.update(entry.minute, float(over))
             if shaded:
                 flags[column] |= Quality.SHADED
             if shaded != (column in self._shaded):
                 self._shaded ^= {column}
-                text = (
-                    f"{self._field.regions[column].name} {'alone lost its sun' if shaded else 'is lit again'}"
-                )
-                notices.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
+                text = f"{self._columns.regions[column].name} is {'shaded' if shaded else 'sunlit again'}"
+                events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
         return replace(entry, region_flags=tuple(flags))
 
-    def _pictures(self, entry: MinuteBin, minute: OpenBin, notices: list[Event]) -> MinuteBin:
+    def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
         if minute.first_frame is None:
             return entry
-        sums = (minute.pictures.frames, minute.pictures.totals)
+        sums = (minute.frame_sums.frames, minute.frame_sums.totals)
         if sums == self._last_sums:
             blank = np.full_like(entry.temperature_k, np.nan)
             entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
         self._last_sums = sums
-        moved = self._picture.add(minute.first_frame.counts)
+        moved = self._frame_shift.update(minute.first_frame.counts)
         if moved and not self._moved:
-            text = f"picture moved {self._picture.shift_px:.1f} px, regions may be off their beds"
-            notices.append(Event(EventKind.MOVED, *end_of(minute), text, severity=Severity.WARNING))
+            text = f"frame moved by {self._frame_shift.shift_px:.1f} px: regions may be off their targets"
+            events.append(Event(EventKind.MOVED, *end_of(minute), text, severity=Severity.WARNING))
         self._moved = moved
         return replace(entry, flags=entry.flags | Quality.MOVED) if moved else entry
 
 
 def end_of(minute: OpenBin) -> tuple[int, int]:
-    """Monotonic and UTC nanoseconds of the last sample of a minute."""
+    """Monotonic and UTC nanoseconds of the last sample of a bin."""
     samples: list[Frame | Reading] = [r for readings in minute.readings.values() for r in readings]
     if minute.first_frame is not None:
         samples.append(minute.first_frame)
@@ -119,15 +123,17 @@ def end_of(minute: OpenBin) -> tuple[int, int]:
     return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
 
 
-def _jump_notice(jump: Jump, minute: OpenBin, clouded: bool) -> Event:
-    change = f"the reference's temperature left its trend by {jump.found - jump.expected:+.1f} K"
-    text = f"{change}, as the light did" if clouded else f"{change} in steady light: wind, shade or a drift"
+def _jump_event(jump: Jump, minute: OpenBin, clouded: bool) -> Event:
+    change = f"the reference's temperature deviates from its trend by {jump.found - jump.expected:+.1f} K"
+    text = (
+        f"{change}, and so does the light" if clouded else f"{change} in steady light: wind, shade or a drift"
+    )
     return Event(EventKind.ESTIMATOR, *end_of(minute), text)
 
 
 @dataclass(frozen=True, slots=True)
 class CloudChange:
-    """The light became unsteady (`begin`) or steady again (`end`), and why, in words."""
+    """The light became unsteady (`begin`) or steady again (`end`), with the reason in words."""
 
     kind: Literal["begin", "end"]
     mono_ns: int
@@ -136,11 +142,11 @@ class CloudChange:
 
 
 class CloudMonitor:
-    """Tells clouds from a stream of light readings in order of time.
+    """Begin and end of clouds, from light readings in order of time.
 
-    Each reading is divided by what the sun's height alone would make of it. A change of
-    15 % within two minutes begins a cloud. It ends when the light has been steady (5 %) for
-    one minute near its old level, or for 20 minutes at a new one: then that is the weather.
+    Each reading is relative to what the sun's elevation alone explains. A change of 15 % within two minutes
+    begins a cloud. It ends when the light has been steady (5 %) for one minute near its old level, or for 20
+    minutes at a new one, which then counts as the weather.
     """
 
     def __init__(self) -> None:
@@ -150,11 +156,11 @@ class CloudMonitor:
         self._steady_at = float("nan")
         self.cloudy = False
 
-    def add(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
-        """Look at one reading over its clear expectation, any unit, positive; NaN is passed over."""
+    def update(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
+        """Take one reading relative to its clear-sky expectation; NaN and values <= 0 are skipped."""
         if not np.isfinite(clearness) or clearness <= 0.0:
             return None
-        self._remember(time_ns // STRETCH_NS, clearness)
+        self._remember(time_ns // SLOT_NS, clearness)
         if self.cloudy:
             return self._ending(mono_ns, time_ns, clearness)
         lowest = min(low for _, low, _ in self._recent)
@@ -167,15 +173,15 @@ class CloudMonitor:
         self._steady_since, self._steady_at = time_ns, clearness
         return CloudChange("begin", mono_ns, time_ns, f"light changed by {change:+.0%} within 2 min")
 
-    def _remember(self, stretch: int, clearness: float) -> None:
-        """Keep the lowest and highest of every 5 s, so that a fast meter costs no more than a slow one."""
-        while self._recent and (stretch - self._recent[0][0]) * STRETCH_NS > SUDDEN_S * 1e9:
+    def _remember(self, slot: int, clearness: float) -> None:
+        """Keep the lowest and highest of every 5 s, to bound the cost of a fast meter."""
+        while self._recent and (slot - self._recent[0][0]) * SLOT_NS > SUDDEN_S * 1e9:
             self._recent.popleft()
-        if self._recent and self._recent[-1][0] == stretch:
+        if self._recent and self._recent[-1][0] == slot:
             _, low, high = self._recent.pop()
-            self._recent.append((stretch, min(low, clearness), max(high, clearness)))
+            self._recent.append((slot, min(low, clearness), max(high, clearness)))
         else:
-            self._recent.append((stretch, clearness, clearness))
+            self._recent.append((slot, clearness, clearness))
 
     def _ending(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
         if abs(clearness / self._steady_at - 1.0) > STEADY_CHANGE:
@@ -187,13 +193,13 @@ class CloudMonitor:
             return None
         self.cloudy = False
         self._recent.clear()
-        text = "light is back" if back else f"light steady at {clearness / self._level:.0%} of what it was"
+        text = "light is back" if back else f"light steady at {clearness / self._level:.0%} of its old level"
         return CloudChange("end", mono_ns, time_ns, text)
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A value that left its forecast: what was expected, what came, and by how many standard deviations."""
+    """A value off its forecast: expected, found, and the difference in standard deviations (`score`)."""
 
     expected: float
     found: float
@@ -204,9 +210,13 @@ class Jump:
 class Cusum:
     """Two-sided cumulative sum on the residuals of a quadratic forecast of one-minute values.
 
-    `slack` and `limit` are in standard deviations (Page's k and h); with a limit of 8 seven
-    clear hours give no false alarm. The forecast runs through the last `memory` minutes, and
-    its residual is scaled by the scatter of the past ones, never below `least_sd`.
+    `slack` and `limit` are in standard deviations (Page's k and h); with a limit of 8 seven clear hours raise
+    no false alarm. The forecast is fitted to the last `memory` minutes; its residual is scaled by the scatter
+    of past ones, at least `least_sd`.
+
+    References
+    ----------
+    E. S. Page, "Continuous inspection schemes", Biometrika 41, 1954.
     """
 
     slack: float = 0.5
@@ -218,10 +228,10 @@ class Cusum:
     _values: deque[tuple[float, float]] = field(default_factory=deque)
     _errors: deque[float] = field(default_factory=deque)
 
-    def add(self, minute: int, value: float) -> Jump | None:
-        """Take the value of a minute; a `Jump` on alarm. NaN is passed over.
+    def update(self, minute: int, value: float) -> Jump | None:
+        """Take the value of a minute; returns a `Jump` on alarm. NaN is skipped.
 
-        After an alarm the past is forgotten: new weather is not forecast from the old.
+        An alarm clears the past: new weather cannot be forecast from the old.
         """
         if not np.isfinite(value):
             return None
@@ -262,10 +272,9 @@ def _forecast(values: Sequence[tuple[float, float]], minute: int) -> tuple[float
 
 
 class ShadeMonitor:
-    """Tells when one bed alone loses its sun: its temperature over the reference's falls off the forecast.
+    """Shade on one region alone: its temperature over the reference's falls below the forecast.
 
-    It is lit again when half the fall is made good; after 20 minutes the new level is
-    taken for what it is.
+    The shade ends when half the fall is recovered, and after 20 minutes, when the new level counts as normal.
     """
 
     def __init__(self) -> None:
@@ -273,30 +282,35 @@ class ShadeMonitor:
         self._fall: Jump | None = None
         self._since = 0
 
-    def add(self, minute: int, over_reference_k: float) -> bool:
-        """Whether the bed is in shade in this minute."""
-        jump = self._cusum.add(minute, over_reference_k)
+    def update(self, minute: int, over_reference_k: float) -> bool:
+        """Whether the region is shaded in this minute."""
+        jump = self._cusum.update(minute, over_reference_k)
         if self._fall is None:
             if jump is not None and jump.found < jump.expected:
                 self._fall, self._since = jump, minute
             return self._fall is not None
         half = 0.5 * (self._fall.expected + self._fall.found)
         if over_reference_k > half or (minute - self._since) * 60.0 >= NEW_WEATHER_S:
-            # the shade is no past to forecast the light from
+            # forecasts must not be fitted to the shaded minutes
             self._fall, self._cusum = None, Cusum(least_sd=GUST_SD_K)
         return self._fall is not None
 
 
 class FrameShiftMonitor:
-    """Compares one picture a minute with the first."""
+    """Shift of one frame a minute against the first, by phase correlation of their edges.
+
+    References
+    ----------
+    C. D. Kuglin and D. C. Hines, "The phase correlation image alignment method", 1975.
+    """
 
     def __init__(self) -> None:
         self._first: Spectrum | None = None
         self._before = 0.0
         self.shift_px = 0.0
 
-    def add(self, counts: NDArray[np.uint16]) -> bool:
-        """Whether the picture has moved: by more than 1.5 pixels in this minute and the one before."""
+    def update(self, counts: NDArray[np.uint16]) -> bool:
+        """Whether the frame has moved by more than 1.5 pixels, in this minute and the one before."""
         spectrum = np.fft.rfft2(_edges(counts))
         if self._first is None:
             self._first = spectrum
@@ -306,9 +320,9 @@ class FrameShiftMonitor:
 
 
 def _edges(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Steepness of the picture, faded out towards its border (else the border itself is matched).
+    """Root of the gradient, faded out towards the border (else the border itself is matched).
 
-    In single precision: a shift of a pixel needs no more, and costs a third.
+    In single precision, which is enough for a shift of a pixel at a third of the cost.
     """
     down, right = np.gradient(counts.astype(np.float32))
     steepness = np.sqrt(np.sqrt(down * down + right * right))
@@ -325,9 +339,9 @@ def _shift(
     now: NDArray[np.complexfloating[Any, Any]],
     shape: tuple[int, ...],
 ) -> float:
-    """Length of the shift in pixels; 0 where the pictures have no edges in common that stand out."""
+    """Length of the shift in pixels; 0 where the frames have no clear edges in common."""
     cross = first.conj() * now
-    # weighted by its size to half power: pure phase would listen to noise where there are no edges
+    # divided by the root of its magnitude: pure phase would weight noise as much as edges
     surface = np.fft.irfft2(cross / np.sqrt(np.abs(cross) + 1e-30), s=(shape[0], shape[1]))
     peak = np.unravel_index(int(np.argmax(surface)), surface.shape)
     if surface[peak] < surface.mean() + _CLEAR_PEAK * surface.std():

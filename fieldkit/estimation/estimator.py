@@ -1,8 +1,7 @@
-"""The estimator: samples in, closed minutes with slopes out, live and afterwards the same object.
+"""The estimator: samples in, closed minutes with slopes out, the same object live and in batch.
 
-Samples become bins in `binner`; what the slopes are is left to `slopes`, a pure function of
-the bins. So any interleaving of samples that gives the same bins gives the same slopes, to
-the last bit.
+Samples become minute bins in `binner`; `slopes` is a pure function of the bins. So any interleaving of
+samples that gives the same bins gives the same slopes, to the last bit.
 """
 
 from __future__ import annotations
@@ -26,12 +25,11 @@ __all__ = ["Estimator", "EstimatorSettings", "Minute"]
 
 @dataclass(frozen=True, slots=True)
 class Minute:
-    """What became known when a minute closed.
+    """Result of one closed minute: slopes, means of the bin, events.
 
-    Temperatures in kelvin, `dni_w_m2` direct normal by the
-    model named, diffuse light and downward longwave as measured on the horizontal, angles in degrees;
-    NaN where nothing was measured. `events` are the
-    estimator's events: clouds that begin and end, shade, a moved picture, samples too late.
+    Temperatures per region in kelvin; `dni_w_m2` by `irradiance_model`, `dhi_w_m2` and `longwave_down_w_m2`
+    as measured on the horizontal; angles in degrees; NaN where not measured. `events`: clouds, shade, a moved
+    frame, late samples.
     """
 
     time_ns: int
@@ -52,7 +50,7 @@ class Minute:
 
 
 class Estimator:
-    """Turns samples into minutes (`Binner`) and minutes into slopes."""
+    """Turns samples into minute bins (`Binner`) and these into slopes (`slopes`)."""
 
     def __init__(
         self,
@@ -67,24 +65,24 @@ class Estimator:
 
     @property
     def irradiance_model(self) -> str:
-        """How direct light is worked out from the stream that gives it, in words."""
+        """How DNI is derived, and from which stream, in words."""
         return self._binner.irradiance_model
 
     @property
     def bins(self) -> tuple[MinuteBin, ...]:
-        """All minutes closed so far."""
+        """All bins closed so far."""
         return tuple(self._bins)
 
     def add(self, sample: Sample) -> list[Minute]:
-        """Take one sample; the minutes that closed by its coming, usually none."""
+        """Take one sample; returns the minutes it closed, usually none."""
         return [self._minute(closed) for closed in self._binner.add(sample)]
 
     def finish(self) -> list[Minute]:
-        """Close what is open: the recording has ended."""
+        """Close the open minutes at the end of a recording."""
         return [self._minute(closed) for closed in self._binner.finish()]
 
     def _minute(self, closed: Closed) -> Minute:
-        entry, notices = closed
+        entry, events = closed
         self._bins.append(entry)
         estimates = slopes(History.of(self._bins), self.regions, self.settings)
         zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
@@ -102,7 +100,7 @@ class Estimator:
             azimuth,
             entry.contact_k,
             entry.flags,
-            notices,
+            events,
             entry.dhi_w_m2,
             entry.longwave_down_w_m2,
         )

@@ -280,7 +280,7 @@ def _on_limit(
 
 
 def solve_known_azimuth(misfit: Misfit, azimuth_deg: float, tilt_limit_deg: float) -> tuple[float, float]:
-    """Tilts of least misfit along one azimuth: the best, and the other local minimum or NaN. [degrees]
+    """Tilts of least misfit along one azimuth: the best, and the other local minimum or NaN; degrees.
 
     Parameters
     ----------

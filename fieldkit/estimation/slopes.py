@@ -1,9 +1,16 @@
-"""From the bins of a session to the slopes at its last minute: one pure function for live and batch.
+"""From the minute bins of a session to the slopes at its last one: one pure function for live and batch.
 
-`slopes` looks back over the settings' window (`window`), whose minutes become rows
-(`balance`) that are solved by the method asked for, and says how far the answer may be
-trusted. During a cloud or a shadow it answers with what was known just before, so an
-estimate is held, not reset.
+`slopes` looks back over a window, whose bins become rows (`balance`) that are solved by the chosen method
+(`methods`). During a cloud or a shadow the estimate just before is held, not reset.
+
+Without a fixed length the window reaches "since the last change of weather", that is as far back as one slope
+explains the bins: a cloud that passed has next to no weight and ends no window, while a lasting change of
+sky, wind or offset shows as a misfit, and the window is halved until it fits.
+
+Drift of one region (a shadow that creeps in, a footprint in the sand): a slope of the bins before the last
+twenty predicts those twenty. Clouds, wind and stored heat affect all regions alike, so a region is suspected
+only if it deviates on its own and against the others. In measured weather clear hours move regions by 0.4 K
+at most, hence the least deviation of half a kelvin.
 """
 
 from __future__ import annotations
@@ -27,11 +34,10 @@ from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 
-DOUBTFUL_WEIGHT = 0.01
-"""Weight of a clouded minute in the paper's model, which knows no stored heat, and of a shaded one: kept, but
-hardly heard."""
+DISTURBED_WEIGHT = 0.01
+"""Relative weight of a shaded bin, and of a clouded one in the paper's model, which has no stored heat."""
 SHORTEST_MINUTES = 20
-"""A window is not halved below the paper's own."""
+"""A window is not halved below the paper's length."""
 RECENT_MINUTES = 20
 LOOK_BACK_MINUTES = 120
 LEAST_BEFORE = 40
@@ -43,81 +49,93 @@ SIGMAS = 4.0
 def slopes(
     history: History, regions: Sequence[Region], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
-    """Slope of every target at the last minute of the history, in the order of the regions."""
-    field = RegionColumns(tuple(regions))
+    """Slope of every target at the last minute bin of the history, in the order of the regions.
+
+    Parameters
+    ----------
+    history
+        Minute bins from the start of the session (the full model needs those before the window).
+    regions
+        References and targets, in the order of the history's columns.
+    settings
+        Window, model, method, noise and systematic uncertainties.
+    """
+    columns = RegionColumns(tuple(regions))
     clouded = (history.flags & Quality.CLOUD) != 0
     last = len(history)
     if settings.model == "paper" and last and clouded[-1]:
-        return _held(history, field, ~clouded, settings)
-    window = Window(history, last, field, settings)
-    answers = window.flag_drift([window.estimate(index) for index in range(field.targets.size)])
+        return _held_clouded(history, columns, ~clouded, settings)
+    window = Window(history, last, columns, settings)
+    estimates = window.flag_drift([window.estimate(index) for index in range(columns.targets.size)])
     return tuple(
-        _shaded(history, field, index, settings) if answer.flags & Quality.SHADED else answer
-        for index, answer in enumerate(answers)
+        _held_shaded(history, columns, index, settings) if one.flags & Quality.SHADED else one
+        for index, one in enumerate(estimates)
     )
 
 
-def _held(
-    history: History, field: RegionColumns, clear: NDArray[np.bool_], settings: EstimatorSettings
+def _held_clouded(
+    history: History, columns: RegionColumns, clear: NDArray[np.bool_], settings: EstimatorSettings
 ) -> tuple[SlopeEstimate, ...]:
     last = int(np.flatnonzero(clear)[-1]) + 1 if clear.any() else 0
-    window = Window(history, last, field, settings)
+    window = Window(history, last, columns, settings)
     now, flags = int(history.time_ns[-1]), Quality(int(history.flags[-1]))
     ago = (now - history.time_ns[last - 1]) / 60e9 if last else 0.0
     held = []
-    for index in range(field.targets.size):
-        answer = window.estimate(index)
-        answer = replace(answer, time_ns=now, flags=answer.flags | flags)
-        if answer.state in SOLVED:
+    for index in range(columns.targets.size):
+        estimate = window.estimate(index)
+        estimate = replace(estimate, time_ns=now, flags=estimate.flags | flags)
+        if estimate.state in SOLVED:
             reason = f"the light is unsteady; estimate of {ago:.0f} min ago"
-            answer = replace(answer, state=SlopeState.HELD_CLOUD, reason=reason)
-        held.append(answer)
+            estimate = replace(estimate, state=SlopeState.HELD_CLOUD, reason=reason)
+        held.append(estimate)
     return tuple(held)
 
 
-def _shaded(history: History, field: RegionColumns, index: int, settings: EstimatorSettings) -> SlopeEstimate:
-    """The last estimate before this region alone lost its sun."""
-    column = field.targets[index]
+def _held_shaded(
+    history: History, columns: RegionColumns, index: int, settings: EstimatorSettings
+) -> SlopeEstimate:
+    """The last estimate before this region alone was shaded."""
+    column = columns.targets[index]
     lit = (history.region_flags[:, column] & Quality.SHADED) == 0
     last = int(np.flatnonzero(lit)[-1]) + 1 if lit.any() else 0
-    held = Window(history, last, field, settings).estimate(index)
+    held = Window(history, last, columns, settings).estimate(index)
     return replace(
         held,
         time_ns=int(history.time_ns[-1]),
         state=SlopeState.SHADED,
         flags=held.flags | Quality.SHADED,
-        reason="this region alone lost its sun",
+        reason="this region alone is shaded",
     )
 
 
 class Window:
-    """The minutes an estimate looks back on, ending before index `last` of the history."""
+    """The minute bins an estimate looks back on, ending before index `last` of the history."""
 
     def __init__(
         self,
         history: History,
         last: int,
-        field: RegionColumns,
+        columns: RegionColumns,
         settings: EstimatorSettings,
         minutes: float | None = None,
     ) -> None:
-        self.field, self.settings, self.past = field, settings, history.until(last)
+        self.columns, self.settings, self.past = columns, settings, history.until(last)
         self.first = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
-        if last and field.references.size and field.targets.size:
-            true = remove_offsets(self.past, field.regions, settings)
-            moved = shifted_temperatures(true.temperature_k, field.regions, settings)
-            self.rows = least_squares_rows(true, self.first, field, settings, moved)
+        if last and columns.references.size and columns.targets.size:
+            corrected = remove_offsets(self.past, columns.regions, settings)
+            shifted = shifted_temperatures(corrected.temperature_k, columns.regions, settings)
+            self.rows = least_squares_rows(corrected, self.first, columns, settings, shifted)
 
     def estimate(self, index: int) -> SlopeEstimate:
         """Slope of the target `index`."""
-        region = self.field.regions[self.field.targets[index]]
+        region = self.columns.regions[self.columns.targets[index]]
         blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=_label(self.settings))
         if self.rows is None:
             return replace(
-                blank, reason="no minutes yet" if self.field.references.size else "no reference region"
+                blank, reason="no minutes yet" if self.columns.references.size else "no reference region"
             )
-        column = self.field.targets[index]
+        column = self.columns.targets[index]
         flags = Quality(int(self.past.flags[-1] | self.past.region_flags[-1, column]))
         blank = replace(
             blank,
@@ -126,45 +144,45 @@ class Window:
             flags=flags,
         )
         used = self._used(self.rows, index)
-        if (trouble := self._trouble(column, used)) is not None:
-            state, reason = trouble
+        if (unsolvable := self._unsolvable(column, used)) is not None:
+            state, reason = unsolvable
             low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
             return replace(blank, state=state, reason=reason, flags=flags | low, n_bins=int(used.sum()))
         weights = self._weights(self.rows, index, used)
-        answer = solution(self.rows, index, weights, region, self.settings)
-        if not answer.explained and self.shorter is not None:
+        found = solution(self.rows, index, weights, region, self.settings)
+        if not found.explained and self.shorter is not None:
             later = self.shorter.estimate(index)
             if later.state not in (SlopeState.TOO_FEW, SlopeState.NO_DATA):
                 return later
-        return _filled(blank, answer, self.rows, index, self._known_azimuth(column))
+        return _filled(blank, found, self.rows, index, self._known_azimuth(column))
 
     @cached_property
     def shorter(self) -> Window | None:
-        """The later half of a window whose length is the weather's; None where it is short enough."""
+        """The later half of a window without a fixed length; None where it is short enough."""
         minutes = int(self.past.minute[-1] - self.past.minute[self.first])
         if self.settings.window_s is not None or minutes <= SHORTEST_MINUTES:
             return None
         half = max(minutes / 2.0, SHORTEST_MINUTES)
-        return Window(self.past, len(self.past), self.field, self.settings, half)
+        return Window(self.past, len(self.past), self.columns, self.settings, half)
 
-    def flag_drift(self, answers: list[SlopeEstimate]) -> list[SlopeEstimate]:
-        """The answers, with `NO_INTERSECTION` and the reason where one region alone left its prediction.
+    def flag_drift(self, estimates: list[SlopeEstimate]) -> list[SlopeEstimate]:
+        """The estimates, `NO_INTERSECTION` with a reason where one region alone deviates from its prediction.
 
-        Only where the minutes contradict each other, and not soon after a cloud.
+        Only where the minute bins contradict each other, and not soon after a cloud.
         """
         minute = self.past.minute
         lately = minute[-1:] - minute < 2 * RECENT_MINUTES
         if self.rows is None or not len(minute) or (self.past.flags[lately] & Quality.CLOUD).any():
-            return answers
+            return estimates
         start = self.past.time_ns[self.first]
         if all(
-            one.state is not SlopeState.NO_INTERSECTION and one.window_start_ns <= start for one in answers
+            one.state is not SlopeState.NO_INTERSECTION and one.window_start_ns <= start for one in estimates
         ):
-            return answers
-        weights = [self._weights(self.rows, i, self._used(self.rows, i)) for i in range(len(answers))]
+            return estimates
+        weights = [self._weights(self.rows, i, self._used(self.rows, i)) for i in range(len(estimates))]
         limit = self.settings.tilt_limit_deg
         drifts = drifts_k(self.rows, np.column_stack(weights), minute[self.first :], limit)
-        return [_drifting(one, float(kelvin)) for one, kelvin in zip(answers, drifts, strict=True)]
+        return [_drifting(one, float(kelvin)) for one, kelvin in zip(estimates, drifts, strict=True)]
 
     def _used(self, rows: Rows, index: int) -> NDArray[np.bool_]:
         y, sigma = rows.y[:, index], rows.sigma[:, index]
@@ -176,23 +194,25 @@ class Window:
 
     def _weights(self, rows: Rows, index: int, used: NDArray[np.bool_]) -> FloatArray:
         weights = np.where(used, 1.0 / np.where(used, rows.sigma[:, index], 1.0) ** 2, 0.0)
-        doubtful = (self.past.region_flags[self.first :, self.field.targets[index]] & Quality.SHADED) != 0
+        downweighted = (
+            self.past.region_flags[self.first :, self.columns.targets[index]] & Quality.SHADED
+        ) != 0
         if self.settings.model == "paper":
-            doubtful |= (self.past.flags[self.first :] & Quality.CLOUD) != 0
-        return np.where(doubtful, DOUBTFUL_WEIGHT * weights, weights)
+            downweighted |= (self.past.flags[self.first :] & Quality.CLOUD) != 0
+        return np.where(downweighted, DISTURBED_WEIGHT * weights, weights)
 
-    def _trouble(self, column: np.int64, used: NDArray[np.bool_]) -> tuple[SlopeState, str] | None:
-        """Why no slope can be worked out at all."""
+    def _unsolvable(self, column: np.int64, used: NDArray[np.bool_]) -> tuple[SlopeState, str] | None:
+        """State and reason where no slope can be estimated at all, else None."""
         window = self.past.since(self.first)
         if not self._high_sun()[-1]:
             elevation = math.degrees(math.asin(window.sun[-1, 2]))
             return (
                 SlopeState.LOW_SUN,
-                f"the sun stands at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
+                f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
             )
         for what, values in (
-            ("no pictures of this region", window.temperature_k[:, column]),
-            ("no pictures of the reference", window.temperature_k[:, self.field.references]),
+            ("no frames of this region", window.temperature_k[:, column]),
+            ("no frames of the reference", window.temperature_k[:, self.columns.references]),
             ("no irradiance", window.dni_w_m2),
         ):
             if not np.isfinite(values).any():
@@ -201,21 +221,21 @@ class Window:
         if used.sum() < needed:
             return SlopeState.TOO_FEW, f"{used.sum()} of {needed} minutes so far"
         if self.past.region_flags[-1, column] & Quality.SHADED:
-            return SlopeState.SHADED, "this region alone lost its sun"
+            return SlopeState.SHADED, "this region alone is shaded"
         return None
 
     def _fewest(self, column: np.int64) -> int:
-        """One minute more than there are angles to find, so that minutes can disagree."""
+        """One minute bin more than unknown angles, so that a misfit can show."""
         return 3 if math.isnan(self._known_azimuth(column)) else 2
 
     def _known_azimuth(self, column: np.int64) -> float:
-        """Azimuth of a region that need not be found, in degrees [0, 360); NaN where it must."""
+        """Azimuth of a region where it is known, in degrees [0, 360), else NaN."""
         is_known = self.settings.azimuth == "known"
-        return self.field.regions[column].azimuth_deg % 360.0 if is_known else math.nan
+        return self.columns.regions[column].azimuth_deg % 360.0 if is_known else math.nan
 
 
 def _first(past: History, settings: EstimatorSettings, minutes: float | None) -> int:
-    """Index of the first minute of the window that ends with the last one; 0 if nothing bounds it."""
+    """Index of the first minute bin of the window that ends with the last one; 0 if unbounded."""
     if settings.window_s is not None:
         minutes = settings.window_s / 60.0
     if minutes is None or not len(past):
@@ -228,26 +248,26 @@ def _label(settings: EstimatorSettings) -> str:
     return f"{settings.model}, {settings.method}{known}"
 
 
-def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int, known: float) -> SlopeEstimate:
-    """The estimate with the solution's numbers in it; `known` is the azimuth not searched, or NaN."""
+def _filled(blank: SlopeEstimate, found: Solution, rows: Rows, index: int, known: float) -> SlopeEstimate:
+    """The estimate with the solution's numbers; `known` is the known azimuth, or NaN."""
     filled = replace(
         blank,
-        state=answer.state,
-        reason=answer.reason,
-        n_bins=answer.used,
-        chi_square=answer.chi_square,
-        flags=blank.flags | (Quality.UNRESOLVED if answer.second is not None else Quality.GOOD),
+        state=found.state,
+        reason=found.reason,
+        n_bins=found.used,
+        chi_square=found.chi_square,
+        flags=blank.flags | (Quality.UNRESOLVED if found.second is not None else Quality.GOOD),
     )
-    if answer.best is None:
+    if found.best is None:
         return filled
-    tilt, azimuth = _angles(answer.best, known)
-    seen = np.flatnonzero(np.isfinite(rows.per_kelvin[:, index]))  # the last minute may have no picture
-    last = seen[-1] if seen.size else -1
-    lamp, per_kelvin = rows.design[last], float(rows.per_kelvin[last, index])
-    if answer.second is not None:
-        second_tilt, second_azimuth = _angles(answer.second, known)
+    tilt, azimuth = _angles(found.best, known)
+    imaged = np.flatnonzero(np.isfinite(rows.per_kelvin[:, index]))  # the last bin may have no frame
+    last = imaged[-1] if imaged.size else -1
+    direction, per_kelvin = rows.design[last], float(rows.per_kelvin[last, index])
+    if found.second is not None:
+        second_tilt, second_azimuth = _angles(found.second, known)
         filled = replace(filled, second_tilt_deg=second_tilt, second_azimuth_deg=second_azimuth)
-    whole, noise = answer.whole, answer.noise
+    whole, noise = found.whole, found.noise
     return replace(
         filled,
         tilt_deg=tilt,
@@ -256,7 +276,7 @@ def _filled(blank: SlopeEstimate, answer: Solution, rows: Rows, index: int, know
         tilt_high_deg=whole.tilt_high_deg,
         azimuth_low_deg=whole.azimuth_low_deg,
         azimuth_high_deg=whole.azimuth_high_deg,
-        kelvin_per_degree=kelvin_per_degree(tilt, azimuth, lamp, per_kelvin),
+        kelvin_per_degree=kelvin_per_degree(tilt, azimuth, direction, per_kelvin),
         noise_tilt_low_deg=noise.tilt_low_deg,
         noise_tilt_high_deg=noise.tilt_high_deg,
         noise_azimuth_low_deg=noise.azimuth_low_deg,
@@ -276,39 +296,51 @@ def _angles(found: FloatArray, known_azimuth: float) -> tuple[float, float]:
 def drifts_k(
     rows: Rows, weights: FloatArray, minutes: NDArray[np.int64], tilt_limit_deg: float
 ) -> FloatArray:
-    """Kelvin by which each target (m,) alone left its prediction lately; 0 for those that did not.
+    """Deviation of each target alone from its own prediction in the last 20 minutes.
 
-    `weights` (n, m) of the rows, zero for those that do not count, `minutes` (n,) theirs. All
-    zeros where there are too few minutes to tell.
+    Parameters
+    ----------
+    rows
+        Least-squares rows of the window, (n, m).
+    weights
+        Inverse variances, (n, m); zero excludes a row. [-]
+    minutes
+        Minutes since 1970 of the rows, (n,), increasing. [min]
+    tilt_limit_deg
+        Largest tilt. [degrees]
+
+    Returns
+    -------
+    Deviation (m,); 0 where it is not significant, and for all targets with too few rows. [K]
     """
     age = minutes[-1] - minutes
     lately = age < RECENT_MINUTES
     before = ~lately & (age < LOOK_BACK_MINUTES)
     recent = np.where(lately[:, np.newaxis], weights, 0.0).T
     past = Misfit.of_rows(rows.design, rows.y.T, np.where(before[:, np.newaxis], weights, 0.0).T)
-    told = (past.count >= LEAST_BEFORE) & (np.count_nonzero(recent, axis=1) >= LEAST_RECENT)
-    off, sd = np.full((2, told.size), np.nan)
-    if told.any():
+    testable = (past.count >= LEAST_BEFORE) & (np.count_nonzero(recent, axis=1) >= LEAST_RECENT)
+    off, sd = np.full((2, testable.size), np.nan)
+    if testable.any():
         chosen = choose(past, solve(past), tilt_limit_deg).best
-        for target in np.flatnonzero(told):
-            off[target], sd[target] = _left(rows, int(target), chosen[target], past.H, recent[target])
+        for target in np.flatnonzero(testable):
+            off[target], sd[target] = _deviation(rows, int(target), chosen[target], past.H, recent[target])
     others = np.array([_median(np.delete(off, target)) for target in range(off.size)])
     alone = np.minimum(np.abs(off), np.abs(off - others)) > LEAST_K + SIGMAS * sd
     return np.where(alone, off, 0.0)
 
 
-def _left(
+def _deviation(
     rows: Rows, target: int, normal: FloatArray, information: FloatArray, weights: FloatArray
 ) -> tuple[float, float]:
-    """Mean of what a target measured more than a normal explains, and its standard deviation, kelvin."""
+    """Mean residual of a target against a normal, and its standard deviation, kelvin."""
     counted = weights > 0.0
     share = weights[counted] / weights[counted].sum()
-    lamp, y = share @ rows.design[counted], share @ rows.y[counted, target]
+    direction, y = share @ rows.design[counted], share @ rows.y[counted, target]
     per_kelvin = share @ rows.per_kelvin[counted, target]
     H = information if information.ndim == 2 else information[target]
-    towards = np.stack(tangents(normal)) @ lamp
+    towards = np.stack(tangents(normal)) @ direction
     variance = towards @ cramer_rao(H, normal) @ towards + 1.0 / weights.sum()
-    return float((y - normal @ lamp) / per_kelvin), float(np.sqrt(variance) / per_kelvin)
+    return float((y - normal @ direction) / per_kelvin), float(np.sqrt(variance) / per_kelvin)
 
 
 def _median(values: FloatArray) -> float:
@@ -316,8 +348,10 @@ def _median(values: FloatArray) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _drifting(answer: SlopeEstimate, kelvin: float) -> SlopeEstimate:
-    if not kelvin or answer.state not in (*SOLVED, SlopeState.NO_INTERSECTION):
-        return answer
-    reason = f"this region alone left its own prediction by {kelvin:+.1f} K in {RECENT_MINUTES} min: a drift"
-    return replace(answer, state=SlopeState.NO_INTERSECTION, reason=reason)
+def _drifting(estimate: SlopeEstimate, kelvin: float) -> SlopeEstimate:
+    if not kelvin or estimate.state not in (*SOLVED, SlopeState.NO_INTERSECTION):
+        return estimate
+    reason = (
+        f"this region alone deviates from its prediction by {kelvin:+.1f} K in {RECENT_MINUTES} min: drift"
+    )
+    return replace(estimate, state=SlopeState.NO_INTERSECTION, reason=reason)

@@ -37,7 +37,7 @@ def test_mean_spread_and_jitter_of_a_region_are_those_of_its_pixels_in_kelvin() 
     pictures = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
     camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
     minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(pictures)))
-    mean, spread, jitter = camera.means(minute.pictures)
+    mean, spread, jitter = camera.means(minute.frame_sums)
     for place, box in enumerate((np.s_[0:2, 0:2], np.s_[2:4, 3:6])):
         pixels = np.array([counts[box] for counts in pictures]) * 0.01
         assert mean[place] == pytest.approx(pixels.mean(), abs=1e-4)
@@ -53,7 +53,7 @@ def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
     counts = np.zeros((4, 6))
     counts[:2, :2] = round(float(brightness_temperature_k(surface_k, 0.95, 240.0)) * 100)
     counts[2:, 3:] = round(float(brightness_temperature_k(surface_k, 0.80, 240.0)) * 100)
-    mean, _, _ = camera.means(minute_of(camera, frame(counts, 0.0)).pictures)
+    mean, _, _ = camera.means(minute_of(camera, frame(counts, 0.0)).frame_sums)
     assert mean == pytest.approx([surface_k, surface_k], abs=0.01)
 
 

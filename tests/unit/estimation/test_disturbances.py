@@ -7,19 +7,19 @@ SECOND_NS = 10**9
 
 
 def changes(levels, every_s=5):
-    watch = CloudMonitor()
-    found = (watch.add(7 + i, i * every_s * SECOND_NS, level) for i, level in enumerate(levels))
-    return [change for change in found if change is not None], watch
+    monitor = CloudMonitor()
+    found = (monitor.update(7 + i, i * every_s * SECOND_NS, level) for i, level in enumerate(levels))
+    return [change for change in found if change is not None], monitor
 
 
 def test_cloud_begins_at_the_reading_that_shows_it_and_ends_when_the_light_is_steady():
     levels = [100.0] * 60 + [60.0] * 40 + [99.0] * 40
-    (begin, end), watch = changes(levels)
+    (begin, end), monitor = changes(levels)
     assert (begin.kind, begin.time_ns, begin.mono_ns) == ("begin", 60 * 5 * SECOND_NS, 67)
     assert end.kind == "end"
     # one minute after the light came back
     assert end.time_ns == (100 + 12) * 5 * SECOND_NS
-    assert not watch.cloudy
+    assert not monitor.cloudy
 
 
 def test_light_that_stays_away_is_the_new_weather_after_twenty_minutes():
@@ -40,31 +40,31 @@ def test_flicker_ends_only_when_it_ends():
 
 
 def test_readings_without_value_are_passed_over():
-    found, watch = changes([100.0] * 30 + [float("nan"), 0.0, -3.0] + [100.0] * 30)
+    found, monitor = changes([100.0] * 30 + [float("nan"), 0.0, -3.0] + [100.0] * 30)
     assert found == []
-    assert not watch.cloudy
+    assert not monitor.cloudy
 
 
 def test_cusum_stays_quiet_through_clear_hours_and_sees_a_loss_at_once():
     random = np.random.default_rng(5)
     quiet = 0
     for _ in range(20):
-        watch = Cusum()
+        monitor = Cusum()
         curve = 310.0 + 12.0 * np.sin(np.arange(420) / 420 * np.pi) + 0.05 * random.standard_normal(420)
-        quiet += sum(watch.add(minute, value) is not None for minute, value in enumerate(curve))
+        quiet += sum(monitor.update(minute, value) is not None for minute, value in enumerate(curve))
     # 20 sessions of seven hours: the published rate at h = 8 is none; allowed is one each
     assert quiet < 20
-    watch = Cusum()
+    monitor = Cusum()
     for minute in range(60):
-        assert watch.add(minute, 310.0 + 0.02 * minute + 0.05 * random.standard_normal()) is None
+        assert monitor.update(minute, 310.0 + 0.02 * minute + 0.05 * random.standard_normal()) is None
     # 20 % of the light lost over ground of 13 kJ/(m2 K): -5 K with a time constant of 9 minutes
-    falls = [watch.add(60 + m, 311.2 - 5.0 * (1 - np.exp(-(m + 1) / 9.0))) for m in range(3)]
+    falls = [monitor.update(60 + m, 311.2 - 5.0 * (1 - np.exp(-(m + 1) / 9.0))) for m in range(3)]
     jump = next(jump for jump in falls[:2] if jump is not None)
     assert jump.found < jump.expected
 
 
 def test_shade_ends_when_half_of_the_fall_is_made_good():
-    watch = ShadeMonitor()
+    monitor = ShadeMonitor()
     values = [3.0] * 30 + [1.0] * 5 + [2.6] * 20
-    shaded = [watch.add(minute, value) for minute, value in enumerate(values)]
+    shaded = [monitor.update(minute, value) for minute, value in enumerate(values)]
     assert shaded == [False] * 30 + [True] * 5 + [False] * 20

@@ -306,7 +306,7 @@ def test_late_samples_are_left_out_and_counted(yard):
     minutes = run(yard, [*samples, late])
     assert minutes[-1].time_ns == run(yard, samples)[-1].time_ns
     late_notice = [e.text for m in run(yard, [*samples[:-8], late, *samples[-8:]]) for e in m.events]
-    assert late_notice == ["1 samples came more than 2 s late and were left out of the estimates"]
+    assert late_notice == ["1 samples arrived more than 2 s late and were excluded from the estimates"]
 
 
 def test_no_reference_is_said_in_words(yard):
