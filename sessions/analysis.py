@@ -21,7 +21,7 @@ from fieldkit.model.site import Region
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frames_k, needs_metadata_rows
 from fieldkit.sessions.layout import chunk_shape
-from fieldkit.sessions.stream_reader import Pictures, StreamReader
+from fieldkit.sessions.stream_reader import FrameBlock, StreamReader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,7 +76,7 @@ def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
     return chosen[0]
 
 
-def _to_kelvin(info: StreamInfo, calibration: Calibration | None) -> Callable[[Pictures], FloatArray]:
+def _to_kelvin(info: StreamInfo, calibration: Calibration | None) -> Callable[[FrameBlock], FloatArray]:
     """Kelvin of pictures, or of a part of them, in their shape."""
     if calibration is not None:
         return lambda pictures: calibration(pictures.counts)
@@ -184,7 +184,7 @@ class _Curve(NamedTuple):
     pixels: int
 
 
-def _curve(reader: StreamReader, region: Region, convert: Callable[[Pictures], FloatArray]) -> _Curve:
+def _curve(reader: StreamReader, region: Region, convert: Callable[[FrameBlock], FloatArray]) -> _Curve:
     """Mean and spread of one region over all frames, a few chunks at a time."""
     info = reader.info
     mask = region.mask((info.shape[0], info.shape[1]))

@@ -52,7 +52,7 @@ class Readings:
 
 
 @dataclass(frozen=True, slots=True)
-class Pictures:
+class FrameBlock:
     """Consecutive frames of a camera as arrays, from row `start` of the stream.
 
     `counts` (n, rows, cols), or the part asked for; `metadata_rows` (n, extra rows, cols), `flags` (n,).
@@ -208,14 +208,14 @@ class StreamReader:
             np.concatenate([np.empty(0, np.uint16), *(part["flags"] for part in parts)]),
         )
 
-    def pictures(self, start: int = 0, stop: int | None = None) -> Iterator[Pictures]:
+    def pictures(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
         """The frames of a camera as arrays, a chunk at a time."""
         for part in self._parts(start, stop):
             counts, *more = part.frames
             rows = more[0] if more else np.empty((len(part), *self.info.metadata_shape), np.uint16)
-            yield Pictures(part.start, counts, rows, part.columns["flags"])
+            yield FrameBlock(part.start, counts, rows, part.columns["flags"])
 
-    def crops(self, box: tuple[slice, slice], step: int, *, with_rows: bool) -> Iterator[Pictures]:
+    def crops(self, box: tuple[slice, slice], step: int, *, with_rows: bool) -> Iterator[FrameBlock]:
         """A `box` of rows and columns of all frames, `step` chunks at a time, the rest of them unread.
 
         Metadata rows are read only `with_rows`. The flags are those stored, and `BAD_CRC` where the box
@@ -229,7 +229,7 @@ class StreamReader:
                 rows, also_bad = self._read(self.frame_datasets[1], start, stop)
                 bad |= also_bad
             flags = self._flagged(self.column("flags", start, stop), start, bad)
-            yield Pictures(start, counts, rows, flags)
+            yield FrameBlock(start, counts, rows, flags)
 
     def _parts(self, start: int, stop: int | None) -> Iterator[_Part]:
         """The rows from `start` to `stop`, each compared with its checksum."""

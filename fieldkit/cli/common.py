@@ -117,8 +117,8 @@ def workers_options(command: Callable[..., Any]) -> Callable[..., Any]:
 def campaign(ctx: click.Context, settings: Sequence[str] = ()) -> Config:
     """The configuration of the campaign that ``-C`` names, or the one around the current folder.
 
-    `settings` are the ``KEY=VALUE`` of ``--set``. Raises `ConfigError` where there is no campaign, or with
-    all mistakes of its configuration.
+    `settings` are the ``KEY=VALUE`` of ``--set``. Raises `ConfigError` if there is no campaign, or with
+    all mistakes in its configuration.
     """
     from fieldkit.config import find_campaign, load_config
 
@@ -139,7 +139,7 @@ def say(text: str) -> None:
 
 
 def say_damage(session: Session) -> None:
-    """Say which samples, of those read so far, do not match their checksum: no result has them."""
+    """Print how many of the samples read so far fail their checksum: results exclude them."""
     from fieldkit.workflows.sources import notify_damage
 
     notify_damage(session, say_warning)

@@ -1,4 +1,4 @@
-"""Which sessions a verb is about: the ones named, those of a folder, or the campaign's newest."""
+"""The sessions a command works on: those named, those of a folder, or the campaign's latest."""
 
 from __future__ import annotations
 
@@ -25,27 +25,26 @@ def recordings_folder(ctx: click.Context) -> Path:
 
 
 def report_interrupted(paths: Iterable[Path]) -> None:
-    """Tell of interrupted sessions among these, and how to finish them."""
+    """Print which of these sessions are interrupted, and how to finish them."""
     for path in paths:
         if is_interrupted(path):
             named = shlex.quote(str(path))
-            say(f"{path.name} is interrupted, its journal may have more. next: fieldkit recover {named}")
+            say(f"{path.name} is interrupted, its journal may hold more. next: fieldkit recover {named}")
 
 
 def find_sessions(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
-    """The sessions meant by files and folders; the campaign's own where none is named.
+    """The sessions named by files and folders; without any, all of the campaign.
 
-    Tells of those that are interrupted. Raises `SessionError` where a path does not exist or there is no
-    session at all.
+    Prints which are interrupted. Raises `SessionError` if a path does not exist or there is no session.
     """
-    found = _resolved(ctx, paths)
+    found = _expand(ctx, paths)
     report_interrupted(found)
     return found
 
 
 def latest_session(ctx: click.Context, path: Path | None) -> Path:
-    """The session named, or the campaign's newest by its first sample; reports if it is interrupted."""
-    found = max(_resolved(ctx, [path] if path else []), key=began)
+    """The session named, or the campaign's latest by its first sample; prints if it is interrupted."""
+    found = max(_expand(ctx, [path] if path else []), key=began)
     report_interrupted([found])
     return found
 
@@ -53,7 +52,7 @@ def latest_session(ctx: click.Context, path: Path | None) -> Path:
 def find_session(ctx: click.Context, given: Path) -> Path:
     """A session or folder by its path, or by its name among the campaign's, as ``fieldkit ls`` prints it.
 
-    Raises `SessionError` where there is neither.
+    Raises `SessionError` if there is neither.
     """
     path = given if exists(given) else recordings_folder(ctx) / given
     if not exists(path):
@@ -61,7 +60,7 @@ def find_session(ctx: click.Context, given: Path) -> Path:
     return path
 
 
-def _resolved(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
+def _expand(ctx: click.Context, paths: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for given in paths or [recordings_folder(ctx)]:
         path = find_session(ctx, given)

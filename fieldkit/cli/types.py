@@ -1,7 +1,7 @@
-"""What people type for a place, a facet, a moment, a day and a clock time, as click types.
+"""Option types: places, facets, times, durations, regions and record names, as click types.
 
-Angles in degrees; azimuth from north, clockwise. A moment must carry its zone: a forgotten
-one is the commonest mistake of all, an hour of sun wide.
+Angles in degrees; azimuth from north, clockwise. A time must carry its zone: a forgotten
+one is the most common mistake, and worth hours of sun.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
         self._parse = parse
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The parsed value; a value that is no text is a default and passes."""
+        """The parsed value; anything but text is a default and passes unchanged."""
         if not isinstance(value, str):
             return value
         try:
@@ -95,7 +95,7 @@ def parse_hour(text: str) -> time:
     except ValueError:
         raise ValueError("expected a time of the day like 12:00") from None
     if found.tzinfo is not None:
-        raise ValueError("is taken in the site's zone; leave the offset away")
+        raise ValueError("is in the site's zone; omit the offset")
     return found
 
 
@@ -114,7 +114,7 @@ def parse_rect(text: str) -> tuple[float, float, float, float]:
 
 
 def parse_zone(text: str) -> str:
-    """An IANA time zone that this computer knows."""
+    """An IANA time zone in this computer's database."""
     if known_zone(text) is None:
         raise ValueError("is not a known time zone; write one like Asia/Tokyo or UTC")
     return text
@@ -133,7 +133,7 @@ def parse_record_name(text: str) -> str:
     plain = re.sub(r"[^\w.+-]+", "-", text).strip("-.")
     if text != plain:
         advice = f"write {plain!r}" if plain else "write one like dry-silica-sand"
-        raise ValueError(f"a record's name has letters, digits, - _ . + only; {advice}")
+        raise ValueError(f"a record's name may contain letters, digits, - _ . + only; {advice}")
     return text
 
 

@@ -263,7 +263,7 @@ def read_source(source: Path, options: ImportOptions) -> ImportedRecording:
 def _is_flir(source: Path) -> bool:
     """A FLIR file, or a folder of them; JPEGs beside other frames are only to look at."""
     if source.is_dir():
-        return bool(import_flir.files_in(source)) and not stills.pictures_in(source)
+        return bool(import_flir.files_in(source)) and not stills.image_files(source)
     return source.suffix.lower() in import_flir.SUFFIXES
 
 

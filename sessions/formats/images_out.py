@@ -18,7 +18,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 from fieldkit.sessions.file_tree import iso_utc
-from fieldkit.sessions.formats.tiff import PictureTags, write_tiff
+from fieldkit.sessions.formats.tiff import TiffTags, write_tiff
 from fieldkit.sessions.reader import Session
 
 TIFF_KELVIN_PER_COUNT = 0.01
@@ -40,7 +40,7 @@ def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, e
     for frame in _frames(session, info.name, every):
         path, time = folder / f"{_stem(session, info)}-{frame.seq:07}.tiff", iso_utc(frame.time_ns)
         flags = tuple(str(flag.name).lower() for flag in frame.quality)
-        tags = PictureTags(time, TIFF_KELVIN_PER_COUNT if has_temperatures(info) else math.nan, flags=flags)
+        tags = TiffTags(time, TIFF_KELVIN_PER_COUNT if has_temperatures(info) else math.nan, flags=flags)
         write_tiff(path, _tiff_counts(frame, info), tags, f"fieldkit {fieldkit.__version__}")
         paths.append(path)
         rows.append((path.name, time))

@@ -44,7 +44,7 @@ class Scale:
     kelvin_at_zero: float = 0.0
 
 
-def pictures_in(source: Path) -> list[Path]:
+def image_files(source: Path) -> list[Path]:
     """The pictures of a folder, by name; or the one."""
     if not source.is_dir():
         return [source]
@@ -62,7 +62,7 @@ def read_stills(
     the name without its ending), or from the tags of pictures that fieldkit exported. Times without an
     offset are taken in `zone`. Raises `ConfigError`.
     """
-    paths = pictures_in(source)
+    paths = image_files(source)
     if not paths:
         raise ConfigError(
             f"{source} has no pictures with temperatures",
@@ -246,7 +246,7 @@ _MOST_IRG_PIXELS = 1 << 22
 
 
 @dataclass(frozen=True, slots=True)
-class IrgPicture:
+class IrgFrame:
     """Counts (rows, cols), kelvin per count (NaN where the file does not tell), the camera's emissivity."""
 
     counts: NDArray[np.uint16]
@@ -254,7 +254,7 @@ class IrgPicture:
     emissivity: float
 
 
-def read_irg(path: Path) -> IrgPicture:
+def read_irg(path: Path) -> IrgFrame:
     """One picture; raises `ConfigError` where the file is none, or is cut short."""
     try:
         with path.open("rb") as file:
@@ -270,7 +270,7 @@ def read_irg(path: Path) -> IrgPicture:
         raise _refusal(path, f"{rows} x {cols} pixels are not in it")
     counts = np.frombuffer(data, "<u2", rows * cols, length + preview).reshape(rows, cols)
     (emissivity,) = struct.unpack_from("<I", data, _EMISSIVITY_AT)
-    return IrgPicture(counts.astype(np.uint16), _KELVIN_PER_COUNT[magic], emissivity / 1e4)
+    return IrgFrame(counts.astype(np.uint16), _KELVIN_PER_COUNT[magic], emissivity / 1e4)
 
 
 def _refusal(path: Path, why: str) -> ConfigError:

@@ -27,7 +27,7 @@ _MOST_DESCRIPTION_BYTES = 65_536
 
 
 @dataclass(frozen=True, slots=True)
-class PictureTags:
+class TiffTags:
     """What a picture says of itself.
 
     Kelvin = counts * `scale` + `offset`, NaN where the temperature is not known. `time` is ISO 8601 with its
@@ -40,7 +40,7 @@ class PictureTags:
     flags: tuple[str, ...] = ()
 
 
-def write_tiff(path: Path, counts: NDArray[np.uint16], tags: PictureTags, software: str) -> None:
+def write_tiff(path: Path, counts: NDArray[np.uint16], tags: TiffTags, software: str) -> None:
     """One picture (rows, cols) with its tags; raises `OSError`."""
     rows, cols = counts.shape
     strip = zlib.compress(counts.astype("<u2").tobytes(), 1)
@@ -56,12 +56,12 @@ def write_tiff(path: Path, counts: NDArray[np.uint16], tags: PictureTags, softwa
     path.write_bytes(struct.pack("<2sHI", b"II", 42, at) + strip + _directory(entries, at))
 
 
-def _description(tags: PictureTags) -> str:
+def _description(tags: TiffTags) -> str:
     known = {} if math.isnan(tags.scale) else {"unit": "K", "scale": tags.scale, "offset": tags.offset}
     return json.dumps({"time": tags.time, **known, "flags": tags.flags})
 
 
-def _gdal(tags: PictureTags) -> str:
+def _gdal(tags: TiffTags) -> str:
     if math.isnan(tags.scale):
         return "<GDALMetadata></GDALMetadata>"
     items = (("SCALE", "scale", tags.scale), ("OFFSET", "offset", tags.offset), ("UNITTYPE", "unittype", "K"))
@@ -83,12 +83,12 @@ def _directory(entries: Mapping[int, tuple[int, Any]], at: int) -> bytes:
     return b"".join(packed) + struct.pack("<I", 0) + behind
 
 
-def read_tags(path: Path) -> PictureTags | None:
+def read_tags(path: Path) -> TiffTags | None:
     """What a picture written by `write_tiff` says of itself; None of any other."""
     try:
         plain = json.loads(_text(path, _DESCRIPTION))
         scale, offset = float(plain.get("scale", math.nan)), float(plain.get("offset", 0.0))
-        return PictureTags(str(plain["time"]), scale, offset, tuple(map(str, plain["flags"])))
+        return TiffTags(str(plain["time"]), scale, offset, tuple(map(str, plain["flags"])))
     except (OSError, struct.error, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None  # of another program, which may write anything there
 
