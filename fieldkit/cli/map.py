@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.slope_map import MapOptions, MappedSession
+    from fieldkit.workflows.batch import Failures
+    from fieldkit.workflows.slope_map import MappedSession, Maps
 
 _POLL_S = 1.0
 
@@ -56,19 +58,23 @@ def command(
     arrays with state and 90 % region of every pixel. With --follow both are replaced as a whole, so an
     image viewer or a browser may keep them open; the recording is not disturbed.
     """
-    from fieldkit.workflows.slope_map import MapOptions
+    from fieldkit.workflows.slope_map import map_sessions, slope_map
 
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
-    chosen = MapOptions(_window(window), settings, present)
+    seconds = _window(window)
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
-        _map_many(_bases(paths, out), chosen, (kind, address, jobs))
-    elif follow:
-        _follow(paths[0], lambda: _map(paths[0], out, chosen, common.print_json_line))
-        _map(paths[0], out, chosen, common.print_json_line)
-    else:
-        _map(paths[0], out, chosen, common.print_json)
+        workers = batch.workers(kind, address, jobs)
+        _map_many(
+            _bases(paths, out),
+            partial(map_sessions, window=seconds, settings=settings, present=present, workers=workers),
+        )
+        return
+    make = partial(slope_map, paths[0], seconds, settings=settings, present=present)
+    if follow:
+        _follow(paths[0], lambda: _map(paths[0], out, make, common.print_json_line))
+    _map(paths[0], out, make, common.print_json_line if follow else common.print_json)
 
 
 def _window(window: str | None) -> Any:
@@ -99,12 +105,13 @@ def _follow(path: Path, map_now: Callable[[], None]) -> None:
 
 
 def _map(
-    path: Path, out: Path | None, chosen: MapOptions, print_json: Callable[[Mapping[str, Any]], None]
+    path: Path,
+    out: Path | None,
+    make: Callable[[], MappedSession],
+    print_json: Callable[[Mapping[str, Any]], None],
 ) -> None:
-    from fieldkit.workflows.slope_map import slope_map
-
     base = _base(out, path)
-    found = slope_map(path, chosen)
+    found = make()
     for note in found.notes:
         common.say(note)
     files = found.write(base)
@@ -116,13 +123,9 @@ def _map(
         raise damage
 
 
-def _map_many(
-    bases: Mapping[Path, Path], chosen: MapOptions, workers: tuple[str, str | None, int | None]
-) -> None:
-    from fieldkit.workflows.slope_map import map_sessions
-
+def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]]) -> None:
     with batch.progress_bar("mapping") as on_progress:
-        made, failures = map_sessions(bases, chosen, workers=batch.workers(*workers), on_progress=on_progress)
+        made, failures = make(bases, on_progress=on_progress)
     for note in dict.fromkeys(note for found, _ in made.values() for note in found.notes):
         common.say(note)
     if common.options().json:

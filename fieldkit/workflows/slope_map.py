@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -29,6 +29,7 @@ from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import FieldkitError, IntegrityError, NoAnswerError, StorageError
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
@@ -56,21 +57,9 @@ LEAST_MINUTES = 3
 ENDINGS = (".png", ".nc")
 
 
-@dataclass(frozen=True)
-class MapOptions:
-    """Which minutes a map is made of, and with which parameters.
-
-    `window` counts seconds back from the last usable minute: a number, "all", or "weather" for as far
-    as the regions' own slopes look; None as configured. `settings` are ``KEY=VALUE`` over the
-    configuration; `present` takes the campaign's ``fieldkit.toml`` and regions as they are now.
-    """
-
-    window: float | Literal["all", "weather"] | None = None
-    settings: tuple[str, ...] = ()
-    present: bool = False
-
-
-DEFAULTS = MapOptions()
+Window = float | str | None
+"""Back from the last usable minute: seconds, a duration such as "20m", "all", or "weather" for as far as
+the regions' own slopes look; None as configured."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +83,12 @@ class MappedRegion:
 class MappedSession:
     """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
 
+    `overrides` are the ``KEY=VALUE`` given over the configuration.
     `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
     """
 
     path: Path
-    options: MapOptions
+    overrides: tuple[str, ...]
     slopes: SlopeMap
     bounds: PixelBounds
     camera: StreamInfo
@@ -175,15 +165,30 @@ class MappedSession:
         return files
 
 
-def slope_map(session: str | Path | Session, options: MapOptions = DEFAULTS) -> MappedSession:
+Maps = dict[Path, tuple[MappedSession, list[Path]]]
+"""Maps and their files, by session."""
+
+
+def slope_map(
+    session: str | Path | Session,
+    window: Window = None,
+    *,
+    settings: Sequence[str] = (),
+    present: bool = False,
+) -> MappedSession:
     """Estimate tilt and azimuth of every pixel of a session.
 
     Parameters
     ----------
     session
         A session or its file; it may still be recording.
-    options
-        Which minutes to use, and with which parameters.
+    window
+        How far back from the last usable minute: seconds, "20m", "all", or "weather" for as far as the
+        regions' own slopes look; as configured by default.
+    settings
+        ``KEY=VALUE`` over the configuration.
+    present
+        Use the campaign's ``fieldkit.toml`` and regions as they are now.
 
     Returns
     -------
@@ -199,28 +204,31 @@ def slope_map(session: str | Path | Session, options: MapOptions = DEFAULTS) -> 
         of frames under steady sun.
     """
     if isinstance(session, Session):
-        return _mapped(session, options)
+        return _mapped(session, window, tuple(settings), present)
     with reading(Path(session)) as opened:
-        return _mapped(opened, options)
+        return _mapped(opened, window, tuple(settings), present)
 
 
 def map_sessions(
     bases: Mapping[Path, Path],
-    options: MapOptions = DEFAULTS,
+    window: Window = None,
     *,
+    settings: Sequence[str] = (),
+    present: bool = False,
     workers: Workers = THIS_PROCESS,
     on_progress: Progress = no_progress,
-) -> tuple[dict[Path, tuple[MappedSession, list[Path]]], Failures]:
+) -> tuple[Maps, Failures]:
     """Map sessions and write each under its base: maps and files by session, and what failed.
 
     Workers read the recordings; the files are written here. Raises `StorageError`.
     """
-    made: dict[Path, tuple[MappedSession, list[Path]]] = {}
+    made: Maps = {}
     failures: Failures = {}
     with workers.executor(len(bases)) as executor:
         work: Work[Path] = Work(executor)
         for path in bases:
-            work.hand_out(path, partial(slope_map, path.resolve(), options))
+            piece = partial(slope_map, path.resolve(), window, settings=settings, present=present)
+            work.hand_out(path, piece)
         for done, (path, found) in enumerate(work.results(), start=1):
             on_progress(done, len(bases))
             if isinstance(found, FieldkitError):
@@ -240,16 +248,16 @@ def default_base(session: Path) -> Path:
     return parent / f"{session.stem}-slope-map"
 
 
-def _mapped(session: Session, options: MapOptions) -> MappedSession:
-    config = config_for(session, options.settings, present=options.present)
-    estimator = estimator_for(session, config, present=options.present)
+def _mapped(session: Session, window: Window, settings: tuple[str, ...], present: bool) -> MappedSession:
+    config = config_for(session, settings, present=present)
+    estimator = estimator_for(session, config, present=present)
     instruments = Instruments(tuple(session.streams.values()), estimator.settings)
     camera = instruments.camera
     if camera is None or not RegionColumns(estimator.regions).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
     estimates = list(estimates_of(minutes_of(session, estimator)))
-    chosen = _window(estimator, estimates, options)
+    chosen = _window(estimator, estimates, window)
     if len(chosen) < LEAST_MINUTES:
         raise NoAnswerError(
             f"{session.path}: {len(chosen)} minutes have frames, reference, sun and steady irradiance; "
@@ -259,7 +267,7 @@ def _mapped(session: Session, options: MapOptions) -> MappedSession:
     slopes, bounds = _solved(session, camera, estimator, chosen)
     return MappedSession(
         path=session.path,
-        options=options,
+        overrides=settings,
         slopes=slopes,
         bounds=bounds,
         camera=camera,
@@ -275,20 +283,20 @@ def _mapped(session: Session, options: MapOptions) -> MappedSession:
     )
 
 
-def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], options: MapOptions) -> list[MinuteBin]:
-    """The minutes that the options choose."""
+def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], window: Window) -> list[MinuteBin]:
+    """The usable minutes of a window."""
     final = final_estimates(estimates, estimator.regions)
     weather_ns = max((one.window_start_ns for one in final.values() if one.state in WITH_SLOPE), default=0)
     window_s: float | None
-    match options.window:
+    match window:
         case None:
             window_s = estimator.settings.window_s
         case "all":
             window_s = math.inf
         case "weather":
             window_s = None
-        case seconds:
-            window_s = seconds
+        case duration:
+            window_s = as_seconds(duration)
     return chosen_minutes(estimator.bins, RegionColumns(estimator.regions), window_s, weather_ns)
 
 
@@ -506,7 +514,7 @@ def _provenance(found: MappedSession, session: Session) -> dict[str, Any]:
         "session_id": session.session_id,
         "code_version": code_version(),
         "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}",
-        "settings": " ".join(found.options.settings),
+        "settings": " ".join(found.overrides),
         "time_coverage_start": iso_utc(found.start_ns),
         "time_coverage_end": iso_utc(found.end_ns),
         "minutes": found.minutes,

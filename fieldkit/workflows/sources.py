@@ -1,4 +1,4 @@
-"""Which sessions are estimated, and by which configuration: a session's own, or the campaign's of now."""
+"""A session and the configuration to estimate it with: its own, or the campaign's present one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit import disk
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
+from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import Session, open_session
@@ -24,12 +24,12 @@ TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
 
 log_warning = logging.getLogger(__name__).warning
 log_info = logging.getLogger(__name__).info
-"""Where remarks of a workflow go unless its caller wants them."""
+"""Where notes of a workflow go unless its caller receives them."""
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[Session]:
-    """An open session; what its file refuses to tell becomes a `SessionError`."""
+    """An open session; an error of its file becomes a `SessionError`."""
     try:
         with open_session(path) as session:
             yield session
@@ -48,7 +48,7 @@ def notify_damage(session: Session, notify: Callable[[str], None]) -> None:
 
 @dataclass(frozen=True)
 class Source:
-    """A session file to estimate: `checksum` is the file's SHA-256, `session_id` what it calls itself."""
+    """A session file to estimate: `checksum` is the file's SHA-256."""
 
     path: Path
     checksum: str
@@ -58,26 +58,26 @@ class Source:
 
 
 def source_of(path: Path, *, present: bool = False) -> Source:
-    """Look at a session once; `present` takes the campaign's configuration and regions of now.
+    """Read what an estimate needs of a session; `present` takes the campaign's configuration and regions.
 
-    Raises `SessionError` where it cannot be read or is still being recorded, `ConfigError`.
+    Raises `SessionError` if it cannot be read or is still being recorded, `ConfigError`.
     """
     with open_session(path) as session:
         if session.state == "recording":
-            raise SessionError(
-                f"{path} is still being recorded", fix="fieldkit stop, or wait until it is sealed"
-            )
+            raise SessionError(f"{path} is still being recorded", fix="fieldkit stop, or wait until it ends")
         config = config_for(session, present=present)
         regions = regions_for(session, config, present=present)
-        return Source(path.resolve(), sha256(path), session.session_id, config, regions)
+        # a session may consist of its journal alone: then there is no file to digest
+        checksum = sha256(path) if path.exists() else ""
+        return Source(path.resolve(), checksum, session.session_id, config, regions)
 
 
 def config_for(session: Session, settings: Sequence[str] = (), *, present: bool = False) -> Config:
     """The configuration to estimate a session with.
 
     The session's own, unless it has none (it was imported) or `present` asks for the
-    campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's,
-    where it was recorded or imported; only `settings` can replace it. Raises `ConfigError`.
+    campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's;
+    only `settings` can replace it. Raises `ConfigError`.
     """
     settings = (*_site_settings(session.site), *settings)
     if session.config_toml and not present:
@@ -94,7 +94,7 @@ def config_for(session: Session, settings: Sequence[str] = (), *, present: bool 
 
 
 def _site_settings(site: Site) -> tuple[str, ...]:
-    """A site as settings, which stand above the campaign's file and below those given after them."""
+    """A site as settings: they override the campaign's file, and are overridden by settings after them."""
     return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
 
 
@@ -104,24 +104,17 @@ def settings_from(values: Mapping[str, Any]) -> list[str]:
 
 
 def qualified_key(name: str) -> str:
-    """``surface.albedo`` of ``albedo``; raises `ConfigError` where no table or more than one has it."""
+    """``surface.albedo`` for ``albedo``; raises `ConfigError` if no table or more than one has the key."""
     if "." in name:
         return name
     found = [f"{table}.{name}" for table in TABLES if name in known_keys((table,))]
     if len(found) == 1:
         return found[0]
     if found:
-        raise ConfigError(f"{name} is ambiguous", fix=f'say which: estimate({{"{found[0]}": ...}})')
+        raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{found[0]}": ...}})')
     raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")
 
 
 def regions_for(session: Session, config: Config, *, present: bool = False) -> tuple[Region, ...]:
-    """The regions as the session has them, or as the campaign has them now."""
+    """The regions of the session, or the campaign's present ones."""
     return config.regions if present or not session.regions else session.regions
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file; empty for a session of which only the journal is left."""
-    if not path.exists():
-        return ""
-    return disk.sha256(path)

@@ -82,10 +82,10 @@ class Sweep:
             "best": self.best,
             "error_deg": ranking.error_deg[ranking.best],
             "worst_deg": ranking.worst_deg,
-            "left_out_deg": ranking.left_out_deg,
+            "left_out_deg": ranking.cross_validated_deg,
             "same_choice": ranking.same_choice,
             "sessions": ranking.folds,
-            "sessions_without_slopes": ranking.silent,
+            "sessions_without_slopes": ranking.unranked,
             "uncertain_share": ranking.uncertain_share,
             "sensitivity": {
                 effect.key: dict(zip(effect.values, effect.error_deg, strict=True))
@@ -232,8 +232,8 @@ def _written(setting: str) -> Parameter:
 def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[str]:
     if step <= 0 or high < low or (high - low) / step > MOST_VALUES:
         raise ConfigError(
-            f"--set {setting}: {low} to {high} in steps of {step} is no range",
-            fix="write LOW:HIGH:STEP, STEP above 0",
+            f"--set {setting}: {low} to {high} in steps of {step} is not a valid range",
+            fix="use LOW:HIGH:STEP with STEP above 0",
         )
     return [format(low + count * step, "f") for count in range(int((high - low) / step) + 1)]
 
@@ -244,16 +244,16 @@ def _counted(setting: str, low: Decimal, high: Decimal, step: Decimal) -> list[s
 
 FloatArray = NDArray[np.float64]
 
-OVERFITTED = 1.2
-"""How much larger than the best set's error that of sessions excluded from the choice may be."""
+OVERFIT_RATIO = 1.2
+"""Cross-validated error over the best set's error, above which the choice is called overfitted."""
 
-TALKATIVE = 0.9
-"""Share of the most answers any set gives, below which a set is not ranked."""
+LEAST_SOLVED = 0.9
+"""Share of the most slopes that any set solves, below which a set is not ranked."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """How the error goes with one parameter: its mean over all ranked sets of each value, degrees."""
+    """How the error depends on one parameter: its mean over all ranked sets of each value, degrees."""
 
     key: str
     values: tuple[str, ...]
@@ -272,82 +272,81 @@ class Effect:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The best set and its honesty.
+    """The best set, and how far it can be trusted.
 
-    `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of
-    the best. `left_out_deg` is the mean error of sessions under the parameters chosen from the
-    other sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice
-    was the best set itself. `uncertain_share` of the best set's slopes are uncertain. `silent` are the
-    sessions in which no ranked set has an error.
+    `error_deg` is that of every set (NaN: not ranked), `worst_deg` the largest single error of the best.
+    `cross_validated_deg` is the mean error of sessions under the parameters chosen from the other
+    sessions (NaN with fewer than two), `same_choice` in how many of `folds` that choice was the best set
+    itself. `uncertain_share` of the best set's slopes are uncertain. `unranked` are the sessions in
+    which no ranked set has an error.
     """
 
     best: int
     error_deg: FloatArray
     worst_deg: float
-    left_out_deg: float
+    cross_validated_deg: float
     same_choice: int
     folds: int
     effects: tuple[Effect, ...]
     uncertain_share: float
-    silent: tuple[str, ...]
+    unranked: tuple[str, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against taking the best set over."""
-        return tuple(self._doubts())
+        """Reasons not to adopt the best set."""
+        return tuple(self._warnings())
 
-    def _doubts(self) -> list[str]:
-        found = float(self.error_deg[self.best])
-        doubts = []
+    def _warnings(self) -> list[str]:
+        found, held_out = float(self.error_deg[self.best]), self.cross_validated_deg
+        warnings = []
         if self.folds < 2:
-            doubts.append("one session cannot tell a good parameter from a lucky one; sweep over several")
-        elif self.left_out_deg > OVERFITTED * found:
-            doubts.append(
-                f"overfitting: chosen without it, parameters give a session {self.left_out_deg:.2f}°, not "
+            warnings.append("one session cannot distinguish a good parameter from chance; sweep over several")
+        elif held_out > OVERFIT_RATIO * found:
+            warnings.append(
+                f"overfitting: with parameters chosen from the others a session has {held_out:.2f}°, not "
                 f"{found:.2f}°; the choice stays the same in {self.same_choice} of {self.folds} such trials"
             )
         elif self.same_choice < self.folds:
-            doubts.append(
-                f"the choice is loose: in {self.folds - self.same_choice} of {self.folds} trials without one "
-                f"session another set is chosen, and it is about as good ({self.left_out_deg:.2f}°, the best "
-                f"set {found:.2f}°)"
+            changed = self.folds - self.same_choice
+            warnings.append(
+                f"the choice is not stable: in {changed} of {self.folds} trials without one session another "
+                f"set is chosen, and it is about as good ({held_out:.2f}°, the best set {found:.2f}°)"
             )
-        if self.silent:
-            doubts.append(
-                f"without a slope of a bed of known tilt, and not in the ranking: {', '.join(self.silent)}"
+        if self.unranked:
+            warnings.append(
+                f"not ranked, without a slope of a region of known tilt: {', '.join(self.unranked)}"
             )
         if self.uncertain_share > 0.0:
-            doubts.append(
+            warnings.append(
                 f"{self.uncertain_share:.0%} of the best set's slopes are uncertain: their 90 % regions "
                 "are wide however small the errors came out"
             )
-        doubts.extend(
-            f"{effect.key}: the best value is at the end of those tried; try further"
+        warnings.extend(
+            f"{effect.key}: the best value is at the edge of those tried; widen the range"
             for effect in self.effects
             if effect.best_at_edge and effect.span_deg > 0.05
         )
-        return doubts
+        return warnings
 
 
 def ranked(
     error_deg: FloatArray,
     worst_deg: FloatArray,
-    answers: NDArray[np.int64],
+    solved: NDArray[np.int64],
     uncertain: NDArray[np.int64],
-    sets: Sequence[tuple[str, ...]],
-    varied: Sequence[Parameter],
+    grid: Grid,
     names: Sequence[str],
 ) -> Ranking | None:
     """Rank sets (rows) by their errors in sessions (columns), degrees, NaN where nothing is known.
 
-    `worst_deg` and `answers` are the largest error and the number of answers, of the same shape,
-    `uncertain` how many of the answers are; `sets` the ``KEY=VALUE`` of each row, `names` the sessions. None
-    where no set has an error.
+    `worst_deg` and `solved` are the largest error and the number of solved slopes, of the same shape,
+    `uncertain` how many of these are; the rows are the sets of `grid`, `names` the sessions. None if no
+    set has an error.
     """
-    quiet = answers.sum(axis=1) < TALKATIVE * answers.sum(axis=1).max(initial=0)
-    judged = np.where(quiet[:, np.newaxis], np.nan, error_deg)
+    sparse = solved.sum(axis=1) < LEAST_SOLVED * solved.sum(axis=1).max(initial=0)
+    judged = np.where(sparse[:, np.newaxis], np.nan, error_deg)
     sessions = np.flatnonzero(np.isfinite(judged).any(axis=0))
-    silent = tuple(name for place, name in enumerate(names) if place not in sessions)
+    unranked = tuple(name for place, name in enumerate(names) if place not in sessions)
     if not sessions.size:
         return None
     judged = judged[:, sessions]
@@ -358,14 +357,14 @@ def ranked(
         choices = [int(np.nanargmin(_mean(np.delete(judged, out, axis=1)))) for out in range(sessions.size)]
         left_out = float(_mean(np.array([judged[choice, out] for out, choice in enumerate(choices)])))
         same = choices.count(best)
-    effects = tuple(_effect(parameter, sets, error) for parameter in varied)
+    effects = tuple(_effect(parameter, grid.sets, error) for parameter in grid.varied)
     worst = float(np.nanmax(worst_deg[best, sessions]))
-    share = float(uncertain[best].sum() / answers[best].sum())
-    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share, silent)
+    share = float(uncertain[best].sum() / solved[best].sum())
+    return Ranking(best, error, worst, left_out, same, sessions.size, effects, share, unranked)
 
 
 def _mean(error_deg: FloatArray) -> FloatArray:
-    """Mean over the sessions where a set speaks; NaN where it never does."""
+    """Mean over the sessions in which a set has an error; NaN if it has none."""
     known = np.isfinite(error_deg)
     total, count = np.where(known, error_deg, 0.0).sum(axis=-1), known.sum(axis=-1)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan), np.float64)
@@ -378,53 +377,53 @@ def _effect(parameter: Parameter, sets: Sequence[tuple[str, ...]], error_deg: Fl
 
 
 class SweepTable:
-    """Rows of a sweep, in the order of sessions, sets and beds however the runs came in.
+    """Rows of a sweep, ordered by session, set and region however the runs came in.
 
-    `cached` counts the runs that were known before.
+    `cached` counts the runs that were estimated before.
     """
 
     def __init__(self, grid: Grid, names: Mapping[Path, str]) -> None:
         self._grid, self._names = grid, dict(names)
-        self._beds: dict[tuple[int, int], list[dict[str, Any]]] = {}
+        self._rows: dict[tuple[int, int], list[dict[str, Any]]] = {}
         self.cached = 0
         self._places = {path: place for place, path in enumerate(self._names)}
 
     def __bool__(self) -> bool:
-        return bool(self._beds)
+        return bool(self._rows)
 
     def add(self, outcome: Outcome) -> None:
-        """Take the estimates of one run."""
+        """Add the estimates of one run."""
         run, estimates = outcome.run, outcome.estimates
         self.cached += outcome.cached
         targets = [region for region in estimates.regions if region.kind is RegionKind.TARGET]
         place = self._places[run.source.path]
-        self._beds[place, run.number] = [_bed(region, estimates.of_region(region)) for region in targets]
+        self._rows[place, run.number] = [
+            _region_row(region, estimates.of_region(region)) for region in targets
+        ]
 
     def columns(self) -> dict[str, list[Any]]:
         """The tidy table; keys of parameters as in ``fieldkit.toml``, angles in degrees."""
         names = list(self._names.values())
         rows = [
-            {"session": names[place], "set": number, **self._values(number), **bed}
-            for (place, number), beds in sorted(self._beds.items())
-            for bed in beds
+            {"session": names[place], "set": number, **self._values(number), **region}
+            for (place, number), regions in sorted(self._rows.items())
+            for region in regions
         ]
         return {column: [row[column] for row in rows] for column in (rows[0] if rows else ())}
 
     def ranking(self) -> Ranking | None:
-        """The sets by their errors; None where no bed of known tilt was answered."""
+        """The sets by their errors; None if no region of known tilt was solved."""
         shape = len(self._grid.sets), len(self._names)
         error, worst = np.full((2, *shape), np.nan)
-        answers, uncertain = np.zeros((2, *shape), np.int64)
-        for (place, number), beds in self._beds.items():
-            known = [bed for bed in beds if np.isfinite(bed["median_abs_error_deg"])]
-            answers[number, place] = sum(bed["answered"] for bed in known)
-            uncertain[number, place] = sum(bed["uncertain"] for bed in known)
+        solved, uncertain = np.zeros((2, *shape), np.int64)
+        for (place, number), regions in self._rows.items():
+            known = [row for row in regions if np.isfinite(row["median_abs_error_deg"])]
+            solved[number, place] = sum(row["answered"] for row in known)
+            uncertain[number, place] = sum(row["uncertain"] for row in known)
             if known:
-                error[number, place] = np.mean([bed["median_abs_error_deg"] for bed in known])
-                worst[number, place] = max(bed["worst_abs_error_deg"] for bed in known)
-        return ranked(
-            error, worst, answers, uncertain, self._grid.sets, self._grid.varied, tuple(self._names.values())
-        )
+                error[number, place] = np.mean([row["median_abs_error_deg"] for row in known])
+                worst[number, place] = max(row["worst_abs_error_deg"] for row in known)
+        return ranked(error, worst, solved, uncertain, self._grid, tuple(self._names.values()))
 
     def _values(self, number: int) -> dict[str, Any]:
         """The parameters of a set: numbers where all values of the key are, else as written."""
@@ -435,7 +434,7 @@ class SweepTable:
         }
 
 
-def _bed(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
+def _region_row(region: Region, rows: NDArray[np.void]) -> dict[str, Any]:
     answered = rows[np.isin(rows["state"], [int(state) for state in SOLVED])]
     tilt, error = answered["tilt_deg"], np.abs(answered["tilt_deg"] - region.tilt_deg)
     known = error.size > 0 and np.isfinite(region.tilt_deg)

@@ -142,7 +142,7 @@ def test_an_unknown_key_is_refused_before_anything_runs(recordings, tmp_path, ca
         ("surface.albedo=0.1,1.2", "1.2"),
         ("record.every_s=30,60", "does not enter an estimate"),
         ("simulation.albedo=0.1,0.2", "does not enter an estimate"),
-        ("surface.albedo=0.3:0.1:0.1", "no range"),
+        ("surface.albedo=0.3:0.1:0.1", "not a valid range"),
     ],
 )
 def test_values_that_cannot_be_are_refused_before_anything_runs(recordings, cache, setting, said):

@@ -135,7 +135,7 @@ def test_a_pyrheliometers_log_beside_a_session_gives_its_light_and_says_so(folde
     ]
     made = CliRunner().invoke(main, [*arguments, "-C", str(folder)])
     assert made.exit_code == 0, made.output
-    assert "slopes now take their light from sun (dni), not lux" in made.output
+    assert "slopes now use the irradiance of sun (dni), not of lux" in made.output
     assert 'irradiance.stream = "lux"' in made.output
     with open_session(tmp_path / "both.h5") as both:
         for stream, label in (("", "pyrheliometer"), ("lux", "eq10")):
@@ -170,7 +170,7 @@ def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_p
     assert {key: float(value) if key == "surface.albedo" else value for key, value in found.best.items()} == {
         key: float(value) if key == "surface.albedo" else value for key, value in told["best"].items()
     }
-    assert found.ranking.left_out_deg == pytest.approx(told["left_out_deg"])
+    assert found.ranking.cross_validated_deg == pytest.approx(told["left_out_deg"])
     assert found.failures == {}
 
 

@@ -12,7 +12,7 @@ def rank(error, answers=None, worst=None, grid=GRID, uncertain=None):
     uncertain = np.zeros(error.shape, np.int64) if uncertain is None else np.array(uncertain)
     worst = error * 2 if worst is None else worst
     names = [f"day-{place + 1}" for place in range(error.shape[1])]
-    return ranked(error, worst, answers, uncertain, grid.sets, grid.varied, names)
+    return ranked(error, worst, answers, uncertain, grid, names)
 
 
 def test_the_best_set_has_the_smallest_mean_error_over_sessions():
@@ -27,20 +27,20 @@ def test_leaving_a_session_out_shows_what_a_lucky_choice_is_worth():
     # without the second, set 0 wins (0 < 2) and gives the second 9: 9 on average, not 2
     found = rank([[0, 9], [2, 2], [9, 1]])
     assert (found.best, found.error_deg[found.best]) == (1, 2)
-    assert (found.left_out_deg, found.same_choice, found.folds) == (9, 0, 2)
+    assert (found.cross_validated_deg, found.same_choice, found.folds) == (9, 0, 2)
     assert any("overfitting" in warning for warning in found.warnings)
 
 
 def test_a_choice_that_every_session_agrees_with_is_not_doubted():
     found = rank([[3, 3, 3], [1, 1.1, 1], [2, 2, 2]])
     assert (found.same_choice, found.folds) == (3, 3)
-    assert found.left_out_deg == pytest.approx(found.error_deg[1])
+    assert found.cross_validated_deg == pytest.approx(found.error_deg[1])
     assert found.warnings == ()
 
 
 def test_one_session_cannot_tell():
     found = rank([[3], [1], [2]])
-    assert np.isnan(found.left_out_deg)
+    assert np.isnan(found.cross_validated_deg)
     assert "one session" in found.warnings[0]
 
 
@@ -57,8 +57,8 @@ def test_a_session_without_any_answer_counts_for_nothing():
 
 def test_a_session_without_any_answer_is_named():
     found = rank([[3, np.nan, 3], [1, np.nan, 1], [2, np.nan, 2]])
-    assert found.silent == ("day-2",)
-    assert found.warnings == ("without a slope of a bed of known tilt, and not in the ranking: day-2",)
+    assert found.unranked == ("day-2",)
+    assert found.warnings == ("not ranked, without a slope of a region of known tilt: day-2",)
 
 
 def test_another_choice_that_is_as_good_is_not_called_overfitting():
@@ -66,7 +66,7 @@ def test_another_choice_that_is_as_good_is_not_called_overfitting():
     # wins and gives it 0.70: 0.72 on average, the best set's 0.70 and 0.70
     found = rank([[0.70, 0.70], [0.74, 0.69]], grid=read_grid(["a=1,2"]))
     assert (found.same_choice, found.folds) == (1, 2)
-    assert found.left_out_deg == pytest.approx(0.72)
+    assert found.cross_validated_deg == pytest.approx(0.72)
     (warning,) = found.warnings
     assert "overfitting" not in warning
     assert "0.72°, the best set 0.70°" in warning
@@ -91,4 +91,4 @@ def test_the_effect_of_a_parameter_is_its_mean_over_the_others():
 
 def test_a_best_value_at_the_end_of_those_tried_is_told():
     found = rank([[1, 1], [2, 2], [3, 3]])
-    assert found.warnings == ("a: the best value is at the end of those tried; try further",)
+    assert found.warnings == ("a: the best value is at the edge of those tried; widen the range",)

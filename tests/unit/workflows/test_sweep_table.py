@@ -8,7 +8,7 @@ import pytest
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.workflows.estimates import Estimates
-from fieldkit.workflows.sweep import _bed
+from fieldkit.workflows.sweep import _region_row
 
 BED = Region("b15", RegionKind.TARGET, ((0.0, 0.0),), 15.0, 180.0)
 
@@ -19,7 +19,7 @@ def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
         for minute, (state, tilt) in enumerate(found)
     ]
     rows = Estimates.of(estimates, np.full(len(found), 300.0), np.full(len(found), 800.0), (region,))
-    return _bed(region, rows.of_region(region))
+    return _region_row(region, rows.of_region(region))
 
 
 def test_errors_are_of_the_minutes_with_an_answer() -> None:
@@ -34,7 +34,7 @@ def test_errors_are_of_the_minutes_with_an_answer() -> None:
     assert found["worst_abs_error_deg"] == 2.0
 
 
-def test_a_bed_of_unknown_slope_has_no_error() -> None:
+def test_a_region_row_of_unknown_slope_has_no_error() -> None:
     found = line(Region("x", RegionKind.TARGET, ((0.0, 0.0),)), (SlopeState.OK, 16.0))
     assert found["median_tilt_deg"] == 16.0
     assert np.isnan([found[name] for name in found if name.endswith("error_deg")]).all()
