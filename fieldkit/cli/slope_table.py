@@ -30,7 +30,7 @@ def explain_slopes(answers: Iterable[SlopeEstimate]) -> None:
     if any(one.state is SlopeState.UNCERTAIN for one in found):
         common.say(f"uncertain: {formatting.UNCERTAIN_MEANS}")
     if any(one.model.startswith("paper") and "azimuth known" not in one.model for one in found):
-        common.say(formatting.PAPER_LEAVES_OUT)
+        common.say(formatting.PAPER_OMITS)
 
 
 def _row(answer: SlopeEstimate, region: Region) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""The picture of a calibration: the pairs on their line, and the budget as bars."""
+"""The figure of an emissivity calibration: pairs with the fitted line, and the budget as bars."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _draw_line(axes: Axes, found: Emissivity, pairs: Pairs, band: Band) -> None:
 
 
 def _draw_budget(axes: Axes, found: Emissivity) -> None:
-    """Bars with their names above them: beside them a long name leaves no room for the bars."""
+    """Bars with their names above them, since long names beside them would leave no room."""
     for row, line in enumerate(found.budget):
         is_largest = line == found.largest
         axes.barh(row, abs(line.effect), 0.35, color=COLOURS[1 if is_largest else 0])

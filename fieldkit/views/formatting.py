@@ -1,7 +1,7 @@
-"""Numbers and states in the words that people read; shared by the screen, the plain lines and the report.
+"""Formatting of numbers, times, states and events for the screen, the plain lines and the report.
 
-Kelvin come in and °C go out, UTC comes in and the site's local time goes out, always with
-the zone named. What is not known is shown as a dash, never as 0 or "nan".
+Kelvin are shown as °C, and UTC as the site's local time with its zone. Unknown values are shown as a dash,
+never as 0 or "nan".
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from fieldkit.model.slope import CERTAIN_SHARE, CERTAIN_WITHIN_DEG, SlopeEstimat
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 UNKNOWN = "–"
-PAPER_LEAVES_OUT = (
-    "the paper's model leaves out sky light, its long wave and stored heat; outdoors, azimuth free, its "
+PAPER_OMITS = (
+    "the paper's model omits diffuse light, sky longwave and stored heat; outdoors, azimuth free, its "
     "90 % regions hold the truth only 50 to 90 % of the time"
 )
-"""By simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
+"""Measured with simulated beds under measured weather (`benchmarks/estimation_window.py`)."""
 UNCERTAIN_MEANS = (
     f"the 90 % region is wider than {CERTAIN_WITHIN_DEG:g}° and than {CERTAIN_SHARE:.0%} of the tilt"
 )
 
-_LOUDNESS = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
+_PREFIXES = {Severity.INFO: "", Severity.WARNING: "warning: ", Severity.ERROR: "ERROR: "}
 _STATES = {
     SlopeState.OK: "ok",
     SlopeState.TOO_FEW: "too few minutes yet",
@@ -63,7 +63,7 @@ def tilt(estimate: SlopeEstimate) -> str:
 
 
 def noise(estimate: SlopeEstimate) -> str:
-    """How far the tilt may be off by noise alone: ``±0.4°``, the larger half of that 90 % region."""
+    """Uncertainty of the tilt by noise alone: ``±0.4°``, the larger half of its 90 % region."""
     value, low, high = estimate.tilt_deg, estimate.noise_tilt_low_deg, estimate.noise_tilt_high_deg
     half = max(high - value, value - low)
     return f"±{half:.1f}°" if math.isfinite(half) else UNKNOWN
@@ -85,13 +85,13 @@ def azimuth(estimate: SlopeEstimate) -> str:
 
 
 def state(estimate: SlopeEstimate, *, second: bool = True) -> str:
-    """What may be said about a slope: ``ok``, ``flat within 2.1°``, ``not resolved, or 43.3°/181°`` ...
+    """The state of a slope: ``ok``, ``flat within 2.1°``, ``not resolved, or 43.3°/181°`` ...
 
-    Without `second` the other slope that fits is left to be told elsewhere.
+    With `second` the other slope that fits is added.
     """
     if estimate.state is SlopeState.FLAT:
         return f"flat within {number(estimate.tilt_high_deg, 1)}°"
-    words = _STATES.get(estimate.state) or estimate.state.name.lower()  # a newer version's has no words
+    words = _STATES.get(estimate.state) or estimate.state.name.lower()  # a state from a newer version
     other = second_branch(estimate) if second else ""
     return f"{words}, or {other}" if other else words
 
@@ -104,13 +104,13 @@ def second_branch(estimate: SlopeEstimate) -> str:
 
 
 def event_line(event: Event) -> str:
-    """An event's text with its severity in front, for output without colour; a mark is named as one."""
+    """An event's text with its severity as a prefix, for output without colour; marks are labelled."""
     mark = "mark " if event.kind is EventKind.MARK else ""
-    return _LOUDNESS.get(event.severity, "warning: ") + mark + event_text(event)
+    return _PREFIXES.get(event.severity, "warning: ") + mark + event_text(event)
 
 
 def event_text(event: Event) -> str:
-    """An event's text; of a mark with its kind and how long it lasted: ``cloud, 3 min: over the ridge``."""
+    """An event's text; for a mark with its kind and duration: ``cloud, 3 min: over the ridge``."""
     label, end_ns = str(event.data.get("label", "")), int(event.data.get("end_ns", 0))
     lasted = duration((end_ns - event.time_ns) / 1e9) if end_ns else ""
     about = ", ".join(word for word in (label, lasted) if word)
@@ -118,12 +118,12 @@ def event_text(event: Event) -> str:
 
 
 def by_time(events: Iterable[Event]) -> list[Event]:
-    """Events in order of their time: a mark may be given a time long past, and is noticed later."""
+    """Events in order of time: a mark may refer to a time long before it was recorded."""
     return sorted(events, key=lambda event: event.time_ns)
 
 
 def given_slope(region: Region) -> str:
-    """What inclinometer and compass said about a region: ``15°/180°``, or a dash."""
+    """The measured tilt and azimuth of a region: ``15°/180°``, or a dash."""
     if not math.isfinite(region.tilt_deg):
         return UNKNOWN
     if region.tilt_deg == 0 or not math.isfinite(region.azimuth_deg):
@@ -137,7 +137,7 @@ def kind(region: Region) -> str:
 
 
 def zone(site: Site) -> tzinfo:
-    """The site's time zone; UTC where its name is unknown on this computer."""
+    """The site's time zone; UTC if its name is unknown on this computer."""
     return known_zone(site.timezone) or UTC
 
 
@@ -158,7 +158,7 @@ def clock_time(time_ns: int, site: Site, *, seconds: bool = False) -> str:
 
 
 def zone_name(time_ns: int, site: Site) -> str:
-    """The zone in force at `time_ns` with its offset: ``JST, UTC+09:00``."""
+    """The time zone at `time_ns` with its offset: ``JST, UTC+09:00``."""
     local = local_time(time_ns, site)
     offset = local.strftime("%z")
     name = local.tzname() or site.timezone

@@ -1,4 +1,4 @@
-"""From a camera's counts to a picture that can be looked at: values, a scale, colours, outlines.
+"""From the counts of a frame to an image: values, colour scale, colours, outlines.
 
 Shared by the screen, ``fieldkit live --png`` and the report. Pixel coordinates as in
 `fieldkit.model.site.Region`: x to the right, y down, pixel centres at whole numbers.
@@ -28,42 +28,42 @@ WHITE = (255, 255, 255)
 BLACK = (0, 0, 0)
 PNG_WIDTH = 960
 OUTLINE = (0, 215, 215)
-"""Of regions: occurs nowhere in the palette."""
+"""Colour of region outlines, which does not occur in the palette."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Which values the first and the last colour stand for."""
+    """The values of the first and the last colour."""
 
     low: float
     high: float
-    unit: str  # "°C", or "counts" where the camera's temperatures are not known
+    unit: str  # "°C", or "counts" if the camera's temperatures are unknown
 
     def position(self, values: FloatArray) -> FloatArray:
         """Where `values` lie between first (0) and last colour (1), clipped."""
         return np.clip((values - self.low) / (self.high - self.low), 0.0, 1.0)
 
     def text(self, value: float) -> str:
-        """A value of the scale as it is written beside it."""
+        """A value of the scale with its unit."""
         return f"{value:.0f} {self.unit}"
 
 
 def values(frame: Frame, info: StreamInfo) -> FloatArray:
-    """Brightness temperature in °C, shape of the picture; its counts where no temperature is known."""
+    """Brightness temperature in °C, shape of the frame; its counts if they have no known temperature."""
     if unit(info) == "counts":
         return frame.counts.astype(np.float64)
     return frame_k(info, frame.counts, frame.metadata_rows) - CELSIUS_ZERO_K
 
 
 def unit(info: StreamInfo) -> str:
-    """What `values` are in: ``°C`` or ``counts``."""
+    """Unit of `values`: ``°C`` or ``counts``."""
     return "°C" if has_temperatures(info) and info.unit == "K" else "counts"
 
 
 def scale_of(shown: FloatArray, unit: str) -> Scale:
     """A scale from the 1st to the 99th percentile, rounded outwards to whole units.
 
-    Whole units keep the colours still from one picture to the next.
+    Whole units keep the colours stable from one frame to the next.
     """
     low, high = np.percentile(shown, (1.0, 99.0))
     low, high = math.floor(low), math.ceil(high)
@@ -80,7 +80,7 @@ def palette() -> Colours:
 
 
 def colours(shown: FloatArray, scale: Scale) -> Colours:
-    """The picture in colour, shape (rows, cols, 3), red-green-blue."""
+    """The frame in colour, shape (rows, cols, 3), red-green-blue."""
     return palette()[np.rint(scale.position(shown) * 255).astype(np.intp)]
 
 
@@ -94,14 +94,14 @@ def resized(shown: FloatArray, rows: int, cols: int) -> FloatArray:
 
 
 def on_grid(region: Region, shape: tuple[int, int], rows: int, cols: int) -> FloatArray:
-    """Vertices of a region of a picture of `shape` on a grid of (rows, cols), shape (n, 2) of (x, y)."""
+    """Vertices of a region of a frame of `shape` on a grid of (rows, cols), shape (n, 2) of (x, y)."""
     factor = np.array([cols / shape[1], rows / shape[0]])
     on_grid: FloatArray = (np.array(region.vertices, np.float64) + 0.5) * factor - 0.5
     return on_grid
 
 
-def outlined(region: Region, shape: tuple[int, int], rows: int, cols: int) -> NDArray[np.bool_]:
-    """Which cells of a grid of (rows, cols) the outline of a region passes through."""
+def outline_mask(region: Region, shape: tuple[int, int], rows: int, cols: int) -> NDArray[np.bool_]:
+    """Cells of a grid of (rows, cols) that the outline of a region passes through."""
     import cv2
 
     mask = np.zeros((rows, cols), np.uint8)
@@ -111,12 +111,12 @@ def outlined(region: Region, shape: tuple[int, int], rows: int, cols: int) -> ND
 
 
 def enlargement(shape: tuple[int, ...], width: int = PNG_WIDTH) -> int:
-    """How many times a picture of `shape` (rows, cols) is enlarged to come near `width`."""
+    """The factor by which a frame of `shape` (rows, cols) is enlarged to come close to `width`."""
     return max(1, round(width / shape[1]))
 
 
 def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width: int = PNG_WIDTH) -> bytes:
-    """A PNG file: the picture enlarged near `width`, axes in camera pixels, outlines, names, scale."""
+    """A PNG file: the frame enlarged close to `width`, axes in camera pixels, outlines, names, scale."""
     import cv2
 
     shown = values(frame, info)
@@ -136,7 +136,7 @@ def png(frame: Frame, info: StreamInfo, regions: Sequence[Region] = (), *, width
 
 
 def bare_png(frame: Frame, info: StreamInfo, scale: Scale) -> bytes:
-    """A PNG file of the picture alone, a pixel for a pixel, for a page that draws outlines itself."""
+    """A PNG file of the frame alone, at its own resolution, for pages that draw the outlines."""
     import cv2
 
     ok, data = cv2.imencode(".png", colours(values(frame, info), scale)[:, :, ::-1])
@@ -149,21 +149,21 @@ def _scale_bar(rows: int, scale: Scale) -> Colours:
     bar = np.full((rows, 110, 3), 255, np.uint8)
     bar[:, 10:30] = palette()[np.linspace(255, 0, rows).astype(np.intp)][:, None, ::-1]
     for value, y in ((scale.high, 20), ((scale.low + scale.high) / 2, rows // 2 + 6), (scale.low, rows - 8)):
-        _write(bar, scale.text(value).replace("°", " "), 36, y, on_picture=False)
+        _write(bar, scale.text(value).replace("°", " "), 36, y, on_image=False)
     return bar
 
 
-def _write(canvas: Colours, text: str, x: int, y: int, *, on_picture: bool = True) -> None:
-    """White letters on black around (x, y) of a picture, or black ones from (x, y) on paper.
+def _write(canvas: Colours, text: str, x: int, y: int, *, on_image: bool = True) -> None:
+    """White letters on black centred at (x, y) of an image, or black letters from (x, y) on white.
 
     The built-in font is ASCII only.
     """
     import cv2
 
-    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.8 if on_picture else 0.6
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.8 if on_image else 0.6
     letters = text.encode("ascii", "replace").decode()
     (width, height), below = cv2.getTextSize(letters, font, size, 1)
-    if on_picture:
+    if on_image:
         x, y = x - width // 2, y + height // 2
         cv2.rectangle(canvas, (x - 5, y - height - 5), (x + width + 5, y + below), BLACK, cv2.FILLED)
-    cv2.putText(canvas, letters, (x, y), font, size, WHITE if on_picture else BLACK, 1, cv2.LINE_AA)
+    cv2.putText(canvas, letters, (x, y), font, size, WHITE if on_image else BLACK, 1, cv2.LINE_AA)

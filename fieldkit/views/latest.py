@@ -1,7 +1,7 @@
-"""What is known now: the latest of everything a recording shows, for views that draw by their own clock.
+"""The latest state of a recording, for views that redraw at their own pace.
 
-The recorder's thread calls `Latest.take`, another thread reads. Every attribute is replaced
-whole, never changed in place, so a reader needs no lock and sees something consistent.
+The recorder's thread calls `Latest.update`, another thread reads. Every attribute is replaced as a whole
+and never changed in place, so that a reader needs no lock.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ RATE_OVER_S = 60
 class Latest:
     """The latest frame, readings, minute, health and events of a recording.
 
-    `title` is what is being recorded, `planned_end_ns` (UTC) when it is to end, None for an
-    open end. `items` counts what was taken, so that a view can tell whether there is news;
+    `title` names the recording, `planned_end_ns` (UTC) is its planned end, None for an open end. `items`
+    counts the updates, so that a view can detect changes;
     `clock_event` is the last time the clock was stepped or the computer slept.
     """
 
@@ -53,8 +53,8 @@ class Latest:
         self.time_ns = 0
         self._healths: tuple[Health, ...] = ()
 
-    def take(self, item: Frame | Reading | Event | Minute | Health) -> None:
-        """Remember an item in place of the previous one of its kind."""
+    def update(self, item: Frame | Reading | Event | Minute | Health) -> None:
+        """Replace the previous item of the same kind."""
         self.time_ns = max(self.time_ns, item.time_ns)
         self.start_ns = self.start_ns or item.time_ns
         self.items += 1
@@ -63,13 +63,13 @@ class Latest:
         elif isinstance(item, Reading):
             self.readings = {**self.readings, item.stream: item}
         elif isinstance(item, Event):
-            self._take_event(item)
+            self._add_event(item)
         elif isinstance(item, Health):
             self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
         else:
             self.minute = item
 
-    def _take_event(self, event: Event) -> None:
+    def _add_event(self, event: Event) -> None:
         self.events = tuple(formatting.by_time((*self.events, event))[-EVENTS_KEPT:])
         self.alarms += event.severity is not Severity.INFO
         if event.kind is EventKind.GAP:
@@ -79,11 +79,11 @@ class Latest:
 
     @property
     def health(self) -> Health | None:
-        """How the recording was doing in the last second."""
+        """Health of the recording in the last second."""
         return self._healths[-1] if self._healths else None
 
     def stream_health(self, name: str) -> StreamHealth | None:
-        """How one stream was doing in the last second."""
+        """Health of one stream in the last second."""
         streams = self.health.streams if self.health else ()
         return next((stream for stream in streams if stream.stream == name), None)
 
@@ -99,7 +99,7 @@ class Latest:
         return (counts[-1][1] - counts[0][1]) / seconds if seconds > 0 else float("nan")
 
     def age_s(self, name: str) -> float:
-        """How long ago the last sample of a stream came; 0 before the first."""
+        """Age of the last sample of a stream, seconds; 0 before the first."""
         sample = self.frames.get(name) or self.readings.get(name)
         return (self.time_ns - sample.time_ns) / 1e9 if sample else 0.0
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def radiation_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
-    """Fig. 5: light on a slope less that on flat ground, W/m2, (tilts, azimuths)."""
+    """Fig. 5: irradiance on a slope minus that on flat ground, W/m2, (tilts, azimuths)."""
     figure, axes = _figure()
     _table(figure, axes, table, tilts, azimuths)
     return plotting.svg(figure)
@@ -64,14 +64,14 @@ def contours(
 def scores(votes: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
     """Fig. 8: votes per slope."""
     figure, axes = _figure()
-    picture = axes.pcolormesh(azimuths, tilts, votes, cmap="viridis", rasterized=True)
-    figure.colorbar(picture, label="score")
+    mesh = axes.pcolormesh(azimuths, tilts, votes, cmap="viridis", rasterized=True)
+    figure.colorbar(mesh, label="score")
     _slope_axes(axes)
     return plotting.svg(figure)
 
 
 def cumulative(errors: Mapping[str, FloatArray]) -> str:
-    """Fig. 9: share of slopes estimated within an absolute tilt error, one curve per start."""
+    """Fig. 9: share of slopes estimated within an absolute tilt error, one line per start."""
     figure, axes = _figure()
     for index, (name, values) in enumerate(errors.items()):
         known = np.sort(values[np.isfinite(values)])
@@ -141,7 +141,7 @@ def measured_against_modelled(
 
 
 def errors_over_local_time(errors: Mapping[str, Sequence[ErrorSpan]], zone: str) -> str:
-    """The paper's Fig. 13: mean absolute tilt error per stretch of the day, bars of one SD.
+    """The paper's Fig. 13: mean absolute tilt error per interval of the day, bars of one SD.
 
     Spans are in nanoseconds since local midnight; `zone` names whose midnight.
     """
@@ -179,8 +179,8 @@ def _figure() -> tuple[Figure, Axes]:
 
 
 def _table(figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> None:
-    picture = axes.pcolormesh(azimuths, tilts, table, cmap="coolwarm", rasterized=True)
-    figure.colorbar(picture, label="difference to flat ground, W/m²")
+    mesh = axes.pcolormesh(azimuths, tilts, table, cmap="coolwarm", rasterized=True)
+    figure.colorbar(mesh, label="difference to flat ground, W/m²")
     _slope_axes(axes)
 
 

@@ -19,11 +19,11 @@ from fieldkit.views.html import Figure, Table, render
 FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
 MEANINGLESS_SD_DEG = 45.0
-"""A standard deviation of tilt beyond this says only that the window knows nothing; the bound is linear."""
+"""Above this standard deviation of tilt the linear bound has no meaning: the window determines nothing."""
 
 
 def heading(plan: DayPlan, site: Site, light: str) -> str:
-    """Place, zone, sunrise and sunset, noon and the light that was assumed, in one line."""
+    """Place, zone, sunrise and sunset, noon and the assumed irradiance, in one line."""
     noon = int(np.argmax(plan.elevation_deg))
     noon_ns = int(plan.time_ns[noon])
     return (
@@ -76,23 +76,23 @@ def _deviations(tilt_sd_deg: np.ndarray) -> str:
 
 
 def warnings(plan: DayPlan, site: Site) -> list[str]:
-    """What to beware of that day, one sentence each."""
-    told = []
+    """Warnings for that day, one sentence each."""
+    found = []
     if not plan.usable.any():
-        told.append(f"the sun stays below {plan.settings.low_sun_deg:g}°: nothing can be measured")
+        found.append(f"the sun stays below {plan.settings.low_sun_deg:g}°: nothing can be measured")
     for index, facet in enumerate(plan.facets):
         spells = plan.spells(plan.weak[index])
         if spells:
-            told.append(
+            found.append(
                 f"the {label(facet)} bed is weak {_when(plan, spells, site)}: below "
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
-        told.extend(_twin(plan, index, facet))
-    return told + _uncertain(plan)
+        found.extend(_twin(plan, index, facet))
+    return found + _uncertain(plan)
 
 
 def _uncertain(plan: DayPlan) -> list[str]:
-    """The beds that even the best window leaves uncertain, and what narrows them."""
+    """A warning with the beds that stay uncertain in the best window, and what narrows their regions."""
     row = plan.best_row
     if row is None or not plan.uncertain(row).any():
         return []

@@ -1,8 +1,8 @@
-"""What all figures of the report have in common.
+"""The common style of all figures: colours, line styles, panels, and SVG output.
 
-Matplotlib comes with the extra ``fieldkit[lab]``; `available` says whether it is there. Colours
-are those of Okabe and Ito, told apart also without colour vision, and every line has its
-dashes or marks besides. Figures are narrow with large type, so that they can be read on a phone.
+Matplotlib comes with the extra ``fieldkit[lab]``; `available` reports whether it is installed. The
+colours are those of Okabe and Ito, which can be distinguished without colour vision, and lines also differ by
+their dashes or marks. Figures are narrow with large type, so that they can be read on a phone.
 """
 
 from __future__ import annotations

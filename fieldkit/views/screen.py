@@ -1,7 +1,7 @@
 """One screen of a recording, drawn from what is known now: fits 80x24 and grows with the terminal.
 
 Pure drawing: a `Latest` and a size in, something rich can print out. From top to bottom: title
-and time, picture beside the instruments, one line per region, the last events, progress.
+and time, image beside the instruments, one line per region, the last events, progress.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ THEMES: Mapping[str, Theme] = {
             "base": "none",
             "quiet": "dim",
             "good": "green",
-            "doubt": "yellow",
+            "warning": "yellow",
             "alarm": "bold white on red",
             "bar.complete": "green",
         }
@@ -45,7 +45,7 @@ THEMES: Mapping[str, Theme] = {
             "base": "#000000 on #ffffff",
             "quiet": "#000000",
             "good": "#000000",
-            "doubt": "bold #000000",
+            "warning": "bold #000000",
             "alarm": "bold #ffffff on #900000",
             "bar.back": "#a0a0a0",
             "bar.complete": "#000000",
@@ -59,11 +59,11 @@ INSTRUMENTS_WIDTH = 44
 SNAPSHOT_EVENTS = 6
 STOP_KEY = "Ctrl-C stops"
 BRIGHTNESS_COLS = 30
-"""Width of a picture from which its scale has room to say that it shows brightness temperatures."""
+"""Width of the image from which the scale has room for the word "brightness"."""
 _FIRST_MINUTE = Text("first minute: brightness", "quiet")
 NOISE_COLS, UNIT_COLS = 104, 112
 """Widths from which there is room for noise and given slope, and for the unit in the heading."""
-_SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "doubt", Severity.ERROR: "alarm"}
+_SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "warning", Severity.ERROR: "alarm"}
 
 
 def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
@@ -71,7 +71,7 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     n_lines = min(len(latest.regions), max(1, rows - 18))
     n_events = 3 if rows < 30 else 6
     top_rows = max(1, rows - n_lines - n_events - 3)
-    seen, seen_cols = _picture(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
+    seen, seen_cols = _image(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
     top = Layout()
     top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest)))
     whole = Layout()
@@ -86,16 +86,16 @@ def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
 
 
 def snapshot(latest: Latest, cols: int) -> RenderableType:
-    """The same without picture and progress, in as many lines as it takes: for another terminal."""
+    """The same without image and progress, in as many lines as needed, for another terminal."""
     regions = regions_table(latest, cols, len(latest.regions))
     return Group(_instruments(latest), regions, _events(latest, SNAPSHOT_EVENTS))
 
 
-# ---------------------------------------------------------------------- picture
+# ---------------------------------------------------------------------- image
 
 
 class HalfBlocks:
-    """A picture in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
+    """An image in characters, two pixel rows in each line: ``▀`` has a colour above and one below."""
 
     def __init__(self, rgb: frame_image.Colours, labels: Mapping[tuple[int, int], str]) -> None:
         packed = rgb.astype(np.int64) @ np.array([65536, 256, 1])
@@ -118,10 +118,10 @@ def _two_colours(above: int, below: int) -> Style:
     return Style(color=Color.from_rgb(*above.to_bytes(3)), bgcolor=Color.from_rgb(*below.to_bytes(3)))
 
 
-def _picture(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, int]:
-    """The picture at its true proportions in at most `max_cols` by `rows`, and how wide it became."""
+def _image(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, int]:
+    """The frame at its true proportions in at most `max_cols` by `rows`, and its width."""
     if (frame := latest.frame) is None:
-        return Text("no picture yet", "quiet"), min(max(0, max_cols), 20)
+        return Text("no frame yet", "quiet"), min(max(0, max_cols), 20)
     shape = frame.counts.shape
     lines = min(rows - 1, int(max_cols * shape[0] / shape[1] / 2))
     cols = min(max_cols, round(2 * lines * shape[1] / shape[0]))
@@ -133,15 +133,15 @@ def _picture(latest: Latest, max_cols: int, rows: int) -> tuple[RenderableType, 
 def _drawn(
     frame: Frame, info: StreamInfo, regions: tuple[Region, ...], lines: int, cols: int
 ) -> RenderableType:
-    """The picture in `lines` by `cols` with outlines and names, and the scale in one line more."""
+    """The frame in `lines` by `cols` with outlines and names, and the scale in one more line."""
     shape = frame.counts.shape
     shown = frame_image.values(frame, info)
     scale = frame_image.scale_of(shown, frame_image.unit(info))
     small = frame_image.resized(shown, 2 * lines, cols)
-    # 64 levels are more than the eye tells apart here, and keep the styles in their cache.
+    # 64 levels are more than the eye can distinguish here, and keep the styles in their cache.
     rgb = frame_image.palette()[(np.rint(scale.position(small) * 63) * 4).astype(np.intp)]
     for region in regions:
-        rgb[frame_image.outlined(region, shape, 2 * lines, cols)] = frame_image.OUTLINE
+        rgb[frame_image.outline_mask(region, shape, 2 * lines, cols)] = frame_image.OUTLINE
     return Group(HalfBlocks(rgb, _labels(regions, shape, lines, cols)), _scale(scale, cols))
 
 
@@ -225,23 +225,23 @@ def _probes(info: StreamInfo, reading: Reading) -> str:
 
 
 def _clock(latest: Latest) -> Text:
-    """Whether UTC went on steadily; the recorder tells of every step and every sleep."""
+    """Whether UTC was steady; the recorder reports every step and every suspend."""
     event = latest.clock_event
     if event is not None:
-        return Text(f"{formatting.clock_time(event.time_ns, latest.site)} {event.text}", "doubt")
+        return Text(f"{formatting.clock_time(event.time_ns, latest.site)} {event.text}", "warning")
     since = formatting.clock_time(latest.start_ns, latest.site)
     return Text(f"steady since {since}" if latest.start_ns else formatting.UNKNOWN)
 
 
 def _stream_words(latest: Latest, name: str) -> Text:
-    """Rate, number of samples, and what went wrong with a stream or how old its last sample is."""
+    """Rate, number of samples, and the problems of a stream or the age of its last sample."""
     stream = latest.stream_health(name)
     if stream is None:
         return Text("waiting", "quiet")
     text = Text(f"{formatting.rate(latest.rate_hz(name)):>6} {formatting.number(stream.received):>7} ")
     troubles = {"lost": stream.dropped, "garbled": stream.rejected, "gaps": latest.gaps.get(name, 0)}
-    if said := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
-        return text.append(said, "doubt")
+    if counts := " ".join(f"{trouble} {count}" for trouble, count in troubles.items() if count):
+        return text.append(counts, "warning")
     age_s = latest.age_s(name)
     return text.append(f"{age_s:.0f} s ago", "quiet") if age_s >= 3 else text.append("none lost", "good")
 
@@ -250,10 +250,10 @@ def _stream_words(latest: Latest, name: str) -> Text:
 
 
 def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
-    """The regions in `lines` below a heading; where they are too few the last one says how many are hidden.
+    """The regions in `lines` below a heading; if they do not fit, the last line counts the hidden ones.
 
-    Temperatures are of the surface (°C), other than the picture's; until the first minute is over they
-    are brightness temperatures.
+    Temperatures are surface temperatures (°C), unlike those of the image; before the end of the first minute
+    they are brightness temperatures.
     """
     wide = cols >= NOISE_COLS
     hidden = len(latest.regions) - lines
@@ -284,7 +284,7 @@ def regions_table(latest: Latest, cols: int, lines: int) -> RenderableType:
         table,
         Text(
             f"{len(latest.regions) - len(shown)} more regions hidden: {more_rows} more rows show them",
-            "doubt",
+            "warning",
         ),
     )
 
@@ -328,7 +328,7 @@ def _noise(latest: Latest, region: Region) -> str:
 
 
 def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
-    """Mean and spread in the last picture, until the first minute has a surface temperature."""
+    """Mean and spread in the last frame, until the first minute has a surface temperature."""
     frame = latest.frame
     if frame is None or frame_image.unit(latest.streams[frame.stream]) != "°C":
         return [formatting.UNKNOWN, formatting.UNKNOWN]
@@ -340,7 +340,7 @@ def _as_seen(latest: Latest, region: Region) -> list[str | Text]:
 
 
 def _state_style(estimate: SlopeEstimate) -> str:
-    return "good" if estimate.state in CERTAIN else "doubt"
+    return "good" if estimate.state in CERTAIN else "warning"
 
 
 # ---------------------------------------------------------------------- events, progress
@@ -354,7 +354,7 @@ def _events(latest: Latest, count: int) -> RenderableType:
 def _event(event: Event, latest: Latest) -> Text:
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(formatting.clock_time(event.time_ns, latest.site, seconds=True) + "  ", "quiet")
-    return text.append(formatting.event_line(event), _SEVERITY_STYLE.get(event.severity, "doubt"))
+    return text.append(formatting.event_line(event), _SEVERITY_STYLE.get(event.severity, "warning"))
 
 
 def _progress(latest: Latest) -> RenderableType:

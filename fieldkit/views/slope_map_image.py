@@ -1,4 +1,4 @@
-"""A slope map as a picture: hue is azimuth, strength of colour is tilt, brightness a relief's shading.
+"""A slope map as an image: hue is azimuth, saturation is tilt, brightness is relief shading.
 
 Beside it the colour wheel with north up, and what the hatchings mean. Drawn with OpenCV,
 whose own letters are ASCII only.
@@ -22,7 +22,7 @@ from fieldkit.views.frame_image import BLACK, WHITE, Colours, on_grid
 PANEL_WIDTH, PANEL_HEIGHT = 340, 640
 WHEEL_RADIUS = 100
 LIGHT_TILT_DEG, LIGHT_AZIMUTH_DEG = 45.0, 315.0
-"""Where a relief is lit from by custom, so that heights look like heights."""
+"""Direction from which reliefs are lit by convention, so that hills do not look like hollows."""
 MEANINGS = {
     SlopeState.OK: "slope known",
     SlopeState.FLAT: "flat, faces nowhere",
@@ -39,31 +39,31 @@ _MASKS = {
     SlopeState.SHADED: (40, 40, 40),
     SlopeState.NO_DATA: WHITE,
 }
-"""Grey of the pixels without a slope; the colours are for slopes alone."""
+"""Grey levels of pixels without a slope; colours are reserved for slopes."""
 
 
 def png(
     slopes: SlopeMap, bounds: PixelBounds, regions: Sequence[Region] = (), title: str = "",
     subtitle: str = "", *, width: int = 960,
 ) -> bytes:  # fmt: skip
-    """A PNG file: the map enlarged near `width`, axes in camera pixels, outlines, names, legend."""
+    """A PNG file: the map enlarged close to `width`, axes in camera pixels, outlines, names, legend."""
     import cv2
 
     full_deg = full_colour_deg(slopes.tilt_deg)
     factor = max(1, round(width / slopes.state.shape[1]))
-    canvas = _enlarged(painted(slopes, full_deg), factor)
+    canvas = _enlarged(map_colours(slopes, full_deg), factor)
     _hatch(canvas, _enlarged(slopes.state, factor))
     shape = (slopes.state.shape[0], slopes.state.shape[1])
     for region in regions:
         _outline(canvas, region, shape)
-    under = "   ".join(part for part in (subtitle, how_sure(bounds, regions)) if part)
+    under = "   ".join(part for part in (subtitle, tilt_uncertainty(bounds, regions)) if part)
     page = _framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
     ok, data = cv2.imencode(".png", page[:, :, ::-1])
     assert ok
     return data.tobytes()
 
 
-def how_sure(bounds: PixelBounds, regions: Sequence[Region]) -> str:
+def tilt_uncertainty(bounds: PixelBounds, regions: Sequence[Region]) -> str:
     """Half the width of the 90 % region of the tilt of a pixel: of half and of nine tenths of the pixels.
 
     Of those in the regions, where there are any; empty without a slope.
@@ -100,23 +100,23 @@ def slope_colours(tilt_deg: ArrayLike, azimuth_deg: ArrayLike, full_deg: float) 
     return colours
 
 
-def painted(slopes: SlopeMap, full_deg: float) -> Colours:
-    """The map, a pixel for a pixel: slopes in colour, greys for the states that have none."""
-    picture = slope_colours(slopes.tilt_deg, slopes.azimuth_deg, full_deg)
+def map_colours(slopes: SlopeMap, full_deg: float) -> Colours:
+    """The map at its own resolution: slopes in colour, other states in grey."""
+    rgb = slope_colours(slopes.tilt_deg, slopes.azimuth_deg, full_deg)
     for state, grey in _MASKS.items():
-        picture[slopes.state == state] = grey
-    return picture
+        rgb[slopes.state == state] = grey
+    return rgb
 
 
 def legend(slopes: SlopeMap, full_deg: float) -> Colours:
-    """The colour wheel, north up, and the states that occur with their shares; paper white."""
+    """The colour wheel, north up, and the states in the map with their shares, on white."""
     panel: Colours = np.full((PANEL_HEIGHT, PANEL_WIDTH, 3), 255, np.uint8)
     _text(panel, "colour: which way it faces", 20, 24)
     _text(panel, "strength: how steep", 20, 46)
     _wheel(panel, PANEL_WIDTH // 2, 190, full_deg)
     _text(panel, "north is up on this wheel,", 20, 340, 0.5)
-    _text(panel, "not in the camera's picture", 20, 360, 0.5)
-    _text(panel, "shading: a lamp in the north-west,", 20, 388, 0.5)
+    _text(panel, "not in the camera's image", 20, 360, 0.5)
+    _text(panel, "shading: light from the north-west,", 20, 388, 0.5)
     _text(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
     present = [state for state in MEANINGS if (slopes.state == state).any()]
     for row, state in enumerate(present):
@@ -163,8 +163,8 @@ def _hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 
 
-def _enlarged(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(picture.repeat(factor, axis=0).repeat(factor, axis=1))
+def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(image.repeat(factor, axis=0).repeat(factor, axis=1))
 
 
 def _outline(canvas: Colours, region: Region, shape: tuple[int, int]) -> None:

@@ -1,7 +1,7 @@
 """Views in a terminal: a screen that redraws itself, and plain lines where there is no screen.
 
-Both take the items of a recording through `show`, which never blocks on a terminal and never
-raises: the recording must not notice whether anybody looks.
+Both receive the items of a recording through `show`, which never blocks on a terminal and never raises: a
+recording must not depend on its display.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ def terminal_view(
 
 
 class TerminalView:
-    """The live screen; it appears with the first item and gives the terminal back when closed.
+    """The live screen; it appears with the first item and restores the terminal when closed.
 
-    A thread of its own draws the latest state `refresh_hz` times a second and skips what came
-    between, so a slow or stopped terminal costs the recording nothing. Should drawing fail, the
-    view says so in one line and stays dark.
+    A separate thread draws the latest state `refresh_hz` times a second and skips what came in between, so
+    that a slow or stopped terminal does not delay the recording. If drawing fails, the view reports it in
+    one line and ends.
     """
 
     def __init__(
@@ -69,13 +69,13 @@ class TerminalView:
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
 
     def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
-        """Remember an item for the next redraw."""
-        self._latest.take(item)
+        """Keep an item for the next redraw."""
+        self._latest.update(item)
         if self._thread.ident is None:
             self._thread.start()
 
     def close(self) -> None:
-        """Give the terminal back; waits two seconds at most for a terminal that does not answer."""
+        """Restore the terminal; waits at most two seconds for a terminal that does not respond."""
         self._stop.set()
         if self._thread.ident is not None:
             self._thread.join(CLOSE_WITHIN_S)
@@ -114,7 +114,7 @@ class TerminalView:
 class PlainView:
     """One line a minute, and each event at once: for pipes, logs and terminals without a cursor.
 
-    A thread of its own prints: whoever stops reading a pipe (a pager, Ctrl-S) stops the printing alone.
+    A separate thread prints, so that a pipe that is no longer read (a pager, Ctrl-S) stops only the printing.
     """
 
     def __init__(self, site: Site, regions: Sequence[Region], *, file: IO[str]) -> None:
@@ -125,16 +125,16 @@ class PlainView:
         self._thread.start()
 
     def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
-        """Have the item printed if it is an event or a minute; the first failure ends the printing."""
+        """Print the item if it is an event or a minute; the first failure ends the printing."""
         if isinstance(item, Frame | Reading | Health):
             return
         kelvin = [] if isinstance(item, Event) else list(item.temperature_k.values())
         if kelvin and not any(map(math.isfinite, kelvin)):
-            return  # a minute without a picture, such as the last one
+            return  # a minute without a frame, such as the last one
         self._lines.put(self._event(item) if isinstance(item, Event) else self._minute(item))
 
     def close(self) -> None:
-        """Print what is left; waits two seconds at most for somebody to read it."""
+        """Print the remaining lines; waits at most two seconds for a reader."""
         self._lines.put(None)
         self._thread.join(CLOSE_WITHIN_S)
 
@@ -151,13 +151,13 @@ class PlainView:
         return f" {self._when(event.time_ns, seconds=True)}  {formatting.event_line(event)}"
 
     def _minute(self, minute: Minute) -> str:
-        light = f"S {formatting.number(minute.dni_w_m2)} W/m² ({minute.irradiance_model})"
+        irradiance = f"S {formatting.number(minute.dni_w_m2)} W/m² ({minute.irradiance_model})"
         references = [self._bed(minute, name) for name in self._references]
         targets = [
             f"{self._bed(minute, estimate.region)} {_slope(estimate)}{formatting.state(estimate)}"
             for estimate in minute.estimates
         ]
-        return f" {self._when(minute.time_ns)}  " + " | ".join([light, *references, *targets])
+        return f" {self._when(minute.time_ns)}  " + " | ".join([irradiance, *references, *targets])
 
     def _bed(self, minute: Minute, name: str) -> str:
         return f"{name} {formatting.celsius(minute.temperature_k.get(name, math.nan))} °C"

@@ -19,7 +19,7 @@ from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.report import Part, write_campaign_report, write_report
-from fieldkit.views.report.pdf import refuse_without_printer, write_pdf
+from fieldkit.views.report.pdf import require_weasyprint, write_pdf
 from fieldkit.views.report.series import series
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.provenance import command_line
@@ -96,7 +96,7 @@ def report(
     pdf = target if target is not None and target.suffix == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")
     if pdf is not None:
-        refuse_without_printer()
+        require_weasyprint()
     failures: dict[Path, FieldkitError] = {}
     if len(paths) == 1:
         written = _report_session(paths[0], page, options, notify)

@@ -24,14 +24,14 @@ def latest_of(session: Session) -> Latest:
     """What the live view of a session's recorder shows now, from what is stored."""
     latest = Latest(session.site, session.regions, tuple(session.streams.values()), session.header.title)
     for event in session.events():
-        latest.take(event)
+        latest.update(event)
     for health in session.health()[-RATE_OVER_S - 1 :]:
-        latest.take(health)
+        latest.update(health)
     for name in session.streams:
         if count := session.count(name):
-            latest.take(next(session.stream(name).samples(count - 1, count)))
+            latest.update(next(session.stream(name).samples(count - 1, count)))
     if (minute := _last_minute(session)) is not None:
-        latest.take(minute)
+        latest.update(minute)
     return latest
 
 

@@ -1,4 +1,4 @@
-"""The verdict on a session in plain words: what was found, how good it is, what to doubt."""
+"""The assessment of a session: which slopes were found, how accurate they are, and the warnings."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from fieldkit.views.report.series import Series, TargetSeries
 _COUNTED = {
     EventKind.LOST: ("device lost", "devices lost"),
     EventKind.GAP: ("gap", "gaps"),
-    EventKind.FROZEN: ("frozen picture", "frozen pictures"),
+    EventKind.FROZEN: ("frozen image", "frozen images"),
     EventKind.GARBLED: ("report of garbled records", "reports of garbled records"),
     EventKind.OVERRANGE: ("reading out of range", "readings out of range"),
     EventKind.CLOCK_STEP: ("clock step", "clock steps"),
-    EventKind.SLEPT: ("sleep of the computer", "sleeps of the computer"),
+    EventKind.SLEPT: ("suspend of the computer", "suspends of the computer"),
     EventKind.MOVED: ("movement of the camera", "movements of the camera"),
     EventKind.DISK: ("disk warning", "disk warnings"),
 }
@@ -35,12 +35,12 @@ class Assessment:
 
 
 def assess(columns: Series, events: Sequence[Event], state: str) -> Assessment:
-    """The verdict on minutes and events of a session in `state`."""
+    """Assess the minutes and events of a session in `state`."""
     return Assessment(_headline(columns), (*_slope_warnings(columns), *_recording_warnings(events, state)))
 
 
 def bed_error(bed: TargetSeries) -> float:
-    """Mean absolute tilt error of a bed over its answers, degrees; NaN where the tilt was not given."""
+    """Mean absolute tilt error of a bed over its estimates, degrees; NaN if the tilt was not given."""
     return mean_absolute_error(bed.estimated_tilt_deg, np.full(bed.tilt_deg.shape, bed.region.tilt_deg))
 
 
@@ -51,16 +51,16 @@ def mean_error(columns: Series) -> float:
 
 
 def _headline(columns: Series) -> str:
-    answered = [bed for bed in columns.beds if bed.final_estimate is not None]
-    certain = [bed for bed in answered if bed.final_estimate and is_certain(bed.final_estimate)]
+    estimated = [bed for bed in columns.beds if bed.final_estimate is not None]
+    certain = [bed for bed in estimated if bed.final_estimate and is_certain(bed.final_estimate)]
     if not columns.beds:
         return "No target regions are drawn: nothing was estimated."
-    if not answered:
+    if not estimated:
         return f"No slope was found on any of {len(columns.beds)} beds."
     found = _found(len(certain), len(columns.beds))
-    if doubtful := [bed for bed in answered if bed not in certain]:
-        found += f" Uncertain: {', '.join(map(_with_second_branch, doubtful))}."
-    errors = {bed.region.name: bed_error(bed) for bed in answered if np.isfinite(bed_error(bed))}
+    if uncertain := [bed for bed in estimated if bed not in certain]:
+        found += f" Uncertain: {', '.join(map(_with_second_branch, uncertain))}."
+    errors = {bed.region.name: bed_error(bed) for bed in estimated if np.isfinite(bed_error(bed))}
     if not errors:
         return f"{found} No true tilts were given to compare with."
     worst = max(errors, key=lambda name: errors[name])
@@ -75,10 +75,10 @@ def _found(certain: int, total: int) -> str:
 
 
 def _with_second_branch(bed: TargetSeries) -> str:
-    answer = bed.final_estimate
-    assert answer is not None
-    second = formatting.second_branch(answer)
-    return f"{bed.region.name} {formatting.tilt(answer)}°" + (f" or {second}" if second else "")
+    final = bed.final_estimate
+    assert final is not None
+    second = formatting.second_branch(final)
+    return f"{bed.region.name} {formatting.tilt(final)}°" + (f" or {second}" if second else "")
 
 
 def _of(some: int, total: int) -> str:

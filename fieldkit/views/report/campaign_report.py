@@ -86,7 +86,7 @@ def _truth(bed: TargetSeries) -> FloatArray:
 def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
     caption = (
-        f"MAE and SD over the n minutes with an answer; SD {sd_words(sd)}. RMSE: measured surface "
+        f"MAE and SD over the n minutes with an estimate; SD {sd_words(sd)}. RMSE: measured surface "
         "temperature against eq. (7), the reference standing in for air and sky."
     )
     columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")

@@ -1,8 +1,8 @@
 """The error budget: how many degrees of tilt each cause may cost, from the session's own numbers.
 
-The paper's eq. (6) knows direct light and the exchange with air and sky that all beds share.
-What it leaves out is worked out here term by term with the functions of the full model, and
-each term is turned into degrees of tilt by how fast direct light changes with tilt.
+The paper's eq. (6) contains direct irradiance and the exchange with air and sky that all beds share.
+What it omits is computed here term by term with the functions of the full model, and
+each term is converted to degrees of tilt by the change of direct irradiance with tilt.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ OFFSET_K = 0.3
 SCALE = 0.10
 READING = (
     "to first order and with the azimuth known; in brackets what the cause amounts to in eq. (6). "
-    "Plus: the bed looks more turned to the sun."
+    "Plus: the bed seems to face the sun more than it does."
 )
-"""How the table is to be read."""
+"""How to read the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +62,11 @@ def error_budget(data: ReportData) -> BudgetSection | None:
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
     """Rows of the table: a cause, and what it costs each bed."""
     terms: list[tuple[str, Callable[[ErrorBudget], float]]] = [
-        ("left out: light of the sky", lambda b: b.diffuse_w_m2),
-        ("left out: light from the ground", lambda b: b.reflected_w_m2),
-        ("left out: long wave of sky and ground", lambda b: b.longwave_w_m2),
-        ("left out: heat stored in the sand", lambda b: b.storage_w_m2),
-        ("all that is left out", lambda b: b.omitted_w_m2),
+        ("omitted: diffuse light", lambda b: b.diffuse_w_m2),
+        ("omitted: light reflected by the ground", lambda b: b.reflected_w_m2),
+        ("omitted: longwave of sky and ground", lambda b: b.longwave_w_m2),
+        ("omitted: heat stored in the sand", lambda b: b.storage_w_m2),
+        ("all omitted terms", lambda b: b.omitted_w_m2),
     ]
     found: list[list[object]] = [[name, *(_degrees(b, of(b)) for b in budgets)] for name, of in terms]
     found.append(["half the likelihood region", *(f"±{formatting.number(b.noise_deg, 1)}°" for b in budgets)])
@@ -86,7 +86,7 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
 
 
 def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
-    """Rows of what calibration records leave uncertain, one standard uncertainty of each."""
+    """Rows of the calibrations' uncertainties, one standard uncertainty each."""
     causes: dict[str, Callable[[ErrorBudget], tuple[float, str]]] = {
         "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
         "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
@@ -109,23 +109,23 @@ def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
     costs = [abs(found.degrees(found.omitted_w_m2)) for found in budgets]
     known = [cost for cost in costs if np.isfinite(cost)]
     cost = formatting.number(float(np.mean(known)) if known else float("nan"), 1)
-    left_out = (
-        "The paper's model, eq. (6), knows direct sunlight, and an exchange with air and sky that bed and "
+    omitted = (
+        "The paper's model, eq. (6), contains direct sunlight, and an exchange with air and sky that bed and "
         "reference share. A tilted bed also sees less sky and more ground, and its sand takes up heat at "
-        "another pace: diffuse light, sky long wave and storage are left out. With "
+        "another rate: diffuse light, sky longwave and storage are omitted. With "
         f"{settings.diffuse_fraction:.0%} of the light diffuse, {settings.longwave_down_w_m2:.0f} W/m² of "
-        f"long wave from the sky and {slab.depth_m * 100:g} cm of sand these terms feign {cost}° of tilt "
+        f"longwave from the sky and {slab.depth_m * 100:g} cm of sand these terms bias the tilt by {cost}° "
         "here, on average over the beds; they partly cancel."
     )
     if settings.model == "full":
-        return left_out + " These slopes were estimated with the full model, which has them."
+        return omitted + " These slopes were estimated with the full model, which has them."
     if data.full is None:
-        return left_out
+        return omitted
     with_full, without = mean_error(data.full), mean_error(data.columns)
     if not np.isfinite(with_full):
-        return left_out
+        return omitted
     return (
-        f"{left_out} Estimated again with them (model “full”), the mean tilt error is {with_full:.1f}° "
+        f"{omitted} Estimated again with them (model “full”), the mean tilt error is {with_full:.1f}° "
         f"instead of {without:.1f}°."
     )
 
@@ -137,9 +137,9 @@ def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
         f"Offsets between regions do not average away. {weakest.name} has "
         f"{formatting.number(weakest.kelvin_per_degree, 2)} K per degree: {OFFSET_K:g} K cost {offset_deg}°. "
         "A uniform target before and after the session measures them (fieldkit calibrate uniformity).",
-        "Noise averages over a longer window; the other doubts in the likelihood region do not. The azimuth "
-        "needs an hour or more of sun motion.",
-        "A wrong scale of the irradiance (lux meter, model, albedo, heat exchange) stretches all tilts "
+        "Noise averages over a longer window; the other uncertainties in the likelihood region do not. The "
+        "azimuth needs an hour or more of sun motion.",
+        "A wrong scale of the irradiance (lux meter, model, albedo, heat exchange) scales all tilts "
         "alike; one bed of known slope calibrates it.",
     ]
 
@@ -148,9 +148,9 @@ def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:
 class ErrorBudget:
     """Medians over the session for one bed.
 
-    The four terms are what the paper's model takes for direct light and is not, in W/m2 of
-    eq. (6); positive ones make the bed look more turned to the sun than it is.
-    `w_m2_per_degree` is how direct light on the bed changes with its tilt; `noise_deg` half
+    The four terms are what the paper's model attributes to direct irradiance although it is not, in W/m2 of
+    eq. (6); with positive terms the bed seems to face the sun more than it does.
+    `w_m2_per_degree` is the change of direct irradiance on the bed with its tilt; `noise_deg` half
     the width of the likelihood region. `emissivity_k` is the standard uncertainty of bed minus reference
     by calibrated emissivities, `factor_sd` the relative one of a calibrated light meter.
     """
@@ -173,20 +173,35 @@ class ErrorBudget:
         return self.diffuse_w_m2 + self.reflected_w_m2 + self.longwave_w_m2 + self.storage_w_m2
 
     def degrees(self, term_w_m2: float) -> float:
-        """Tilt that a term feigns, to first order."""
+        """Bias of the tilt by a term, in degrees, to first order."""
         return term_w_m2 / self.w_m2_per_degree
 
     def of_offset(self, offset_k: float) -> float:
-        """Tilt that a constant temperature offset between bed and reference feigns."""
+        """Bias of the tilt by a constant temperature offset between bed and reference, in degrees."""
         return offset_k / self.kelvin_per_degree
 
     def of_scale(self, relative: float) -> float:
-        """Tilt that a relative error of the irradiance feigns, to first order."""
+        """Bias of the tilt by a relative error of the irradiance, in degrees, to first order."""
         return relative * self.tilt_deg
 
 
 def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> ErrorBudget:
-    """The budget of one bed at its given slope, or at the estimated one where none was given."""
+    """Error budget of one bed at its given slope, or at its estimated slope if none was given.
+
+    Parameters
+    ----------
+    columns : Series
+        The minutes of the session.
+    bed : TargetSeries
+        The target region.
+    settings : EstimatorSettings
+        Settings of the estimate; its full-model parameters give the omitted terms.
+
+    Returns
+    -------
+    ErrorBudget
+        Medians over the session. [W/m2, K per degree, degrees]
+    """
     tilt, azimuth = _slope(bed)
     cos_tilt = float(np.cos(np.radians(tilt)))
     in_sun = columns.irradiance_w_m2 > 0
@@ -242,7 +257,7 @@ def _per_degree(columns: Series, tilt_deg: float, azimuth_deg: float) -> FloatAr
 
 
 def _longwave(columns: Series, cos_tilt: float, settings: EstimatorSettings) -> FloatArray:
-    """Long wave the bed takes from the ground around instead of from the sky, W/m2 absorbed."""
+    """Absorbed longwave that the bed receives from the surrounding ground instead of the sky, W/m2."""
     measured, emissivity = columns.longwave_w_m2, settings.surface.emissivity_broadband
     down = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     ground = emitted_longwave(columns.reference_k, emissivity) + (1.0 - emissivity) * down
@@ -258,7 +273,7 @@ def _of_emissivity(columns: Series, bed: TargetSeries, settings: EstimatorSettin
 
 
 def _stored(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> FloatArray:
-    """Heat that goes into the bed's sand beyond what goes into the reference's, W/m2."""
+    """Storage heat flux of the bed minus that of the reference, W/m2."""
     difference = columns.temperature_k[bed.region.name] - columns.reference_k
     known = np.isfinite(difference)
     flux = np.full(difference.shape, np.nan)

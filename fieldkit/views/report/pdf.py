@@ -1,4 +1,4 @@
-"""A report's page as PDF, by WeasyPrint from the extra ``pdf``; the page says itself how it is printed."""
+"""A report as PDF, by WeasyPrint from the extra ``pdf``; the style sheet has its own rules for print."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from fieldkit.model.errors import ConfigError
 
 
-def refuse_without_printer() -> None:
+def require_weasyprint() -> None:
     """Raises `ConfigError` where WeasyPrint is not installed, before hours are spent on the page."""
     if find_spec("weasyprint") is None:
         raise ConfigError(
@@ -22,6 +22,6 @@ def write_pdf(page: Path, pdf: Path) -> None:
     """Print an HTML page on A4; raises `OSError` if the file cannot be written."""
     from weasyprint import HTML
 
-    # it complains of rules of the screen that mean nothing on paper
+    # it warns about screen rules that do not apply to print
     logging.getLogger("weasyprint").setLevel(logging.ERROR)
     HTML(filename=str(page)).write_pdf(str(pdf))

@@ -54,7 +54,7 @@ def caveat(settings: EstimatorSettings) -> str:
     """What the paper's model omits, as one sentence; empty with other settings."""
     if (settings.model, settings.azimuth) != ("paper", "free"):
         return ""
-    return f"{formatting.PAPER_LEAVES_OUT[0].upper()}{formatting.PAPER_LEAVES_OUT[1:]}."
+    return f"{formatting.PAPER_OMITS[0].upper()}{formatting.PAPER_OMITS[1:]}."
 
 
 def likelihood_words(settings: EstimatorSettings) -> str:
@@ -127,7 +127,7 @@ def _slope_cells(estimate: SlopeEstimate) -> list[object]:
 
 
 def time_figures(data: ReportData) -> Iterator[Figure]:
-    """Slopes, temperatures and light over the session."""
+    """Slopes, temperatures and irradiance over the session."""
     columns, site = data.columns, data.site
     clouds = " Grey: cloud or changing light." if columns.cloudy.any() else ""
     if columns.beds:

@@ -64,7 +64,7 @@ class TargetSeries:
 
     @property
     def last(self) -> SlopeEstimate | None:
-        """What was said last, answer or not."""
+        """The last estimate, with or without a slope."""
         return next((estimate for estimate in reversed(self.estimates) if estimate is not None), None)
 
 
@@ -96,11 +96,11 @@ class Series:
 
     @property
     def cloudy(self) -> BoolArray:
-        """Minutes in which the light changed faster than the sun can."""
+        """Minutes in which irradiance changed faster than the sun's motion explains."""
         return np.asarray((self.flags & int(Quality.CLOUD)) != 0)
 
     def direct_on(self, tilt_deg: float, azimuth_deg: float) -> FloatArray:
-        """Direct light on a facet by eq. (2), W/m2."""
+        """Direct irradiance on a facet by eq. (2), W/m2."""
         cosine = cos_incidence(normal(tilt_deg, azimuth_deg), self.sun)
         return direct_irradiance(self.irradiance_w_m2, cosine)
 
@@ -171,26 +171,41 @@ def _bed(region: Region, minutes: Sequence[Minute]) -> TargetSeries:
 
 
 def modelled_temperature(columns: Series, bed: TargetSeries, parameters: SurfaceParameters) -> FloatArray:
-    """What eq. (7) says the surface temperature of a bed of known slope should be, kelvin, shape (n,).
+    """Surface temperature of a bed of known slope by eq. (7) of the paper.
 
-    Air temperature and the sky's long wave are not measured; both enter eq. (7) in the same
-    way for all beds, so the reference, through eq. (7), stands in for them: at every minute the
-    air temperature is the one that balances the reference at its measured temperature.
-    NaN for a bed of unknown slope, and with a session without a reference.
+    Air temperature and the sky's longwave are not measured. Both enter eq. (7) in the same way for all beds,
+    so the reference stands in for them: at every minute the air temperature is the one that balances the
+    reference at its measured temperature.
+
+    Parameters
+    ----------
+    columns : Series
+        The minutes of the session, with a reference region.
+    bed : TargetSeries
+        The target region.
+    parameters : SurfaceParameters
+        Parameters of the energy balance.
+
+    Returns
+    -------
+    numpy.ndarray
+        Surface temperature, shape (n,); NaN if the slope is unknown or there is no reference. [K]
     """
     if not np.isfinite([bed.region.tilt_deg, bed.region.azimuth_deg]).all():
         return np.full(columns.time_ns.size, np.nan)
-    light = columns.direct_on(bed.region.tilt_deg, bed.region.azimuth_deg)
-    return surface_temperature(light, 0.0, _air_of_reference(columns, parameters), parameters)
+    direct = columns.direct_on(bed.region.tilt_deg, bed.region.azimuth_deg)
+    return surface_temperature(direct, 0.0, _air_of_reference(columns, parameters), parameters)
 
 
 def _air_of_reference(columns: Series, parameters: SurfaceParameters) -> FloatArray:
-    """Air temperature that balances the references by eq. (7) without long wave, kelvin, their mean."""
+    """Air temperature that balances the references by eq. (7) without longwave, kelvin, their mean."""
     found = []
     for region in columns.references:
         measured = columns.temperature_k[region.name]
         azimuth = region.azimuth_deg if np.isfinite(region.azimuth_deg) else 0.0
-        light = columns.direct_on(region.tilt_deg, azimuth)
-        lost = emitted_longwave(measured, parameters.emissivity_broadband) - (1.0 - parameters.albedo) * light
+        direct = columns.direct_on(region.tilt_deg, azimuth)
+        lost = (
+            emitted_longwave(measured, parameters.emissivity_broadband) - (1.0 - parameters.albedo) * direct
+        )
         found.append(measured + lost / parameters.exchange_w_m2_k)
     return np.asarray(np.mean(found, axis=0)) if found else np.full(columns.time_ns.size, np.nan)

@@ -1,4 +1,4 @@
-"""Figures of a session over local time, as SVG text: temperatures, light, slopes."""
+"""Figures of a session over local time, as SVG text: temperatures, irradiance, slopes."""
 
 from __future__ import annotations
 
@@ -48,12 +48,14 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
 
 def irradiance(columns: Series, site: Site) -> str:
     """Measured illuminance above, direct normal irradiance derived from it below."""
-    figure, (light, direct) = plotting.panels(2, 3.8)
-    light.plot(plotting.days(columns.time_ns), columns.illuminance_lx / 1000.0, color=plotting.colour(4))
-    light.set_ylabel("measured, klx")
+    figure, (illuminance, direct) = plotting.panels(2, 3.8)
+    illuminance.plot(
+        plotting.days(columns.time_ns), columns.illuminance_lx / 1000.0, color=plotting.colour(4)
+    )
+    illuminance.set_ylabel("measured, klx")
     direct.plot(plotting.days(columns.time_ns), columns.irradiance_w_m2, color=plotting.colour(1))
     direct.set_ylabel("derived DNI, W/m²")
-    return _over_time(figure, [light, direct], columns, site, legend=False)
+    return _over_time(figure, [illuminance, direct], columns, site, legend=False)
 
 
 def tilts(columns: Series, site: Site) -> str:
@@ -113,11 +115,11 @@ def _band(
 
 
 def _unreliable(axes: Axes, columns: Series, bed: TargetSeries, values: FloatArray) -> None:
-    """Mark minutes that are no answer: crosses where there is a value, ticks at the foot where none is."""
-    doubtful = np.array([e is not None and e.state not in SOLVED for e in bed.estimates], np.bool_)
+    """Mark unreliable minutes: crosses where there is a value, ticks at the foot where there is none."""
+    unreliable = np.array([e is not None and e.state not in SOLVED for e in bed.estimates], np.bool_)
     days, known = plotting.days(columns.time_ns), np.isfinite(values)
-    crosses, ticks = days[doubtful & known], days[doubtful & ~known]
-    axes.plot(crosses, values[doubtful & known], linestyle="none", marker="x", markersize=5, color="black")
+    crosses, ticks = days[unreliable & known], days[unreliable & ~known]
+    axes.plot(crosses, values[unreliable & known], linestyle="none", marker="x", markersize=5, color="black")
     if ticks.size:  # an empty line that may not be clipped confuses matplotlib's layout
         foot = axes.get_xaxis_transform()
         style: dict[str, Any] = {

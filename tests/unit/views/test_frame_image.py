@@ -59,14 +59,14 @@ def test_making_smaller_keeps_the_mean():
 
 
 def test_outline_passes_through_the_corners_and_leaves_the_inside(regions):
-    edge = frame_image.outlined(regions[2], (30, 40), 30, 40)
+    edge = frame_image.outline_mask(regions[2], (30, 40), 30, 40)
     assert all(edge[int(y), int(x)] for x, y in regions[2].vertices)
     assert not edge[9, 33]
     assert edge.sum() == 2 * (11 + 11) - 4  # the rim of an 11 by 11 box
 
 
 def test_outline_shrinks_with_the_picture(regions):
-    edge = frame_image.outlined(regions[2], (30, 40), 15, 20)
+    edge = frame_image.outline_mask(regions[2], (30, 40), 15, 20)
     rows, cols = np.nonzero(edge)
     assert rows.min() >= 1
     assert rows.max() <= 7

@@ -26,74 +26,74 @@ def event(kind: EventKind, severity: Severity = Severity.INFO, text: str = "some
 
 def test_rate_is_over_the_last_minute(latest):
     for second in range(120):
-        latest.take(health(second, 9 * min(second, 89)))  # silent for the last half minute
+        latest.update(health(second, 9 * min(second, 89)))  # silent for the last half minute
     assert latest.rate_hz("camera") == pytest.approx(9 * 30 / 60)
 
 
 def test_age_is_that_of_the_last_sample(latest, frame):
     assert latest.age_s("lux") == 0.0
-    latest.take(Reading("lux", 0, frame.time_ns - 14 * SECOND_NS, (1.0,)))
-    latest.take(frame)
+    latest.update(Reading("lux", 0, frame.time_ns - 14 * SECOND_NS, (1.0,)))
+    latest.update(frame)
     assert latest.age_s("lux") == pytest.approx(14.0)
     assert latest.age_s("camera") == 0.0
 
 
 def test_age_is_that_of_each_camera(latest, frame):
-    latest.take(frame)
-    latest.take(frame._replace(stream="cam2", time_ns=frame.time_ns + 120 * SECOND_NS))
+    latest.update(frame)
+    latest.update(frame._replace(stream="cam2", time_ns=frame.time_ns + 120 * SECOND_NS))
     assert latest.age_s("camera") == pytest.approx(120.0)
     assert latest.age_s("cam2") == 0.0
 
 
 def test_rate_is_unknown_at_first(latest):
     assert math.isnan(latest.rate_hz("camera"))
-    latest.take(health(1, 9))
+    latest.update(health(1, 9))
     assert math.isnan(latest.rate_hz("camera"))
 
 
 def test_only_the_latest_of_a_kind_is_kept(latest, frame):
-    latest.take(frame)
+    latest.update(frame)
     for value in (1.0, 2.0):
-        latest.take(Reading("lux", 1, 1, (value,)))
+        latest.update(Reading("lux", 1, 1, (value,)))
     assert latest.frame is frame
     assert [reading.values for _, reading in latest.of_quantity("illuminance")] == [(2.0,)]
 
 
 def test_alarms_count_what_is_worse_than_information(latest):
     for severity in Severity:
-        latest.take(event(EventKind.LOST, severity))
+        latest.update(event(EventKind.LOST, severity))
     assert latest.alarms == 2
 
 
 def test_gaps_are_counted_by_stream(latest):
-    latest.take(event(EventKind.GAP))
-    latest.take(event(EventKind.GAP))
+    latest.update(event(EventKind.GAP))
+    latest.update(event(EventKind.GAP))
     assert latest.gaps == {"camera": 2}
 
 
 @pytest.mark.parametrize("kind", [EventKind.CLOCK_STEP, EventKind.SLEPT])
 def test_a_step_of_the_clock_is_remembered(latest, kind):
     assert latest.clock_event is None
-    latest.take(event(kind, text="stepped by 1 h"))
-    latest.take(event(EventKind.SHUTTER))
+    latest.update(event(kind, text="stepped by 1 h"))
+    latest.update(event(EventKind.SHUTTER))
     assert latest.clock_event.text == "stepped by 1 h"
 
 
 def test_a_long_recording_does_not_pile_up_events(latest):
     for _ in range(500):
-        latest.take(event(EventKind.SHUTTER))
+        latest.update(event(EventKind.SHUTTER))
     assert len(latest.events) == 50
 
 
 def test_time_never_runs_backwards(latest):
-    latest.take(Reading("lux", 9, 9, (1.0,)))
-    latest.take(Reading("lux", 7, 7, (1.0,)))
+    latest.update(Reading("lux", 9, 9, (1.0,)))
+    latest.update(Reading("lux", 7, 7, (1.0,)))
     assert latest.time_ns == 9
     assert latest.start_ns == 9
 
 
 def test_a_regions_cells_are_temperature_spread_tilt_azimuth_and_state(latest, make_minute):
-    latest.take(make_minute(0))
+    latest.update(make_minute(0))
     bed = next(region for region in latest.regions if region.name == "b15")
     cells = [str(cell) for cell in _region_cells(latest, bed)]
     assert cells[:5] == ["36.85", "0.20", "15.5 ±2.0", "178 ±12", "0.33"]  # 310 K, spread 0.2 K

@@ -23,15 +23,15 @@ SMALL_SIZES = [(46, 24), (44, 24), (40, 20), (80, 8), (80, 5), (30, 10), (10, 3)
 def latest(site, regions, streams, frame, make_minute) -> Latest:
     """One hour into a recording of three."""
     latest = Latest(site, regions, streams, "three-beds", START_NS + 3 * 3600 * SECOND_NS)
-    latest.take(Event(EventKind.START, 0, START_NS, "recording 20171211T030800Z-three-beds"))
+    latest.update(Event(EventKind.START, 0, START_NS, "recording 20171211T030800Z-three-beds"))
     for second in (3599, 3600):
         now = START_NS + second * SECOND_NS
         counts = (StreamHealth("camera", 9 * second, 0, 0), StreamHealth("lux", second, 2, 0, rejected=3))
-        latest.take(Health(now, now, counts, 11_200_000_000, 9_100_000))
-    latest.take(frame._replace(time_ns=now))
-    latest.take(Reading("lux", now, now, (55_210.0,)))
-    latest.take(Reading("thermometer", now, now, (300.05, float("nan"))))
-    latest.take(make_minute(60))
+        latest.update(Health(now, now, counts, 11_200_000_000, 9_100_000))
+    latest.update(frame._replace(time_ns=now))
+    latest.update(Reading("lux", now, now, (55_210.0,)))
+    latest.update(Reading("thermometer", now, now, (300.05, float("nan"))))
+    latest.update(make_minute(60))
     return latest
 
 
@@ -81,7 +81,7 @@ def test_before_the_first_minute_beds_show_what_the_picture_sees(latest):
     counts = latest.frame.counts.copy()
     bed = next(region for region in latest.regions if region.name == "b15")
     counts[bed.mask((counts.shape[0], counts.shape[1]))] = 30_215
-    latest.take(latest.frame._replace(counts=counts))
+    latest.update(latest.frame._replace(counts=counts))
     line = next(line for line in letters(latest, 80, 24) if line.startswith("b15"))
     assert "29.00" in line  # 302.15 K
     assert "first minute: brightness" in line
@@ -115,27 +115,27 @@ def test_paper_is_black_on_white_everywhere(latest):
 
 
 def test_bad_news_is_told_in_words_and_in_red(latest):
-    latest.take(Event(EventKind.DISK, 1, 1, "disk reserve reached", severity=Severity.ERROR))
+    latest.update(Event(EventKind.DISK, 1, 1, "disk reserve reached", severity=Severity.ERROR))
     assert "ERROR: disk reserve reached" in "\n".join(letters(latest, 80, 24))
     assert "41m" in drawn(latest, 80, 24)
 
 
 def test_a_stream_that_is_silent_says_since_when(latest):
     now = START_NS + 3700 * SECOND_NS
-    latest.take(Health(now, now, (StreamHealth("camera", 9 * 3600, 0, 0),), 10**9))
+    latest.update(Health(now, now, (StreamHealth("camera", 9 * 3600, 0, 0),), 10**9))
     (line,) = [line for line in letters(latest, 80, 24) if " camera " in line]
     assert "100 s ago" in line
 
 
 def test_clock_is_steady_until_it_is_not(latest):
     assert "steady since 12:08" in "\n".join(letters(latest, 80, 24))
-    latest.take(Event(EventKind.CLOCK_STEP, 1, START_NS, "clock stepped by +3600 s"))
+    latest.update(Event(EventKind.CLOCK_STEP, 1, START_NS, "clock stepped by +3600 s"))
     assert "12:08 clock stepped by +3600 s" in "\n".join(letters(latest, 80, 24))
 
 
 def test_newest_events_are_last_and_old_ones_go(latest):
     for number in range(20):
-        latest.take(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
+        latest.update(Event(EventKind.MARK, 1, START_NS + number, f"mark number {number:02d}"))
     text = "\n".join(letters(latest, 80, 24))
     assert text.index("mark number 18") < text.index("mark number 19")
     assert "mark number 10" not in text
@@ -143,7 +143,7 @@ def test_newest_events_are_last_and_old_ones_go(latest):
 
 def test_says_so_while_there_is_nothing(site, regions, streams):
     text = "\n".join(letters(Latest(site, regions, streams), 80, 24))
-    assert "no picture yet" in text
+    assert "no frame yet" in text
     assert "no events yet" in text
     assert "no planned end" in text
 
@@ -151,7 +151,7 @@ def test_says_so_while_there_is_nothing(site, regions, streams):
 def test_many_regions_still_leave_room_for_the_rest(latest, site, streams, regions, frame):
     many = tuple(replace(regions[1], name=f"bed{number}") for number in range(30))
     crowded = Latest(site, many, streams)
-    crowded.take(frame)
+    crowded.update(frame)
     lines = letters(crowded, 80, 24)
     assert len(lines) == 24
     assert "no planned end" in lines[-1]
@@ -161,7 +161,7 @@ def test_many_regions_still_leave_room_for_the_rest(latest, site, streams, regio
 def test_regions_without_room_are_counted_not_dropped_in_silence(site, streams, regions, frame, cols, rows):
     many = tuple(replace(regions[1], name=f"bed{number}") for number in range(9))
     crowded = Latest(site, many, streams)
-    crowded.take(frame)
+    crowded.update(frame)
     lines = letters(crowded, cols, rows)
     shown = sum(line.startswith("bed") for line in lines)
     assert 0 < shown < 9
@@ -179,9 +179,9 @@ def test_the_key_that_ends_a_recording_is_shown(latest, cols):
 
 def test_a_mark_of_the_past_stands_in_its_place_and_says_its_kind(latest):
     end_ns = START_NS + 600 * SECOND_NS
-    latest.take(Event(EventKind.DISK, 1, START_NS + 3000 * SECOND_NS, "disk reserve near"))
+    latest.update(Event(EventKind.DISK, 1, START_NS + 3000 * SECOND_NS, "disk reserve near"))
     span = {"label": "cloud", "end_ns": end_ns}
-    latest.take(Event(EventKind.MARK, 1, end_ns - 180 * SECOND_NS, "over the ridge", data=span))
+    latest.update(Event(EventKind.MARK, 1, end_ns - 180 * SECOND_NS, "over the ridge", data=span))
     lines = letters(latest, 80, 24)
     first, last = (next(n for n, line in enumerate(lines) if text in line) for text in ("ridge", "reserve"))
     assert first < last
@@ -190,5 +190,5 @@ def test_a_mark_of_the_past_stands_in_its_place_and_says_its_kind(latest):
 
 def test_a_camera_without_a_temperature_scale_shows_counts(site, regions, streams, frame):
     latest = Latest(site, regions, (replace(streams[0], scale=float("nan")), *streams[1:]))
-    latest.take(frame)
+    latest.update(frame)
     assert "counts" in "\n".join(letters(latest, 80, 24))

@@ -9,7 +9,7 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeState
 from fieldkit.pixel_axes import LEFT_PX
 from fieldkit.views import slope_map_image
-from fieldkit.views.slope_map_image import full_colour_deg, legend, painted, slope_colours
+from fieldkit.views.slope_map_image import full_colour_deg, legend, map_colours, slope_colours
 
 SHAPE = (30, 40)
 
@@ -54,7 +54,7 @@ def test_flat_ground_has_no_colour():
 def test_pixels_without_a_slope_are_grey_by_their_state():
     greys = set()
     for state in (SlopeState.TOO_FEW, SlopeState.NO_INTERSECTION, SlopeState.SHADED, SlopeState.NO_DATA):
-        picture = painted(slope_map(np.nan, np.nan, state), 30.0)
+        picture = map_colours(slope_map(np.nan, np.nan, state), 30.0)
         assert len(np.unique(picture.reshape(-1, 3), axis=0)) == 1
         assert np.ptp(picture[0, 0]) == 0
         greys.add(int(picture[0, 0, 0]))
@@ -102,15 +102,15 @@ def test_outlines_and_names_are_drawn(regions):
     assert not changed[:64].any()
 
 
-def test_picture_says_how_sure_the_pixels_of_the_regions_are():
+def test_picture_says_tilt_uncertainty_the_pixels_of_the_regions_are():
     corners = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
     region = Region("bed", RegionKind.TARGET, corners)
     inside, everywhere = bounds(), bounds(8.0, 28.0)
     everywhere.tilt_high_deg[region.mask(SHAPE)] = inside.tilt_high_deg[0, 0]
     said = "90 % region of the tilt: +-2.0 deg for half of the pixels, +-2.0 for 9 in 10"
-    assert slope_map_image.how_sure(everywhere, (region,)) == said
-    assert "+-10.0 deg for half" in slope_map_image.how_sure(everywhere, ())
-    assert slope_map_image.how_sure(bounds(np.nan, np.nan), ()) == ""
+    assert slope_map_image.tilt_uncertainty(everywhere, (region,)) == said
+    assert "+-10.0 deg for half" in slope_map_image.tilt_uncertainty(everywhere, ())
+    assert slope_map_image.tilt_uncertainty(bounds(np.nan, np.nan), ()) == ""
 
 
 def test_uncertain_pixels_are_dotted_and_flat_ones_are_not():

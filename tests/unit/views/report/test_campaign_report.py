@@ -70,7 +70,7 @@ def test_the_error_budget_is_by_given_tilt_over_all_sessions(written):
     budget = text[text.index("Error budget") :]
     assert "<th" in budget[: budget.index("15°")]
     for cause in (
-        "light of the sky",
+        "omitted: diffuse light",
         "heat stored in the sand",
         "half the likelihood region",
         "irradiance wrong",

@@ -142,7 +142,7 @@ def test_without_matplotlib_tables_stay_and_it_says_what_to_install(written, mon
     assert "pip install 'fieldkit[lab]'" in page.text
     assert page.alternatives == []
     assert "15°/180°" in page.text
-    assert "left out: light of the sky" in page.text
+    assert "omitted: diffuse light" in page.text
     assert "RMSE 0.0" in page.text
 
 
