@@ -247,7 +247,7 @@ def test_other_ways_to_the_same_emissivity(
         (("--region", "mud"), "no region 'mud'"),
         (("--channel", "9"), "no probe '9'"),
         (("--reflected", "mirror"), "no region 'mirror'"),
-        (("--band", "7,8,9"), "no band"),
+        (("--band", "7,8,9"), "not a valid band"),
     ],
 )
 def test_what_is_not_there_is_told_with_what_is(

@@ -13,8 +13,9 @@ import pytest
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from usblab.campaign import CAMERA_BY_ID  # noqa: E402
-from usblab.field import START, Field  # noqa: E402
+from fieldlab.campaign import CAMERA_BY_ID  # noqa: E402
+from fieldlab.field import START, Field  # noqa: E402
+from fieldlab.program import fieldkit  # noqa: E402
 from usblab.guest.machine import Guest  # noqa: E402
 from usblab.guest.missing import MissingPartError  # noqa: E402
 from usblab.lab import Lab  # noqa: E402
@@ -43,8 +44,8 @@ def _booted(field: Field) -> Iterator[tuple[Lab, dict[str, Any]]]:
         early[-1].plug()
 
     try:
-        with Guest(CACHE, START, plug_early) as guest:
-            lab = Lab(guest, field.scene.site)
+        with Guest(CACHE, fieldkit(field.scene.site), START, plug_early) as guest:
+            lab = Lab(guest)
             lab.wait_for(CAMERA_BY_ID)
             found = dict(lab.nodes())
             early[-1].unplug()

@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from fieldlab.field import Field
 from losses import first_without_loss, nothing_lost, places_in, skipped
-from usblab.field import Field
 from usblab.lab import Lab
 from usblab.models.ht301 import HT301
 from usblab.models.p2pro import P2Pro
@@ -39,7 +39,7 @@ def stream(
 ) -> dict[str, Any]:
     fourcc, width, height = FORMATS[kind]
     report: dict[str, Any] = lab.guest.call(
-        "usblab.inside.cameras:stream",
+        "inside_guest.cameras:stream",
         path="/dev/video0", backend=backend, fourcc=fourcc, width=width, height=height,
         pictures=max(FEWEST, round(SECONDS * port.camera.shape.rate_hz)), actions=actions,
     )  # fmt: skip
@@ -107,15 +107,15 @@ def test_p2pro_answers_vendor_requests_beside_the_kernels_stream(lab: Lab, field
         lab.wait_for_empty_sockets()
         with port:
             lab.wait_for("/dev/video0")
-            told = lab.guest.call("usblab.inside.vendor:ask_p2pro_while_streaming", path="/dev/video0")
-        return told, skipped(told["sequences"])
+            report = lab.guest.call("inside_guest.vendor:ask_p2pro_while_streaming", path="/dev/video0")
+        return report, skipped(report["sequences"])
 
     port = lab.camera(camera("p2pro", field))
-    told = first_without_loss(attempt)
-    assert told["date"] == b"20220808".hex()
-    assert told["gain"] == "0000"
+    report = first_without_loss(attempt)
+    assert report["date"] == b"20220808".hex()
+    assert report["gain"] == "0000"
     assert port.camera.properties[5] == 0
-    assert told["class_request"] == "EBUSY"  # extension units must go through the video node
+    assert report["class_request"] == "EBUSY"  # extension units must go through the video node
 
 
 IDENTITIES = {"purethermal": "1e4e:0100", "p2pro": "0bda:5830", "ht301": "1514:0001"}
@@ -126,21 +126,23 @@ def test_the_driver_opens_it_by_identity_and_runs_its_shutter(lab: Lab, field: F
     with lab.camera(camera(kind, field)) as port:
         lab.wait_for("/dev/video0")
         mean_k = field.lepton(time.monotonic()).mean()
-        told = lab.guest.call(
-            "usblab.inside.cameras:drive",
+        report = lab.guest.call(
+            "inside_guest.cameras:drive",
             driver=kind, identity=IDENTITIES[kind], options=OPTIONS.get(kind, {}),
             pictures=25, shutter_after=10,
         )  # fmt: skip
         model = port.camera
-    assert tuple(told["shape"]) == {"purethermal": (120, 160), "p2pro": (192, 256), "ht301": (288, 384)}[kind]
-    assert told["ran"] is True
-    assert told["rejected"] == 0
-    assert "SHUTTER" in told["flags"][-1]
-    assert "SHUTTER" not in told["flags"][5]
-    assert told["means_k"][0] == pytest.approx(mean_k, abs=0.1)
+    assert (
+        tuple(report["shape"]) == {"purethermal": (120, 160), "p2pro": (192, 256), "ht301": (288, 384)}[kind]
+    )
+    assert report["ran"] is True
+    assert report["rejected"] == 0
+    assert "SHUTTER" in report["flags"][-1]
+    assert "SHUTTER" not in report["flags"][5]
+    assert report["means_k"][0] == pytest.approx(mean_k, abs=0.1)
     if kind == "ht301":
         assert model.commands == [0x8020, 0x8004, 0x8000]  # range, temperatures, shutter
     elif kind == "p2pro":
-        assert (model.properties[5], told["settings"]["gain"], model.calibrations) == (0, "low", 1)
+        assert (model.properties[5], report["settings"]["gain"], model.calibrations) == (0, "low", 1)
     else:
-        assert (model.ffc_runs, told["settings"]["gain"]) == (1, "high")
+        assert (model.ffc_runs, report["settings"]["gain"]) == (1, "high")

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from usblab.campaign import CAMERA_BY_ID, LUX, LUX_BY_ID, THERMOMETER_BY_ID
-from usblab.field import Field
+from fieldlab.campaign import CAMERA_BY_ID, LUX, LUX_BY_ID, THERMOMETER_BY_ID
+from fieldlab.field import Field
+from fieldlab.meters import LightMeter, Thermometer
+from fieldlab.recording import Recording, events
 from usblab.lab import Lab
-from usblab.meters import LightMeter, Thermometer
 from usblab.models.p2pro import P2Pro
 from usblab.models.purethermal import BULK, PureThermal
-from usblab.recording import Recording, events
 
 CYCLES = 20
 LOST, BACK, GAP = "camera: lost", "camera: back", "camera: the device or its driver lost samples"

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from losses import nothing_lost, places_in, skipped
-from usblab.campaign import (
+from fieldlab.campaign import (
     ALL,
     CAMERA,
     CAMERA_BY_ID,
@@ -23,13 +22,14 @@ from usblab.campaign import (
     THERMOMETER_BY_ID,
     toml,
 )
-from usblab.field import Field
+from fieldlab.field import Field
+from fieldlab.meters import LightMeter, Thermometer
+from fieldlab.recording import Recording
+from fieldlab.reference import tilts_deg
+from losses import nothing_lost, places_in, skipped
 from usblab.lab import STRANGER, Lab
-from usblab.meters import LightMeter, Thermometer
 from usblab.models.p2pro import P2Pro
 from usblab.models.purethermal import BULK, PureThermal
-from usblab.recording import Recording
-from usblab.reference import tilts_deg
 
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
 

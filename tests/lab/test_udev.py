@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from usblab.campaign import CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID
-from usblab.field import Field
+from fieldlab.campaign import CAMERA_BY_ID, LUX_BY_ID, THERMOMETER_BY_ID
+from fieldlab.field import Field
+from fieldlab.meters import LightMeter, Thermometer
 from usblab.lab import OBSERVER, STRANGER, Lab
-from usblab.meters import LightMeter, Thermometer
 from usblab.models.purethermal import PureThermal
 
 
@@ -49,7 +49,7 @@ def test_serial_adapters_are_told_apart_by_serial_number(lab: Lab, field: Field)
 def test_the_latency_timer_of_an_adapter_is_set_to_a_millisecond_and_read_back(lab: Lab, field: Field):
     with lab.meter(LightMeter(field), 0):
         lab.wait_for(LUX_BY_ID)
-        told = lab.guest.call("usblab.inside.adapters:latency", path=LUX_BY_ID)
+        told = lab.guest.call("inside_guest.adapters:latency", path=LUX_BY_ID)
     assert told == {"by_rule_ms": 1, "stated_ms": 1, "chip_ms": 1}
 
 

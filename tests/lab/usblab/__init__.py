@@ -1,6 +1,28 @@
-"""A virtual USB lab: emulated instruments on one side, a real Linux kernel on the other.
+"""A virtual USB lab: emulated cameras and serial meters, plugged into a real Linux kernel in an emulator.
 
-`uvc` is a USB camera as a pure library, `models` are the instruments played with it,
-`redir` and `port` carry them into the emulator, `guest` builds and runs the small Linux
-that sees them, `inside` is the code that runs in there. Nothing here knows pytest.
+It offers `Program` (the program under test), `Guest` (a small Linux that has it), `Lab` (plug in, run,
+inspect), `UvcCamera` and `Meter` to derive instruments from, and `UsbPort` and `SerialPort` to plug them
+into. It imports neither pytest nor the program under test; README.md shows how to use it for another one.
 """
+
+from usblab.guest.machine import Guest, GuestError
+from usblab.guest.missing import MissingPartError
+from usblab.lab import Ended, Job, Lab
+from usblab.port import UsbPort
+from usblab.program import Program
+from usblab.serial_port import Meter, SerialPort
+from usblab.uvc.camera import UvcCamera
+
+__all__ = [
+    "Ended",
+    "Guest",
+    "GuestError",
+    "Job",
+    "Lab",
+    "Meter",
+    "MissingPartError",
+    "Program",
+    "SerialPort",
+    "UsbPort",
+    "UvcCamera",
+]

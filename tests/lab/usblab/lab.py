@@ -1,4 +1,4 @@
-"""The lab as tests see it: plug instruments in, run fieldkit in the guest, look at what happened."""
+"""The lab as tests see it: plug instruments in, run the program in the guest, inspect what happened."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fieldkit.model.site import Site
 from usblab.guest.machine import Guest
-from usblab.meters import Meter, SerialPort
 from usblab.port import UsbPort
+from usblab.serial_port import Meter, SerialPort
 from usblab.uvc.camera import UvcCamera
 
 OBSERVER, STRANGER = "observer", "stranger"
@@ -51,10 +50,10 @@ class Job:
         answer = self._guest.ask("ended", process=self._process)
         return Ended(**answer) if answer else None
 
-    def told(self) -> str:
+    def stderr(self) -> str:
         """What it has written to standard error so far."""
-        said: str = self._guest.ask("told", process=self._process)
-        return said
+        text: str = self._guest.ask("stderr", process=self._process)
+        return text
 
     def wait(self, timeout_s: float = PATIENCE_S) -> Ended:
         """Wait for its end; after `timeout_s` it is aborted, and the error tells where it was."""
@@ -68,11 +67,10 @@ class Job:
 
 
 class Lab:
-    """A booted guest with its sockets for instruments, at a place on the Earth."""
+    """A booted guest with its sockets for instruments."""
 
-    def __init__(self, guest: Guest, site: Site) -> None:
+    def __init__(self, guest: Guest) -> None:
         self.guest = guest
-        self._place = (site.latitude_deg, site.longitude_deg, site.elevation_m)
         self._numbers = itertools.count()
         self._warm = False
         self.set_clock(None)
@@ -108,7 +106,9 @@ class Lab:
 
     def nodes(self) -> Mapping[str, Mapping[str, str]]:
         """See `usblab.inside.nodes.present`."""
-        found: Mapping[str, Mapping[str, str]] = self.guest.call("usblab.inside.nodes:present")
+        found: Mapping[str, Mapping[str, str]] = self.guest.call(
+            "usblab.inside.nodes:present", folders=self.guest.program.links
+        )
         return found
 
     def wait_for(self, *paths: str, present: bool = True) -> None:
@@ -117,7 +117,7 @@ class Lab:
             self.guest.call("usblab.inside.nodes:wait_for", path=path, present=present)
 
     def wait_for_empty_sockets(self) -> None:
-        """Wait until the guest has let go of what was unplugged, or the next test meets its nodes."""
+        """Wait until the guest has removed what was unplugged, or the next test finds its nodes."""
         self.guest.call("usblab.inside.nodes:wait_for_none")
 
     def put(self, path: str, content: str, user: str = OBSERVER) -> None:
@@ -125,17 +125,22 @@ class Lab:
         self.guest.ask("put", path=path, content=base64.b64encode(content.encode()).decode(), user=user)
 
     def warm(self) -> None:
-        """Load what ``fieldkit`` needs, if nobody has yet; it takes the guest ten seconds or more."""
-        if not self._warm:
-            self.guest.ask("warm", timeout_s=300, place=self._place)
-            self._warm = True
+        """Import what the program needs, once; it takes the guest ten seconds or more."""
+        program = self.guest.program
+        if program.warm_up and not self._warm:
+            self.guest.call(program.warm_up, timeout_s=300, **program.warm_up_arguments)
+        self._warm = True
 
     def start(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Job:
-        """Start a program in the guest; one called ``fieldkit`` starts warm, see the command loop."""
-        if arguments[0] == "fieldkit":
+        """Start a program in the guest; the one under test starts warm, see the command loop."""
+        program, entry = self.guest.program, ""
+        if arguments[0] == program.distribution:
             self.warm()
+            entry = program.entry
         output = f"/tmp/job-{next(self._numbers)}"
-        process = self.guest.ask("start", arguments=arguments, user=user, folder=folder, output=output)
+        process = self.guest.ask(
+            "start", arguments=arguments, user=user, folder=folder, output=output, entry=entry
+        )
         return Job(self.guest, process)
 
     def run(self, *arguments: str, user: str = OBSERVER, folder: str = "/tmp") -> Ended:

@@ -82,7 +82,7 @@ class Wire:
     def hello(self) -> bytes:
         """Our first message."""
         bits = sum(1 << bit for bit in _CAPABILITIES)
-        return self.pack(Kind.HELLO, b"fieldkit virtual USB lab".ljust(64, b"\0") + struct.pack("<I", bits))
+        return self.pack(Kind.HELLO, b"virtual USB lab".ljust(64, b"\0") + struct.pack("<I", bits))
 
     def feed(self, received: bytes) -> Iterator[Message]:
         """The messages completed by these bytes."""

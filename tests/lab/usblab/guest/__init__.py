@@ -1,1 +1,1 @@
-"""The guest: a Debian kernel, udev, Python and the installed fieldkit, booted in QEMU."""
+"""The guest: a Debian kernel, udev, Python and the program under test, booted in QEMU."""

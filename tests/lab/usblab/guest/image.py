@@ -1,8 +1,7 @@
 """The guest's root file system: interpreter, declared dependencies, udev, in one squashfs file.
 
-fieldkit itself is not in here but in the initramfs, so that an edited source file costs no
-new image. What is copied from site-packages follows fieldkit's declared dependencies only:
-an undeclared import fails in the guest.
+The program under test itself is in the initramfs, so that an edited source file needs no new image. What is
+copied from site-packages follows its declared dependencies only: an undeclared import fails in the guest.
 """
 
 from __future__ import annotations
@@ -23,7 +22,8 @@ from usblab.guest import packages
 from usblab.guest.missing import MissingPartError
 
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
-SITE_PACKAGES = f"opt/fieldkit/lib/{PYTHON}/site-packages"
+VENV = "opt/venv"
+SITE_PACKAGES = f"{VENV}/lib/{PYTHON}/site-packages"
 LIBRARIES = "usr/lib/x86_64-linux-gnu"
 NOT_NEEDED = shutil.ignore_patterns(  # tkinter asks for libraries that small installations lack
     "test", "tests", "idlelib", "ensurepip", "lib2to3", "tkinter", "turtledemo", "_tkinter.*",
@@ -38,17 +38,17 @@ GROUPS = {
 OBSERVER_IN = ("dialout", "video", "plugdev")
 
 
-def prepare(cache: Path) -> Path:
-    """The root image for this interpreter, these libraries and these packages; built when there is none."""
-    image = cache / f"root-{_key()}.squashfs"
+def prepare(cache: Path, distribution: str) -> Path:
+    """The root image for this interpreter, these libraries and these packages; built if there is none."""
+    image = cache / f"root-{_key(distribution)}.squashfs"
     if not image.exists():
         for old in cache.glob("root-*.squashfs"):
             old.unlink()
-        _build(image)
+        _build(image, distribution)
     return image
 
 
-def distributions(root: str = "fieldkit") -> dict[str, metadata.Distribution]:
+def distributions(root: str) -> dict[str, metadata.Distribution]:
     """What `root` declares to need, with what those need in turn, without extras and without itself."""
     found: dict[str, metadata.Distribution] = {}
     waiting = [root]
@@ -62,20 +62,20 @@ def distributions(root: str = "fieldkit") -> dict[str, metadata.Distribution]:
     return found
 
 
-def _key() -> str:
-    libraries = sorted(f"{name}={d.version}" for name, d in distributions().items())
+def _key(distribution: str) -> str:
+    libraries = sorted(f"{name}={d.version}" for name, d in distributions(distribution).items())
     userland = [f"{name}={packages.version(name)}" for name in packages.USERLAND]
     parts = [sys.version, *libraries, *userland, Path(__file__).read_text()]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
-def _build(image: Path) -> None:
+def _build(image: Path, distribution: str) -> None:
     packages.need_programs("mksquashfs")
     with tempfile.TemporaryDirectory(prefix="fk-root-", dir=image.parent) as folder:
         root = Path(folder, "root")
         _skeleton(root)
         _userland(root, Path(folder, "packages"))
-        _python(root)
+        _python(root, distribution)
         _shared_libraries(root)
         half = Path(folder, "half.squashfs")
         command = [
@@ -141,16 +141,16 @@ def _userland(root: Path, unpacked: Path) -> None:
         shutil.copytree(zones, root / "usr/share/zoneinfo", ignore=shutil.ignore_patterns("right", "posix"))
 
 
-def _python(root: Path) -> None:
+def _python(root: Path, program: str) -> None:
     """A relocated interpreter with a virtual environment, so that no path or variable is special."""
-    home, venv = root / "opt/python", root / "opt/fieldkit"
+    home, venv = root / "opt/python", root / VENV
     (home / "bin").mkdir(parents=True)
     shutil.copy(Path(sys.executable).resolve(), home / "bin" / PYTHON)
     shutil.copytree(sysconfig.get_path("stdlib"), home / "lib" / PYTHON, ignore=NOT_NEEDED, symlinks=False)
     (venv / "bin").mkdir(parents=True)
     (venv / "bin/python").symlink_to(f"/opt/python/bin/{PYTHON}")
     (venv / "pyvenv.cfg").write_text("home = /opt/python/bin\ninclude-system-site-packages = false\n")
-    for distribution in distributions().values():
+    for distribution in distributions(program).values():
         _copy_distribution(distribution, root / SITE_PACKAGES)
 
 

@@ -10,30 +10,30 @@ import tempfile
 from pathlib import Path
 
 from usblab.guest.cpio import Archive
-from usblab.guest.image import SITE_PACKAGES
+from usblab.guest.image import SITE_PACKAGES, VENV
 from usblab.guest.kernel import Kernel
+from usblab.program import Program
 
-LAB = Path(__file__).resolve().parents[2]
-PROJECT = LAB.parents[1]
-SCRIPT = """#!/opt/fieldkit/bin/python
+INSIDE = Path(__file__).resolve().parents[1] / "inside"
+SCRIPT = """#!/{venv}/bin/python
 import sys
-from fieldkit.cli import main
-sys.exit(main())
+from {module} import {name}
+sys.exit({name}())
 """
 
 
-def build(kernel: Kernel) -> bytes:
-    """The archive for this kernel with the project as it stands now."""
+def build(kernel: Kernel, program: Program) -> bytes:
+    """The archive for this kernel with the program as it stands now."""
     archive = Archive()
     archive.folder("dev")
     archive.character_device("dev/console", 5, 1)
     archive.file("busybox", kernel.busybox.read_bytes(), 0o755)
-    archive.file("init", (LAB / "usblab/inside/init.sh").read_bytes(), 0o755)
+    archive.file("init", (INSIDE / "init.sh").read_bytes(), 0o755)
     archive.file("modules/order", "\n".join(module.name for module in kernel.modules).encode())
     for module in kernel.modules:
         archive.file(f"modules/{module.name}", module.read_bytes())
-    _add_lab(archive)
-    _add_fieldkit(archive)
+    _add_lab(archive, program)
+    _add_program(archive, program)
     return archive.bytes()
 
 
@@ -46,20 +46,23 @@ def add_package(archive: Archive, source: Path, into: str) -> None:
         archive.tree(copy, f"{into}/{source.name}")
 
 
-def _add_lab(archive: Archive) -> None:
-    archive.file("layer/lab/start.sh", (LAB / "usblab/inside/start.sh").read_bytes())
+def _add_lab(archive: Archive, program: Program) -> None:
+    archive.file("layer/lab/start.sh", (INSIDE / "start.sh").read_bytes())
     archive.file("layer/lab/usblab/__init__.py", b"")
-    add_package(archive, LAB / "usblab/inside", "layer/lab/usblab")
+    add_package(archive, INSIDE, "layer/lab/usblab")
+    if program.helpers is not None:
+        add_package(archive, program.helpers, "layer/lab")
 
 
-def _add_fieldkit(archive: Archive) -> None:
-    """What installing the wheel would put there: the package with its linked folders, script, metadata."""
-    add_package(archive, PROJECT / "fieldkit", f"layer/{SITE_PACKAGES}")
-    archive.file("layer/opt/fieldkit/bin/fieldkit", SCRIPT.encode(), 0o755)
-    installed = next(Path(entry) for entry in sys.path if list(Path(entry).glob("fieldkit-*.dist-info")))
-    metadata = next(installed.glob("fieldkit-*.dist-info"))
-    for name in ("METADATA", "entry_points.txt"):
-        archive.file(f"layer/{SITE_PACKAGES}/{metadata.name}/{name}", (metadata / name).read_bytes())
-    rules = PROJECT / "udev/70-fieldkit.rules"
-    if rules.exists():
-        archive.file("layer/etc/udev/rules.d/70-fieldkit.rules", rules.read_bytes())
+def _add_program(archive: Archive, program: Program) -> None:
+    """What installing its wheel would put there (package, script, metadata), and its other files."""
+    add_package(archive, program.package, f"layer/{SITE_PACKAGES}")
+    module, _, name = program.entry.partition(":")
+    script = SCRIPT.format(venv=VENV, module=module, name=name)
+    archive.file(f"layer/{VENV}/bin/{program.distribution}", script.encode(), 0o755)
+    pattern = f"{program.distribution}-*.dist-info"
+    metadata = next(found for entry in sys.path for found in Path(entry).glob(pattern))
+    for file in ("METADATA", "entry_points.txt"):
+        archive.file(f"layer/{SITE_PACKAGES}/{metadata.name}/{file}", (metadata / file).read_bytes())
+    for path, content in program.files.items():
+        archive.file(f"layer{path}", content)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from usblab.guest import image, initramfs, kernel, packages
+from usblab.program import Program
 
 CAMERA_PORTS = 3
 PROCESSORS = 2
@@ -26,7 +27,7 @@ ONE_CLOCK = "tsc=reliable"
 
 def accelerations() -> list[tuple[str, str, float]]:
     """What to boot with, in order: acceleration, processor, how long to wait for the guest's hello."""
-    usable = os.access("/dev/kvm", os.R_OK | os.W_OK) and os.environ.get("FIELDKIT_LAB_ACCEL") != "tcg"
+    usable = os.access("/dev/kvm", os.R_OK | os.W_OK) and os.environ.get("USBLAB_ACCEL") != "tcg"
     return [HARDWARE, SOFTWARE] if usable else [SOFTWARE]
 
 
@@ -37,14 +38,20 @@ class GuestError(RuntimeError):
 class Guest:
     """A running guest; a context manager that leaves no process and no file behind.
 
-    `clock_base` is the guest's UTC at power-on ("2016-01-01T19:00:00"). `prepare` is called
-    with the guest before its processor starts, to plug in what shall be found at power-on.
-    Hardware virtualisation is tried first where /dev/kvm may be used; FIELDKIT_LAB_ACCEL=tcg leaves that out.
+    `cache` is a folder for kernel and root image; `program` goes into the guest. `clock_base` is the guest's
+    UTC at power-on ("2016-01-01T19:00:00"). `prepare` is called with the guest before its processor starts,
+    to plug in what is to be found at power-on. Hardware virtualisation is tried first where /dev/kvm may be
+    used; USBLAB_ACCEL=tcg skips that.
     """
 
     def __init__(
-        self, cache: Path, clock_base: str, prepare: Callable[[Guest], None] = lambda _: None
+        self,
+        cache: Path,
+        program: Program,
+        clock_base: str,
+        prepare: Callable[[Guest], None] = lambda _: None,
     ) -> None:
+        self.program = program
         self._cache, self._clock_base, self._prepare = cache, clock_base, prepare
         self._process: subprocess.Popen[bytes] | None = None
         self._channel: socket.socket | None = None
@@ -57,7 +64,7 @@ class Guest:
         packages.need_programs("qemu-system-x86_64", "mksquashfs", "dpkg-deb", "ldd")
         self._cache.mkdir(parents=True, exist_ok=True)
         self._kernel = kernel.prepare(self._cache)
-        self._root = image.prepare(self._cache)
+        self._root = image.prepare(self._cache, self.program.distribution)
         self.home = Path(tempfile.mkdtemp(prefix="fk-", dir="/tmp"))  # socket paths must stay below 108 bytes
         try:
             self._start()
@@ -99,7 +106,7 @@ class Guest:
         return path.read_text(errors="replace") if path.exists() else ""
 
     def _start(self) -> None:
-        archive = initramfs.build(self._kernel)
+        archive = initramfs.build(self._kernel, self.program)
         (self.home / "initramfs").write_bytes(archive)
         for acceleration, processor, patience_s in accelerations():
             begun = time.monotonic()
@@ -173,7 +180,7 @@ class Guest:
             "-drive", f"file={self._root},format=raw,if=virtio,readonly=on",
             "-device", "qemu-xhci,id=xhci,p2=8,p3=4",
             "-device", "virtio-serial-pci", "-chardev", chardev("channel"),
-            "-device", "virtserialport,chardev=channel,name=fieldkit",
+            "-device", "virtserialport,chardev=channel,name=usblab",
         ]  # fmt: skip
         for number in range(CAMERA_PORTS):
             command += ["-chardev", chardev(f"cam{number}")]

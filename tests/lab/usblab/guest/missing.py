@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 
 class MissingPartError(RuntimeError):
-    """A program or package the guest is made from is not here; the text says which and what to type."""
+    """A program or package that the guest is made from is missing; the text names it and what to type."""
 
 
-INSTALL = "bash tests/lab/install.sh"
+INSTALL = f"bash {Path(__file__).resolve().parents[1] / 'install.sh'}"

@@ -25,28 +25,28 @@ def _ask(*command: str) -> str:
 
 @cache
 def _lists() -> str:
-    """What the package lists say about all packages of the guest; asking costs half a second each time."""
+    """The entries of all packages of the guest in the package lists; each query takes half a second."""
     return _ask("apt-cache", "show", "--no-all-versions", KERNEL, *USERLAND)
 
 
-def _told(package: str, pattern: str) -> re.Match[str]:
+def _field(package: str, pattern: str) -> re.Match[str]:
     paragraphs = _lists().split("\n\n")
     about = next((text for text in paragraphs if text.startswith(f"Package: {package}\n")), "")
     found = re.search(pattern, about, re.MULTILINE)
     if found is None:
-        raise MissingPartError(f"the package lists know no {package}; run: {INSTALL}")
+        raise MissingPartError(f"{package} is not in the package lists; run: {INSTALL}")
     return found
 
 
 def kernel_package() -> tuple[str, str]:
     """Name and version of the kernel behind ``linux-image-amd64``; they change with every security update."""
-    found = _told(KERNEL, r"^Depends: .*?(linux-image-\S+) \(= (\S+)\)")
+    found = _field(KERNEL, r"^Depends: .*?(linux-image-\S+) \(= (\S+)\)")
     return found[1], found[2]
 
 
 def version(package: str) -> str:
     """The version of one of `USERLAND` the package lists offer."""
-    return _told(package, r"^Version: (\S+)$")[1]
+    return _field(package, r"^Version: (\S+)$")[1]
 
 
 def unpack(package: str, into: Path) -> None:

@@ -1,8 +1,8 @@
 """The command loop of the guest: JSON lines over the virtio port, one interpreter kept alive.
 
-A line asks for one operation and is answered by one line. Importing NumPy, OpenCV and h5py
-costs seconds on an emulated processor, so verbs of fieldkit run in a fork of this process:
-the same `main` the installed script calls, in its own process, under the user asked for.
+A line requests one operation and is answered by one line. Importing large libraries takes seconds on an
+emulated processor, so the program under test runs in a fork of this process, which has imported them: the
+same function the installed script calls, in its own process, under the requested user.
 """
 
 from __future__ import annotations
@@ -14,22 +14,14 @@ import importlib
 import io
 import json
 import os
-import pkgutil
 import pwd
 import signal
 import sys
-import time
 import traceback
 from pathlib import Path
 from typing import Any
 
 PORT = "/dev/vport0p1"
-HEAVY = (
-    "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live",
-    "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.workflows.estimate",
-)  # fmt: skip
-ROOMS = ("config", "drivers", "drivers.cameras", "drivers.meters", "estimation", "recorder", "sessions")
-COMMANDS = ("check", "devices", "doctor", "record", "recording", "recover", "show")
 
 
 class Agent:
@@ -39,29 +31,19 @@ class Agent:
         self._running: dict[int, Path] = {}
         self._ended: dict[int, int] = {}
 
-    def warm(self, place: tuple[float, float, float]) -> None:
-        """Import what the verbs will need, and find the day's suns, once for all of their forks."""
-        rooms = [importlib.import_module(f"fieldkit.{room}") for room in ROOMS]
-        inside = (m.name for room in rooms for m in pkgutil.iter_modules(room.__path__, f"{room.__name__}."))
-        verbs = (f"fieldkit.cli.{verb}" for verb in COMMANDS)
-        for name in (*HEAVY, *inside, *verbs):
-            with contextlib.suppress(ImportError):  # needs an extra the guest lacks, such as matplotlib
-                importlib.import_module(name)
-        _find_suns(*place)
-
     def call(self, function: str, arguments: dict[str, Any]) -> Any:
         """Call ``module:name`` in this process."""
         module, _, name = function.partition(":")
         return getattr(importlib.import_module(module), name)(**arguments)
 
-    def start(self, arguments: list[str], user: str, folder: str, output: str) -> int:
-        """Run a program, or a verb of fieldkit, in the background; its process id.
+    def start(self, arguments: list[str], user: str, folder: str, output: str, entry: str = "") -> int:
+        """Run a program in the background, or the function `entry` as its command; its process id.
 
         Standard output and standard error go to ``output.out`` and ``output.err``.
         """
         process = os.fork()
         if process == 0:
-            self._become(arguments, user, folder, output)
+            self._become(arguments, user, folder, output, entry)
         self._running[process] = Path(output)
         return process
 
@@ -93,11 +75,11 @@ class Agent:
         target.write_bytes(base64.b64decode(content))
         os.chown(target, account.pw_uid, account.pw_gid)
 
-    def told(self, process: int) -> str:
+    def stderr(self, process: int) -> str:
         """What a process started here has written to standard error so far."""
         return self._running[process].with_suffix(".err").read_text(errors="replace")
 
-    def _become(self, arguments: list[str], user: str, folder: str, output: str) -> None:
+    def _become(self, arguments: list[str], user: str, folder: str, output: str, entry: str) -> None:
         code = 1
         try:
             os.setsid()
@@ -107,7 +89,7 @@ class Agent:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             _log_in(user)
             os.chdir(folder)
-            code = _verb(arguments[1:]) if arguments[0] == "fieldkit" else os.execvp(arguments[0], arguments)
+            code = _command(entry, arguments) if entry else os.execvp(arguments[0], arguments)
         except BaseException:
             traceback.print_exc()
         finally:
@@ -115,14 +97,6 @@ class Agent:
                 sys.stdout.flush()
                 sys.stderr.flush()
             os._exit(code)
-
-
-def _find_suns(latitude_deg: float, longitude_deg: float, elevation_m: float) -> None:
-    """The first position of the sun makes astropy parse a large text file, seven seconds of emulated time."""
-    from fieldkit.model.site import Site
-    from fieldkit.physics.sun import sun_vectors
-
-    sun_vectors(time.time_ns(), Site(latitude_deg, longitude_deg, elevation_m))
 
 
 def _log_in(user: str) -> None:
@@ -133,11 +107,12 @@ def _log_in(user: str) -> None:
     os.environ.update(HOME=account.pw_dir, USER=user)
 
 
-def _verb(arguments: list[str]) -> int:
-    from fieldkit.cli import main
-
-    faulthandler.enable()  # a verb that hangs is ended by SIGABRT and then shows where it was
-    sys.argv = ["fieldkit", *arguments]
+def _command(entry: str, arguments: list[str]) -> int:
+    """The exit code of a command whose function is `entry`, ``module:name``."""
+    module, _, name = entry.partition(":")
+    main = getattr(importlib.import_module(module), name)
+    faulthandler.enable()  # a command that hangs is ended by SIGABRT and then shows where it was
+    sys.argv = arguments
     try:
         main()
     except SystemExit as end:
@@ -146,7 +121,7 @@ def _verb(arguments: list[str]) -> int:
 
 
 def serve(port: str = PORT) -> None:
-    """Answer requests until told to stop or the other side goes away."""
+    """Answer requests until one is to stop or the other side closes."""
     agent = Agent()
     with io.FileIO(port, "r+b") as channel:
         channel.write(b'{"result": "hello"}\n')

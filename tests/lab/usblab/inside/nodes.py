@@ -12,13 +12,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 PATIENCE_S = 60.0
-FOLDERS = ("/dev/fieldkit", "/dev/v4l/by-id", "/dev/serial/by-id")
+FOLDERS = ("/dev/v4l/by-id", "/dev/serial/by-id")
 
 
-def present() -> dict[str, dict[str, str]]:
-    """Every camera, serial and USB node with mode and group, and every stable name with its target."""
+def present(folders: list[str]) -> dict[str, dict[str, str]]:
+    """Every camera, serial and USB node with mode and group, and every stable name with its target.
+
+    `folders` hold stable names besides those that udev always makes.
+    """
     nodes = [*_instruments(), *Path("/dev").glob("bus/usb/*/*")]
-    links = [path for folder in FOLDERS if Path(folder).exists() for path in Path(folder).iterdir()]
+    links = [
+        path for folder in (*FOLDERS, *folders) if Path(folder).exists() for path in Path(folder).iterdir()
+    ]
     return {str(path): _about(path) for path in (*nodes, *links)}
 
 

@@ -1,6 +1,6 @@
 # Second program of the guest, still process 1: start udev, then the command loop, then power off.
 /usr/bin/busybox --install -s /usr/bin
-export PATH=/opt/fieldkit/bin:/usr/bin:/usr/sbin
+export PATH=/opt/venv/bin:/usr/bin:/usr/sbin
 mkdir -p /dev/pts /dev/shm /home/observer /home/stranger
 mount -t devpts devpts /dev/pts
 mount -t tmpfs tmpfs /dev/shm

@@ -95,7 +95,7 @@ def shape(serial_number: str, endpoint: Endpoint = ISOCHRONOUS) -> CameraShape:
 
 
 class PureThermal(UvcCamera):
-    """The camera; `ffc_runs` counts the shutter corrections it was told to make."""
+    """The camera; `ffc_runs` counts the shutter corrections it was commanded to make."""
 
     def __init__(
         self, kelvin: Kelvin, serial_number: str = "8007000b-5113-3037-3231", endpoint: Endpoint = ISOCHRONOUS

@@ -1,70 +1,39 @@
-"""Meters on the guest's serial adapters: fieldkit's simulated instruments, their bytes on a socket.
+"""Serial adapters of the guest: a meter's bytes on a socket.
 
 Connecting the socket plugs the adapter in, closing it pulls the plug.
 """
 
 from __future__ import annotations
 
+import random
 import select
 import socket
 import threading
 import time
-from abc import ABC, abstractmethod
 from pathlib import Path
 
-import numpy as np
-
-from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
-from usblab.field import Field
+SPOILT_SHARE = 0.9
+"""Share of the records that a bad contact changes."""
 
 
-class Meter(ABC):
-    """An instrument that may speak by itself every `every_s` and may answer what it hears."""
+class Meter:
+    """An instrument that sends a record every `every_s` without being asked, or answers commands, or both."""
 
     every_s = 1.0
 
-    def __init__(self, field: Field) -> None:
-        self.field = field
-
-    def speak(self) -> bytes:
-        """What it says unasked."""
+    def unasked(self) -> bytes:
+        """What it sends every `every_s`; nothing by default."""
         return b""
 
-    @abstractmethod
-    def hear(self, letters: bytes) -> bytes:
-        """What it says to this."""
-
-
-class LightMeter(Meter):
-    """A Lutron, lying flat, that sends a record twice a second, asked or not."""
-
-    every_s = 0.5
-
-    def speak(self) -> bytes:
-        """The lux of now."""
-        return lutron_record(self.field.lux(), "15")
-
-    def hear(self, letters: bytes) -> bytes:
-        """Nothing: it has no commands."""
+    def answer(self, received: bytes) -> bytes:
+        """What it sends in answer to these bytes; nothing by default."""
         return b""
-
-
-class Thermometer(Meter):
-    """A Center 309 with its four probes in the first four beds; it answers `A` and `K`."""
-
-    def hear(self, letters: bytes) -> bytes:
-        """A record for each `A`, the model for each `K`."""
-        answers = {
-            ord("A"): lambda: center_309_record(self.field.probes_k()[:4] - 273.15),
-            ord("K"): lambda: b"309\r",
-        }
-        return b"".join(answers[letter]() for letter in letters if letter in answers)
 
 
 class SerialPort:
     """One meter on one adapter; a context manager: plugged inside, unplugged after.
 
-    While `garbled`, bytes are lost and changed as by a bad contact; while `mute` it says nothing.
+    While `garbled`, bytes are lost and changed as by a bad contact; while `mute`, nothing is sent.
     `records` counts what was sent.
     """
 
@@ -73,7 +42,7 @@ class SerialPort:
         self.garbled = self.mute = False
         self.records = 0
         self._path = path
-        self._random = np.random.default_rng(1)
+        self._random = random.Random(1)
         self._thread: threading.Thread | None = None
 
     def __enter__(self) -> SerialPort:
@@ -109,15 +78,26 @@ class SerialPort:
                 if self._ending in ready:
                     return
                 if self._socket in ready:
-                    heard = self._socket.recv(4096)
-                    if not heard:
+                    received = self._socket.recv(4096)
+                    if not received:
                         return
-                    self._say(self.meter.hear(heard))
+                    self._send(self.meter.answer(received))
                 if time.monotonic() >= due_s:
                     due_s += self.meter.every_s
-                    self._say(self.meter.speak())
+                    self._send(self.meter.unasked())
 
-    def _say(self, record: bytes) -> None:
+    def _send(self, record: bytes) -> None:
         if record and not self.mute:
             self.records += 1
-            self._socket.sendall(garbled(record, self._random) if self.garbled else record)
+            self._socket.sendall(_garbled(record, self._random) if self.garbled else record)
+
+
+def _garbled(record: bytes, chance: random.Random) -> bytes:
+    """A record as a bad contact leaves it: mostly with bytes lost and others changed."""
+    if chance.random() > SPOILT_SHARE:
+        return record
+    kept = bytearray(record)
+    for _ in range(min(chance.randrange(1, 4), len(kept) - 1)):
+        del kept[chance.randrange(len(kept))]
+        kept[chance.randrange(len(kept))] ^= chance.randrange(1, 256)
+    return bytes(kept)

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from usblab.campaign import ALL, toml
-from usblab.field import Field
 from usblab.lab import OBSERVER, Ended, Lab
 from usblab.port import UsbPort
+
+from fieldlab.campaign import ALL, toml
+from fieldlab.field import Field
 
 _folders = itertools.count(1)
 
@@ -42,9 +43,9 @@ class Recording:
     @contextmanager
     def telling(self, text: str, times: int = 1) -> Iterator[None]:
         """What happens inside makes it tell of an event that often; wait until it has."""
-        goal = self.job.told().count(text) + times
+        goal = self.job.stderr().count(text) + times
         yield
-        self.wait(lambda: self.job.told().count(text) >= goal, 0.1)
+        self.wait(lambda: self.job.stderr().count(text) >= goal, 0.1)
 
     def wait(self, done: Callable[[], bool], every_s: float, timeout_s: float = 120.0) -> None:
         """Wait for something while the recording runs; what asks the guest should do so seldom."""
@@ -71,13 +72,13 @@ class Recording:
         return self.look(sealed[1])
 
     def look(self, session: str) -> dict[str, Any]:
-        """The session's contents, see `usblab.inside.session.summary`."""
+        """The session's contents, see `inside_guest.session.summary`."""
         self.session = session if session.startswith("/") else f"{self.folder}/{session}"
-        found: dict[str, Any] = self.lab.guest.call("usblab.inside.session:summary", path=self.session)
+        found: dict[str, Any] = self.lab.guest.call("inside_guest.session:summary", path=self.session)
         return found
 
     def fieldkit(self, *arguments: str) -> Ended:
-        """Another verb in the same campaign folder."""
+        """Another command in the same campaign folder."""
         return self.lab.run("fieldkit", *arguments, folder=self.folder, user=OBSERVER)
 
     def remove(self) -> None:
@@ -85,9 +86,7 @@ class Recording:
         self.lab.run("rm", "-rf", self.folder, user="root")
 
     def _newest_ns(self, stream: str) -> int:
-        newest: int = self.lab.guest.call(
-            "usblab.inside.session:newest_ns", folder=self.folder, stream=stream
-        )
+        newest: int = self.lab.guest.call("inside_guest.session:newest_ns", folder=self.folder, stream=stream)
         return newest
 
 

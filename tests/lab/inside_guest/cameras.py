@@ -55,7 +55,7 @@ def stream(
 def drive(
     driver: str, identity: str, pictures: int, shutter_after: int, options: dict[str, Any]
 ) -> dict[str, Any]:
-    """Open a camera by its driver, read pictures, run the shutter among them; all it told."""
+    """Open a camera by its driver, read pictures, run the shutter among them; all it reports."""
     settings = DeviceSettings("camera", driver, identity=identity, options=options)
     device = registry.open_device(settings, HostClock())
     assert isinstance(device, Camera)

@@ -12,7 +12,7 @@ from fieldkit.drivers.simulated import PORT, SimulatedField
 from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from fieldkit.workflows.record import Instruments, PreparedRecording, open_all
-from usblab.campaign import toml
+from fieldlab.campaign import toml
 
 
 def tilts_deg(scene: Scene, start_ns: int, duration_s: float, folder: Path) -> dict[str, float]:

@@ -1,0 +1,1 @@
+"""What fieldkit's tests call inside the guest, by ``lab.guest.call("inside_guest.module:name")``."""
