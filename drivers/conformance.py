@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from fieldkit.drivers.decoding import Decodes
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, DiscoveredDevice, Driver, StreamInfo
-from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError
+from fieldkit.model.errors import ConfigError, DeviceError, DeviceLostError, DeviceNotFoundError, message_of
 from fieldkit.model.radiation import COMPONENTS, UNIT, UNKNOWN
 from fieldkit.model.samples import Frame, Reading
 
@@ -74,10 +74,10 @@ def _outcome(what: str, check: Callable[[], str]) -> Outcome:
         return Outcome("ok", what, check())
     except CheckError as failure:
         return Outcome("fail", what, str(failure))
-    except SkipError as reason:
-        return Outcome("skip", what, str(reason))
+    except SkipError as skipped:
+        return Outcome("skip", what, str(skipped))
     except Exception as error:  # a driver may fail in any way; telling how is the point
-        return Outcome("fail", what, f"{type(error).__name__}: {error}")
+        return Outcome("fail", what, f"{type(error).__name__}: {message_of(error)}")
 
 
 def _need(fact: bool, complaint: str) -> None:

@@ -18,7 +18,7 @@ from fieldkit.drivers.decoding import Decoded, Decodes
 from fieldkit.drivers.options import decoding_settings, reject_unknown
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device, DeviceSettings, Driver
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
 
 GROUP = "fieldkit.drivers"
 
@@ -118,7 +118,7 @@ def _load(name: str, target: str, owner: str) -> Driver:
         driver = getattr(importlib.import_module(module), attribute)()
     except Exception as error:  # another package's code may fail in any way
         raise ConfigError(
-            f"the driver {name!r} of {owner} cannot be loaded: {type(error).__name__}: {error}",
+            f"the driver {name!r} of {owner} cannot be loaded: {type(error).__name__}: {message_of(error)}",
             fix=f"pip install --upgrade {owner}, or pip uninstall {owner}",
         ) from error
     return cast(Driver, driver)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import NO_COUNTER, EventKind, Frame, Quality, Severity
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
@@ -66,7 +66,9 @@ def check(path: str | Path) -> list[Finding]:
             try:
                 findings.extend(look(session))
             except Exception as error:  # whatever stands in the file, the other looks go on
-                findings.append(Finding("fail", "file", f"damaged: {error}", f"fieldkit recover {path}"))
+                findings.append(
+                    Finding("fail", "file", f"damaged: {message_of(error)}", f"fieldkit recover {path}")
+                )
         return findings
 
 
@@ -126,7 +128,7 @@ def _changed(session: Session, path: str, digest: str) -> str:
     try:
         return "" if session.object_digest(path) == digest else "it is not as it was sealed"
     except Exception as error:  # whatever HDF5 makes of damaged bytes
-        return f"it cannot be read: {error}"
+        return f"it cannot be read: {message_of(error)}"
 
 
 def _streams(session: Session) -> Iterator[Finding]:

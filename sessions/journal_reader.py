@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import Quality, Sample
 from fieldkit.sessions.journal import Chunk, SessionIdentity, open_part
 from fieldkit.sessions.layout import SessionHeader
@@ -173,7 +173,7 @@ class JournalReader:
                         found[0], found[1], found[2], SessionHeader.from_json(found[3])
                     )
             except (sqlite3.Error, SessionError, UnicodeDecodeError) as error:
-                self.damage.append(f"{path.name}: {error}")
+                self.damage.append(f"{path.name}: {message_of(error)}")
         if identity is None:
             self.close()
             raise SessionError(
@@ -202,4 +202,4 @@ class JournalReader:
         try:
             yield from self._parts[part].execute(statement, arguments)
         except (sqlite3.Error, UnicodeDecodeError, OverflowError, MemoryError) as error:
-            self.damage.append(f"{part}: {error}")
+            self.damage.append(f"{part}: {message_of(error)}")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.errors import ConfigError, SessionError, message_of
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
@@ -87,7 +87,7 @@ class SessionHeader:
         try:
             return build(cls, json.loads(text))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
-            raise SessionError(f"the session's header makes no sense: {error}") from error
+            raise SessionError(f"the session's header makes no sense: {message_of(error)}") from error
 
 
 def _check_stream(info: StreamInfo) -> None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -74,9 +74,10 @@ _MAX_HEADER_BYTES = 16_000_000
 
 def explained(path: Path, error: Exception) -> SessionError:
     """What is wrong, with which session, and what to do next."""
-    known = isinstance(error, SessionError) and str(path) in str(error)
+    text = message_of(error)
+    known = isinstance(error, SessionError) and str(path) in text
     fix = getattr(error, "fix", None) or f"fieldkit recover {path}"
-    return SessionError(str(error) if known else f"{path} is damaged: {error}", fix=fix)
+    return SessionError(text if known else f"{path} is damaged: {text}", fix=fix)
 
 
 def check_format(path: Path, file: h5py.File) -> None:

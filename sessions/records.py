@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -78,7 +78,7 @@ def decode_entry(kind: str, body: str) -> Entry:
     try:
         return build(_KINDS[kind], json.loads(body))
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
-        raise SessionError(f"a journal entry of kind {kind!r} makes no sense: {error}") from error
+        raise SessionError(f"a journal entry of kind {kind!r} makes no sense: {message_of(error)}") from error
 
 
 def sample_bytes(sample: Sample) -> tuple[memoryview, memoryview]:

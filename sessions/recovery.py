@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fieldkit.disk import put_in_place
-from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError
+from fieldkit.model.errors import IntegrityError, RefusedError, SessionError, StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.sessions.check import integrity_findings
 from fieldkit.sessions.chunks import PackedBlock
@@ -232,7 +232,7 @@ def _made(path: Path, fresh: Path, state: int, notes: Sequence[Event]) -> tuple[
     try:
         return _verified(path, fresh, state, notes, packed=True)
     except (IntegrityError, ValueError, TypeError, OverflowError) as error:
-        log.warning("recovering %s sample by sample: %s", path, error)
+        log.warning("recovering %s sample by sample: %s", path, message_of(error))
         return _verified(path, fresh, state, notes, packed=False)
 
 

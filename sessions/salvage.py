@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, unpack
 from fieldkit.sessions.journal import Chunk, SessionIdentity, read_written
@@ -196,7 +196,7 @@ class Salvage:
         try:
             return _time_map(self._session)
         except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
-            self._file_damage.append(f"time_map: {error}")
+            self._file_damage.append(f"time_map: {message_of(error)}")
             return {}
 
 
@@ -263,7 +263,7 @@ def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
         try:
             entries.extend(read())
         except (SessionError, OSError, RuntimeError, ValueError, KeyError) as error:
-            damage.append(str(error))
+            damage.append(message_of(error))
     return entries
 
 
@@ -360,7 +360,7 @@ class StoredSamples:
             try:
                 self._look(session.path.stat().st_size)
             except (SessionError, OSError, RuntimeError) as error:
-                damage.append(f"{info.name}: {error}")
+                damage.append(f"{info.name}: {message_of(error)}")
         self._rows = dict(zip(self.numbers.tolist(), self._whole.tolist(), strict=True))
 
     def _look(self, end: int) -> None:
@@ -395,7 +395,7 @@ class StoredSamples:
             last = int(self._whole[np.searchsorted(self._whole, first + self._step) - 1])
             return list(self._reader.samples(first, last + 1))
         except (SessionError, OSError, RuntimeError, ValueError) as error:
-            self._damage.append(f"{self._reader.info.name}, rows from {first}: {error}")
+            self._damage.append(f"{self._reader.info.name}, rows from {first}: {message_of(error)}")
             return []
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.disk import sync
+from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter
 from fieldkit.sessions.entry_rows import EntryRows
@@ -276,7 +277,7 @@ class FileThread(threading.Thread):
             try:
                 self.file.close()
             except OSError as error:
-                log.warning("the session file did not close: %s", error)
+                log.warning("the session file did not close: %s", message_of(error))
         else:
             self.file.discard()
         self._pool.shutdown()

@@ -27,7 +27,7 @@ from pathlib import Path
 from fieldkit.disk import sync
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError
+from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -194,7 +194,7 @@ class SessionWriter:
                 self._report = self._seal()
             except (OSError, RuntimeError, sqlite3.Error, FieldkitError, ValueError, OverflowError) as error:
                 raise StorageError(
-                    f"the session could not be sealed: {error}; its journal is kept",
+                    f"the session could not be sealed: {message_of(error)}; its journal is kept",
                     fix=f"see that there is free space, then: fieldkit recover {self.path}",
                 ) from error
             finally:
@@ -246,7 +246,7 @@ class SessionWriter:
                 self._file_thread.finish(end_ns)
                 return True
         except (OSError, RuntimeError) as error:
-            log.warning("the session file could not be completed: %s", error)
+            log.warning("the session file could not be completed: %s", message_of(error))
         finally:
             self._file_thread.close()
         return False
@@ -255,7 +255,7 @@ class SessionWriter:
         self._tell(text, Severity.ERROR)
 
     def _file_failed(self, error: Exception) -> None:
-        text = f"the session file cannot be written: {error}; recording goes on in the journal"
+        text = f"the session file cannot be written: {message_of(error)}; recording goes on in the journal"
         self._tell(text, Severity.ERROR)
 
     def _tell(self, text: str, severity: Severity) -> None:

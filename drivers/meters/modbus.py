@@ -23,7 +23,7 @@ from fieldkit.drivers.meters.meter import STREAM_UNITS
 from fieldkit.drivers.ports import Line, Port, find_ports, open_port
 from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, DiscoveredDevice
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Quality
 
@@ -165,7 +165,7 @@ def load_map(name: str) -> RegisterMap:
     try:
         return _read_map(table)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
+        reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else message_of(error)
         raise ConfigError(
             f"{path}: {reason}", fix="compare with the map rtd-8 that comes with fieldkit"
         ) from error

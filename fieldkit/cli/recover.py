@@ -40,7 +40,7 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
             reports.append(recover_session(path))
         except FieldkitError as error:  # the others are recovered all the same
             if len(found) > 1:
-                say(f"{path}: {error}")
+                say(f"{path}: {error.message}")
             refused = error
             continue
         if not options(ctx).json:

@@ -1,15 +1,15 @@
-"""Errors of fieldkit, each with what happened, to which thing, and what to do next.
+"""Errors of fieldkit: what happened, to which thing, and what to do next.
 
 ::
 
     FieldkitError                    exit code 1
      +-- ConfigError                 3   a key, a file or an option is wrong
      +-- DeviceError                 4   an instrument cannot be used
-     |    +-- DeviceNotFoundError        not plugged in, or another one is
+     |    +-- DeviceNotFoundError        not connected, or another one is
      |    +-- DeviceAccessError          present, but refused
      |    +-- DeviceTimeoutError         nothing arrived in time (also TimeoutError)
-     |    +-- DeviceLostError        5   was there, is gone
-     |    +-- DecodeError                bytes make no sense; keeps the bytes
+     |    +-- DeviceLostError        5   was open, has disappeared
+     |    +-- DecodeError                bytes that cannot be decoded, kept in `raw`
      +-- SessionError                3   not a session, a newer version, damaged
      |    +-- IntegrityError         7   stored data do not match their checksums
      |         +-- IncompleteError        a part could not be read, the rest was written
@@ -28,7 +28,7 @@ from pathlib import Path
 
 
 class FieldkitError(Exception):
-    """Something fieldkit can explain; `fix` says what to type or do next."""
+    """An error with an explanation: `message` is what happened, `fix` what to type or do next."""
 
     exit_code = 1
 
@@ -36,6 +36,15 @@ class FieldkitError(Exception):
         super().__init__(message)
         self.message = message
         self.fix = fix
+
+    def __str__(self) -> str:
+        """Message and fix, so that a traceback or a notebook also shows what to do next."""
+        return f"{self.message}\n  fix: {self.fix}" if self.fix else self.message
+
+
+def message_of(error: BaseException) -> str:
+    """What happened, without the fix: for a message or an event that quotes another error."""
+    return error.message if isinstance(error, FieldkitError) else str(error)
 
 
 class ConfigError(FieldkitError, ValueError):
@@ -51,11 +60,11 @@ class DeviceError(FieldkitError):
 
 
 class DeviceNotFoundError(DeviceError):
-    """The instrument asked for is not plugged in, or another one is in its place."""
+    """The instrument asked for is not connected, or another one is in its place."""
 
 
 class DeviceAccessError(DeviceError):
-    """The instrument is there but may not be opened."""
+    """The instrument is present but cannot be opened."""
 
 
 class DeviceTimeoutError(DeviceError, TimeoutError):
@@ -63,13 +72,13 @@ class DeviceTimeoutError(DeviceError, TimeoutError):
 
 
 class DeviceLostError(DeviceError):
-    """The instrument was open and is gone."""
+    """The instrument was open and has disappeared."""
 
     exit_code = 5
 
 
 class DecodeError(DeviceError):
-    """Bytes make no sense to the driver; `raw` keeps them."""
+    """Bytes that cannot be decoded, kept in `raw`."""
 
     def __init__(self, message: str, raw: bytes = b"", *, fix: str | None = None) -> None:
         super().__init__(message, fix=fix)
@@ -109,7 +118,7 @@ class NoAnswerError(FieldkitError):
 
 
 class CalibrationError(NoAnswerError):
-    """The data do not determine the calibration; the message says what would."""
+    """The data do not determine the calibration; `fix` names data that would."""
 
 
 class RefusedError(FieldkitError):

@@ -220,7 +220,7 @@ class DeviceReader:
 
     def _reconnect(self, error: DeviceError) -> None:
         lost_ns = self._clock.mono_ns()
-        self._report(EventKind.LOST, f"lost: {error}", Severity.WARNING)
+        self._report(EventKind.LOST, f"lost: {error.message}", Severity.WARNING)
         self._close()
         wait_s = 1.0
         while self._is_active():

@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from fieldkit.model.clock import Clock, ClockCheck
-from fieldkit.model.errors import StorageError
+from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder.device_reader import DeviceReader
@@ -95,7 +95,7 @@ class MisfitMonitor:
         """An event if the stream's previous sample was stored."""
         if sample.stream not in self._streams:
             self._streams.add(sample.stream)
-            text = f"not stored: {error}"
+            text = f"not stored: {message_of(error)}"
             yield Event(
                 EventKind.GARBLED, sample.mono_ns, sample.time_ns, text, sample.stream, Severity.WARNING
             )

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from fieldkit.disk import replacing
 from fieldkit.model.clock import Clock
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.entry_rows import event_fits
@@ -139,7 +139,7 @@ def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
         text = file.read_text(encoding="utf-8", errors="replace")
         return _event(Mark(**json.loads(text)), now_mono_ns, now_ns)
     except (OSError, ValueError, TypeError) as error:
-        text = f"a mark could not be read ({error}): {text.strip()}"
+        text = f"a mark could not be read ({message_of(error)}): {text.strip()}"
         return Event(EventKind.MARK, now_mono_ns, now_ns, text, severity=Severity.WARNING)
 
 

@@ -173,7 +173,7 @@ class Recorder:
         ):
             self._keep_event(event)
         if self._failure is not None:
-            text = f"the recording ended early: {self._failure}"
+            text = f"the recording ended early: {self._failure.message}"
             self._report(EventKind.DISK, text, Severity.ERROR)
 
     # --- items: the session first
@@ -230,7 +230,7 @@ class Recorder:
         try:
             write()
         except StorageError as error:
-            log.error("cannot store: %s", error)
+            log.error("cannot store: %s", error.message)
             if self._storage.failed(error, self.clock.mono_ns()):
                 self._failure = error
             return False

@@ -1,12 +1,8 @@
-"""The simulated field: sky, beds and truth, as a pure function of time and seed.
+"""The simulated field: sky, beds and truth as a pure function of time and seed.
 
-``scene`` is the whole; ``sky`` what comes from above, ``facets`` the beds, ``heat`` how warm
-they get, ``series`` all of it computed once on fine times, ``camera_picture`` what a thermal
-camera adds of its own, ``faults`` trouble, ``sand_slopes`` the scene of the demo.
-
-Truth does not share the estimator's simplifications: light of sky and ground, long wave,
-wind and stored heat count, and light meter and camera have errors of their own. Instruments
-and their bytes are not here (`fieldkit.drivers.simulated`).
+`Scene` is the whole; a sample leaves it as brightness temperatures (`Scene.frame`), lux or probe readings,
+which `fieldkit.drivers.simulated` packs into bytes. Truth does not share the estimator's simplifications:
+skylight, longwave, wind and stored heat count, and light meter and camera have errors of their own.
 """
 
 from fieldkit.simulation.camera_frame import Correction

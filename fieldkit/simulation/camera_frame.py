@@ -1,9 +1,9 @@
-"""What a thermal camera makes of the beds: soft edges, fixed pattern, drift, noise, corrections.
+"""What a thermal camera adds to the beds: soft edges, fixed pattern, drift, noise, shutter corrections.
 
-Temperatures in, temperatures out; how a camera packs them into bytes is its driver's side.
-A shutter correction (FFC) leaves a new small level error and a new fine pattern; between
-corrections the level creeps away. All of it follows from the seed and the numbers of
-correction and frame, so a picture can be drawn again at any time.
+Temperatures in, temperatures out; the driver of a simulated camera packs them into bytes. A shutter
+correction (FFC) leaves a new small level error and a new fine pattern; between corrections the level drifts.
+Everything follows from the seed and the numbers of correction and frame, so a frame can be drawn again at
+any time.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ FrameK = NDArray[np.float32]
 
 _NOISE_K = 0.045  # the maker's "below 50 mK"
 _PATTERN_K = 0.04  # left by each correction, pixel by pixel
-_SHADING_K = 0.05  # over the whole picture, never corrected
-_TEXTURE_K = 0.25  # grains, footprints: the ground is not of one temperature
-_BED_TEXTURE = 0.3  # share of it that is left after raking a bed
-_LEVEL_K = 0.08  # level error a correction leaves
-_DRIFT_K_S = 0.0006  # how fast the level creeps away, about 0.1 K in three minutes
+_SHADING_K = 0.05  # over the whole frame, never corrected
+_TEXTURE_K = 0.25  # grains, footprints: the temperature of the ground is not uniform
+_BED_TEXTURE = 0.3  # share of it that remains on a raked bed
+_LEVEL_K = 0.08  # level error after a correction
+_DRIFT_K_S = 0.0006  # drift of the level, about 0.1 K in three minutes
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """The last shutter correction before a picture: which, when it ended, and a level put wrong."""
+    """The last shutter correction before a frame: its number, when it ended, and an added level error."""
 
     number: int = 0
     ended_ns: int = 0
@@ -40,7 +40,7 @@ class Correction:
 
 
 class CameraModel:
-    """Draws pictures of these facets; `seed` fixes the camera's own errors."""
+    """Draws frames of these facets; `seed` fixes the camera's own errors."""
 
     def __init__(self, facets: Sequence[Facet], seed: int) -> None:
         self._seed = seed
@@ -49,7 +49,7 @@ class CameraModel:
         self._pattern = lru_cache(maxsize=4)(self._draw_pattern)
 
     def draw(self, brightness_k: FloatArray, time_ns: int, number: int, correction: Correction) -> FrameK:
-        """Picture `number` of facets and ground at these brightness temperatures (k + 1,), in K."""
+        """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K."""
         pattern, level_k, drift_k_s = self._pattern(correction.number)
         age_s = (time_ns - correction.ended_ns) * 1e-9
         level = np.float32(level_k + drift_k_s * age_s + correction.step_k)
@@ -62,7 +62,7 @@ class CameraModel:
         return frame.reshape(FRAME_SHAPE)
 
     def _static_pattern(self) -> FrameK:
-        """What does not change: shading of the lens, and the texture of ground and beds."""
+        """The constant part: shading of the lens, and the texture of ground and beds."""
         random = np.random.default_rng([self._seed, 2])
         shading = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 40.0, mode="nearest"))
         texture = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 3.0, mode="nearest"))
@@ -71,7 +71,7 @@ class CameraModel:
         return still.ravel()
 
     def _draw_pattern(self, correction: int) -> tuple[FrameK, float, float]:
-        """Fine pattern (pixels,), level error [K] and drift [K/s] that a correction left behind."""
+        """Fine pattern (pixels,), level error [K] and drift [K/s] after a correction."""
         random = np.random.default_rng([self._seed, correction, 3])
         pattern = np.float32(_PATTERN_K) * random.standard_normal(self._still.size, dtype=np.float32)
         level, drift = random.standard_normal(2)

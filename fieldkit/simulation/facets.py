@@ -1,4 +1,4 @@
-"""The beds: plane surfaces of sand, where they lie in the picture, and the ground around them."""
+"""The beds: plane surfaces of sand, where they lie in the frame, and the ground around them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.slab import Slab
 
 FRAME_SHAPE = (120, 160)
-"""Rows and columns of the picture in which facets are drawn."""
+"""Rows and columns of the frame in which facets are drawn."""
 
-_INSET = 0.78  # of a bed's outline: regions keep off the blurred edges
+_INSET = 0.78  # of a bed's outline, so that regions avoid the blurred edges
 _BLUR_PX = 0.7  # what a good lens does to an edge
 
 Outline = tuple[tuple[float, float], ...]
@@ -25,10 +25,10 @@ Outline = tuple[tuple[float, float], ...]
 class Facet:
     """One plane bed.
 
-    `vertices` are (x, y) in pixels of a 160x120 picture. `tilt_deg` is from horizontal,
-    `azimuth_deg` of the normal from north, clockwise: the truth. `emissivity` is the camera
-    band's. `depth_m` of sand lies over an insulating sheet; 0.2 m or more is as good as
-    bottomless for a day. `is_reference` marks the bed whose slope is told to the estimator.
+    `vertices` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
+    normal from north, clockwise: the truth. `emissivity` is that of the camera's band. `depth_m` of sand
+    lies over an insulating sheet; 0.2 m or more is practically bottomless for a day. `is_reference` marks
+    the bed whose slope is given to the estimator.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Facet:
         return Slab(self.depth_m, self.conductivity_w_m_k, self.heat_capacity_j_m3_k)
 
     def region(self) -> Region:
-        """The region somebody careful would draw: the outline, drawn in by a tenth on each side."""
+        """Region as a careful operator would draw it: the outline, inset by a tenth on each side."""
         corners = np.asarray(self.vertices)
         inner = corners.mean(axis=0) + _INSET * (corners - corners.mean(axis=0))
         return Region(
@@ -63,14 +63,20 @@ class Facet:
 
 
 GROUND = Facet("ground", (), albedo=0.19, depth_m=0.30)
-"""The natural ground around the beds: flat, bottomless, and everywhere else in the picture."""
+"""The natural ground around the beds: flat, bottomless, and everywhere else in the frame."""
 
 
 def pixel_shares(facets: Sequence[Facet]) -> NDArray[np.float32]:
-    """How much of each pixel shows each facet, shape (facets + 1, pixels); the last is the ground.
+    """Fraction of each pixel that shows each facet.
 
-    Edges are as soft as a lens makes them; each column adds up to 1. A facet covers those
-    before it.
+    Parameters
+    ----------
+    facets
+        k facets; each covers those before it.
+
+    Returns
+    -------
+    Shape (k + 1, pixels), the ground last; edges are blurred as by a lens, and each column adds up to 1. [-]
     """
     seen = np.zeros((len(facets) + 1, *FRAME_SHAPE))
     seen[-1] = 1.0

@@ -1,4 +1,4 @@
-"""Trouble, as part of a scene's description: what, when, for how long."""
+"""Faults as part of a scene: what goes wrong, when and for how long; and the clouds they bring."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from fieldkit.physics.facet import FloatArray
 
 
 class FaultKind(enum.StrEnum):
-    """What can go wrong in a scene."""
+    """Kinds of fault in a scene."""
 
     CLOUD = "cloud"  # a cloud passes before the sun
     CABLE = "cable"  # the camera is unplugged and plugged in again
-    SHUTTER = "shutter"  # the camera corrects itself unasked, and its level is off until it does so again
-    FROZEN = "frozen"  # the camera sends one picture again and again
-    GARBLED = "garbled"  # bytes of the serial instruments are spoilt
-    DISK = "disk"  # something else fills the disk
-    CLOCK = "clock"  # the computer's UTC is put forward by an hour, and stays so
+    SHUTTER = "shutter"  # an unrequested correction leaves a wrong level until the next one
+    FROZEN = "frozen"  # the camera repeats one frame
+    GARBLED = "garbled"  # bytes of the serial instruments are corrupted
+    DISK = "disk"  # another program fills the disk
+    CLOCK = "clock"  # the computer's UTC is set forward by an hour
 
 
 LASTS_S = {
@@ -32,7 +32,7 @@ LASTS_S = {
     FaultKind.DISK: 600.0,
     FaultKind.CLOCK: 0.0,
 }
-"""How long each kind lasts unless told otherwise."""
+"""Default duration of each kind of fault."""
 
 CLOCK_STEP_S = 3600.0
 SHUTTER_STEP_K = 0.8
@@ -40,14 +40,14 @@ SHUTTER_STEP_K = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault; it begins in the middle of the scene and lasts as `LASTS_S` says, unless told."""
+    """One fault; it begins in the middle of the scene and lasts as long as `LASTS_S` says, unless given."""
 
     kind: FaultKind
     after_s: float | None = None
     duration_s: float | None = None
 
     def span_ns(self, start_ns: int, scene_s: float) -> tuple[int, int]:
-        """Begin and end in UTC nanoseconds, in a scene that starts then and lasts so long."""
+        """Begin and end in UTC nanoseconds, in a scene that starts at `start_ns` and lasts `scene_s`."""
         lasts_s = LASTS_S[self.kind] if self.duration_s is None else self.duration_s
         after_s = scene_s / 2.0 if self.after_s is None else self.after_s
         begin_ns = start_ns + round(after_s * SECOND_NS)
@@ -56,7 +56,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class LightStep:
-    """From `time_ns` on, all light of sun and sky is `factor` times what it would be."""
+    """From `time_ns` on, sunlight and skylight are multiplied by `factor`."""
 
     time_ns: int
     factor: float
@@ -64,7 +64,7 @@ class LightStep:
 
 @dataclass(frozen=True, slots=True)
 class CloudTransmission:
-    """What changes the light: factors at times (n,) in seconds, straight lines in between."""
+    """Changes of the light: factors at times (n,) in seconds, linear in between."""
 
     time_s: FloatArray
     direct: FloatArray
@@ -72,7 +72,7 @@ class CloudTransmission:
     longwave_w_m2: FloatArray
 
     def at(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Factors of direct and diffuse light and added long wave, each of the shape of `time_s`."""
+        """Factors of direct and diffuse light and added longwave, each of the shape of `time_s`."""
         direct, diffuse, longwave = (
             np.interp(time_s, self.time_s, column)
             for column in (self.direct, self.diffuse, self.longwave_w_m2)
@@ -81,7 +81,7 @@ class CloudTransmission:
 
 
 def cloud_transmission(begin_s: float, end_s: float) -> CloudTransmission:
-    """A small cumulus before the sun: a fifth of the beam is left, its own light is added."""
+    """A small cumulus before the sun: 20 % of the beam remains, diffuse light and longwave increase."""
     edge_s = min(20.0, (end_s - begin_s) / 3.0)
     times = np.array([begin_s, begin_s + edge_s, end_s - edge_s, end_s])
     inside = np.array([0.0, 1.0, 1.0, 0.0])
@@ -89,6 +89,6 @@ def cloud_transmission(begin_s: float, end_s: float) -> CloudTransmission:
 
 
 def step_transmission(at_s: float, factor: float) -> CloudTransmission:
-    """A step of all light, as from a shutter before a lamp, within a microsecond."""
+    """A step of all light within a microsecond, as from a shutter in front of a lamp."""
     factors = np.array([1.0, factor])
     return CloudTransmission(np.array([at_s - 1e-6, at_s]), factors, factors, np.zeros(2))

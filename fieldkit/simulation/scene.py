@@ -1,4 +1,6 @@
-"""The simulated field as a pure function of time and seed, and the truth about it."""
+"""The simulated field as a pure function of time and seed, and its truth; `sand_slopes` is the scene of the
+demo.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,11 @@ from fieldkit.weather import packaged
 LEAD_S = 3 * 3600.0
 """How long before the start the sand begins to store heat."""
 AFTER_S = 1800.0
-"""How long the scene goes on after its planned end, for whoever is late."""
+"""How long the scene continues after its planned end, for instruments that are still reading."""
 
 _LUX_NOISE = 0.002
 _PROBE_NOISE_K = 0.03
-_DISK_BEFORE, _DISK_FLOOR = 2_000_000_000, 40_000_000  # below any recorder's reserve
+_DISK_BEFORE, _DISK_FLOOR = 2_000_000_000, 40_000_000  # below the reserve of every recorder
 
 ALAMOSA_NOON_NS = 1_451_674_800_000_000_000
 """2016-01-01 12:00 at UTC-7, when the session of the demo begins."""
@@ -47,11 +49,11 @@ BEDS = (
 
 @dataclass(frozen=True)
 class Scene:
-    """Beds under a sky, and all that instruments could see of them.
+    """Beds under a sky, and everything that instruments can measure of them.
 
-    Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to warm `LEAD_S`
-    earlier. `facets` carry the true slopes. `response_s` is the time constant of the contact
-    thermometers. Whatever is asked is answered from time and `seed` alone.
+    Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
+    `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers. Every
+    value follows from time and `seed` alone.
     """
 
     site: Site
@@ -73,32 +75,32 @@ class Scene:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """The regions somebody careful would draw, with the true slopes."""
+        """Regions as a careful operator would draw them, with the true slopes."""
         return tuple(facet.region() for facet in self.facets)
 
     def at(self, time_ns: int) -> SceneState:
-        """The truth about one time (UTC); before and after the scene its ends are held."""
+        """True state at one time (UTC); constant before and after the scene."""
         return self._series.at(time_ns)
 
     # --- what instruments read
 
     def frame(self, time_ns: int, number: int, correction: Correction | None = None) -> FrameK:
-        """Picture `number` as brightness temperatures, shape (120, 160), K."""
+        """Frame `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
         return self._camera.draw(self.at(time_ns).brightness_k, time_ns, number, last)
 
     def lux_reading(self, time_ns: int) -> float:
-        """What the light meter, lying flat, shows in lx."""
+        """Reading of the horizontal light meter, lx."""
         noise = float(self._random(time_ns, 4).standard_normal())
         return self.at(time_ns).illuminance_lx * (1.0 + _LUX_NOISE * noise)
 
     def probe_readings(self, time_ns: int) -> FloatArray:
-        """What contact thermometers in the facets' surfaces show, (facets,), K."""
+        """Readings of contact thermometers in the facets' surfaces, (facets,), K."""
         probes = self.at(time_ns).contact_k[:-1]
         return probes + _PROBE_NOISE_K * self._random(time_ns, 5).standard_normal(probes.size)
 
     def disk_free_bytes(self, time_ns: int, real: int) -> int:
-        """Free space as the recorder sees it: the `real` one unless a fault takes it away."""
+        """Free space as the recorder sees it: `real`, unless a fault reduces it."""
         for begin, end in self.fault_spans(FaultKind.DISK):
             if begin <= time_ns < end:
                 gone = min(1.0, 2.0 * (time_ns - begin) / (end - begin))
@@ -108,13 +110,13 @@ class Scene:
     # --- faults
 
     def fault_spans(self, kind: FaultKind) -> list[tuple[int, int]]:
-        """Begin and end of the faults of a kind, UTC nanoseconds, in order of time."""
+        """Begin and end of the faults of one kind, UTC nanoseconds, in order of time."""
         return sorted(
             fault.span_ns(self.start_ns, self.duration_s) for fault in self.faults if fault.kind is kind
         )
 
     def is_on(self, kind: FaultKind, time_ns: int) -> bool:
-        """Whether a fault of a kind is going on."""
+        """Whether a fault of a kind is active."""
         return any(begin <= time_ns < end for begin, end in self.fault_spans(kind))
 
     # --- computed once
@@ -162,7 +164,7 @@ def sand_slopes(
     faults: tuple[Fault, ...] = (),
     light_steps: tuple[LightStep, ...] = (),
 ) -> Scene:
-    """Three hours of sand slopes from noon on, under the measured sky that comes with the package."""
+    """Three hours of sand slopes from noon on, under the measured sky of the packaged day."""
     weather = packaged()
     sky = MeasuredSky(weather)
     return Scene(weather.site, sky, BEDS, start_ns, duration_s, seed, faults, light_steps)

@@ -1,4 +1,8 @@
-"""Everything that varies in a scene, computed once on fine times and then read off."""
+"""Time series of a scene, computed once: sky below the clouds, surface temperatures, illuminance.
+
+More than the paper's eqs. (1) to (7): diffuse and reflected light, longwave of sky and ground, wind, and
+conduction into the layer, in fine time steps. A moment of the scene is interpolated from the series.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics import daylight as skylight
+from fieldkit.physics import daylight
 from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN, balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
 from fieldkit.physics.radiance import band_radiance, band_temperature
@@ -22,9 +26,8 @@ from fieldkit.simulation.faults import CloudTransmission
 from fieldkit.simulation.sky import Sky, SkyState
 
 STEP_S = 10.0
-# after a break of the light even a thin foil is followed: steps of 20 ms, each a tenth longer
+# dense enough to resolve the response of a thin foil to a step of the light: 20 ms, each step 10 % longer
 _AFTER_BREAK_S = np.append(0.0, np.cumsum(0.02 * 1.1 ** np.arange(60)))
-
 
 BEAM_LM_W = 108.0
 """Luminous efficacy of direct light, from the ASTM G173 direct spectrum; Perez 1990 gives 87-108."""
@@ -44,7 +47,7 @@ class Exchange:
     per_wind: float = 1.5
 
     def at(self, wind_m_s: FloatArray) -> FloatArray:
-        """Coefficient for these winds, same shape."""
+        """Coefficient at these wind speeds, same shape."""
         return self.still_w_m2_k + self.per_wind * wind_m_s
 
 
@@ -53,7 +56,7 @@ EXCHANGE = Exchange()
 
 
 class SceneState(NamedTuple):
-    """Everything about one time, in W/m², K, m/s and lx; arrays have a place per facet, the ground last."""
+    """State of the scene at one time, in W/m², K, m/s and lx; arrays have a place per facet, ground last."""
 
     dni_w_m2: float
     dhi_w_m2: float
@@ -75,7 +78,7 @@ class SceneSeries:
     rows: FloatArray
 
     def at(self, time_ns: int) -> SceneState:
-        """Straight lines between the times; the ends are held."""
+        """State at one time by linear interpolation; constant beyond the ends."""
         time_s = min(max((time_ns - self.origin_ns) / SECOND_NS, self.time_s[0]), self.time_s[-1])
         after = min(max(int(self.time_s.searchsorted(time_s)), 1), self.time_s.size - 1)
         before_s, after_s = self.time_s[after - 1], self.time_s[after]
@@ -88,7 +91,7 @@ class SceneSeries:
 
 @dataclass(frozen=True, slots=True)
 class SceneModel:
-    """What the curves are computed from; see `fieldkit.simulation.Scene`."""
+    """Inputs from which the time series are computed; see `fieldkit.simulation.Scene`."""
 
     site: Site
     sky: Sky
@@ -99,61 +102,80 @@ class SceneModel:
     response_s: float
 
     def series(self, origin_ns: int, length_s: float) -> SceneSeries:
-        """All curves from `origin_ns` (UTC) on, every `STEP_S` and denser after each change of light."""
+        """All time series of a scene.
+
+        Parameters
+        ----------
+        origin_ns
+            Start, UTC nanoseconds since 1970.
+        length_s
+            Length. [s]
+
+        Returns
+        -------
+        Series at steps of `STEP_S`, denser after each step of the light.
+        """
         breaks = np.concatenate([np.empty(0), *(transmission.time_s for transmission in self.transmissions)])
         time_s = fine_times(0.0, length_s, breaks)
         time_ns = origin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
         sun = sun_vectors(time_ns, self.site, refraction=True)
-        sky_state = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
-        surface = self._surfaces(time_s, time_ns, sun, sky_state)
-        brightness = self._brightness(surface, sky_state)
+        sky = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
+        surface = self._surfaces(time_s, time_ns, sun, sky)
+        brightness = self._brightness(surface, sky)
         contact = lagged(surface, time_s, self.response_s)
-        scalars = (
-            sky_state.dni_w_m2,
-            sky_state.dhi_w_m2,
-            sky_state.longwave_down_w_m2,
-            sky_state.air_temperature_k,
-            sky_state.wind_m_s,
-        )
-        lux = illuminance_lx(sky_state, sun[:, 2])
+        scalars = (sky.dni_w_m2, sky.dhi_w_m2, sky.longwave_down_w_m2, sky.air_temperature_k, sky.wind_m_s)
+        lux = illuminance_lx(sky, sun[:, 2])
         return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
 
-    def _behind_clouds(self, sky_state: SkyState, time_s: FloatArray) -> SkyState:
-        """Sky and air behind the clouds and steps of the scene."""
-        dni_w_m2, dhi_w_m2, longwave = sky_state.dni_w_m2, sky_state.dhi_w_m2, sky_state.longwave_down_w_m2
+    def _behind_clouds(self, sky: SkyState, time_s: FloatArray) -> SkyState:
+        """Sky and air below the clouds and light steps of the scene."""
+        dni, dhi, longwave = sky.dni_w_m2, sky.dhi_w_m2, sky.longwave_down_w_m2
         for transmission in self.transmissions:
             direct, diffuse, added = transmission.at(time_s)
-            dni_w_m2, dhi_w_m2, longwave = dni_w_m2 * direct, dhi_w_m2 * diffuse, longwave + added
-        return SkyState(dni_w_m2, dhi_w_m2, longwave, sky_state.air_temperature_k, sky_state.wind_m_s)
+            dni, dhi, longwave = dni * direct, dhi * diffuse, longwave + added
+        return SkyState(dni, dhi, longwave, sky.air_temperature_k, sky.wind_m_s)
 
     def _surfaces(
-        self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, sky_state: SkyState
+        self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, sky: SkyState
     ) -> FloatArray:
-        """Surface temperatures (beds + 1, m), the ground last: it warms the beds, they do not warm it."""
-        exchange, air = self.exchange.at(sky_state.wind_m_s), sky_state.air_temperature_k
-        light = FacetRadiation(sky_state, sun, skylight.extraterrestrial(time_ns), self.ground.albedo)
-        alone = light.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
-        ground = surface_temperatures([self.ground], time_s, alone, exchange, air)
-        around = longwave_leaving_ground(ground[0], self.ground, sky_state)
-        taken = np.array([light.absorbed_w_m2(bed, around) for bed in self.beds]).reshape(-1, time_s.size)
-        return np.vstack([surface_temperatures(self.beds, time_s, taken, exchange, air), ground])
+        """Surface temperatures (beds + 1, m), the ground last: it heats the beds, they do not heat it."""
+        exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
+        radiation = FacetRadiation(sky, sun, daylight.extraterrestrial(time_ns), self.ground.albedo)
+        on_ground = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
+        ground = surface_temperatures([self.ground], time_s, on_ground, exchange, air)
+        longwave_up = longwave_leaving_ground(ground[0], self.ground, sky)
+        on_beds = [radiation.absorbed_w_m2(bed, longwave_up) for bed in self.beds]
+        absorbed = np.array(on_beds).reshape(-1, time_s.size)
+        return np.vstack([surface_temperatures(self.beds, time_s, absorbed, exchange, air), ground])
 
-    def _brightness(self, surface: FloatArray, sky_state: SkyState) -> FloatArray:
-        """What the camera reads, (beds + 1, m): own radiance, and that of sky and ground mirrored."""
-        sky = band_radiance(sky_state.window_temperature_k())
+    def _brightness(self, surface: FloatArray, sky: SkyState) -> FloatArray:
+        """Brightness temperatures (beds + 1, m): emitted radiance, and reflected from sky and ground."""
+        from_sky = band_radiance(sky.window_temperature_k())
         grey = self.ground.emissivity
-        ground = grey * band_radiance(surface[-1]) + (1.0 - grey) * sky
-        seen = []
+        from_ground = grey * band_radiance(surface[-1]) + (1.0 - grey) * from_sky
+        brightness = []
         for facet, temperature in zip((*self.beds, self.ground), surface, strict=True):
             cos_tilt = float(normal(facet.tilt_deg, facet.azimuth_deg)[2])
-            mirrored = skylight.sky_view(cos_tilt) * sky + skylight.ground_view(cos_tilt) * ground
-            own = facet.emissivity * band_radiance(temperature)
-            seen.append(band_temperature(own + (1.0 - facet.emissivity) * mirrored))
-        return np.array(seen)
+            incident = daylight.sky_view(cos_tilt) * from_sky + daylight.ground_view(cos_tilt) * from_ground
+            emitted = facet.emissivity * band_radiance(temperature)
+            brightness.append(band_temperature(emitted + (1.0 - facet.emissivity) * incident))
+        return np.array(brightness)
 
 
 def fine_times(begin_s: float, end_s: float, breaks_s: FloatArray) -> FloatArray:
-    """Times every `STEP_S`, denser after each break of the light, shape (m,)."""
+    """Times every `STEP_S`, denser after each step of the light.
+
+    Parameters
+    ----------
+    begin_s, end_s
+        Range. [s]
+    breaks_s
+        Times at which the light changes suddenly, shape (n,). [s]
+
+    Returns
+    -------
+    Shape (m,), increasing, within the range. [s]
+    """
     regular = np.arange(begin_s, end_s + STEP_S, STEP_S)
     after = (breaks_s[:, np.newaxis] + _AFTER_BREAK_S).ravel()
     times = np.unique(np.round(np.concatenate([regular, after]), 6))
@@ -162,36 +184,61 @@ def fine_times(begin_s: float, end_s: float, breaks_s: FloatArray) -> FloatArray
 
 @dataclass(frozen=True, slots=True)
 class FacetRadiation:
-    """Everything that shines, at times (m,): sky and air, sun vectors (m, 3), and bright ground."""
+    """Radiation on facets at times (m,), from sky and air, sun vectors (m, 3) and bright ground."""
 
-    sky_state: SkyState
+    sky: SkyState
     sun: FloatArray
     extraterrestrial_w_m2: FloatArray
     ground_albedo: float
 
     def absorbed_w_m2(self, facet: Facet, ground_longwave_w_m2: FloatArray) -> FloatArray:
-        """What a facet takes in of sun, sky and ground, short wave and long, (m,)."""
+        """Radiation absorbed by a facet, shortwave and longwave.
+
+        Parameters
+        ----------
+        facet
+            The facet.
+        ground_longwave_w_m2
+            Longwave exitance of the ground, shape (m,). [W/m2]
+
+        Returns
+        -------
+        Shape (m,). [W/m2]
+        """
         up = normal(facet.tilt_deg, facet.azimuth_deg)
         cos_i, cos_z, cos_tilt = cos_incidence(up, self.sun), self.sun[:, 2], float(up[2])
-        dni_w_m2, dhi_w_m2 = np.where(cos_z > 0.0, self.sky_state.dni_w_m2, 0.0), self.sky_state.dhi_w_m2
-        direct = dni_w_m2 * np.maximum(cos_i, 0.0)
-        diffuse = skylight.hay_davies_diffuse(
-            dhi_w_m2, dni_w_m2, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt
-        )
-        total = dni_w_m2 * np.maximum(cos_z, 0.0) + dhi_w_m2
-        reflected = skylight.ground_reflected(total, self.ground_albedo, cos_tilt)
-        longwave = skylight.longwave_on_facet(
-            self.sky_state.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt
-        )
+        dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
+        direct = dni * np.maximum(cos_i, 0.0)
+        diffuse = daylight.hay_davies_diffuse(dhi, dni, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt)
+        ghi = dni * np.maximum(cos_z, 0.0) + dhi
+        reflected = daylight.ground_reflected(ghi, self.ground_albedo, cos_tilt)
+        longwave = daylight.longwave_on_facet(self.sky.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt)
         return (1.0 - facet.albedo) * (direct + diffuse + reflected) + facet.emissivity_broadband * longwave
 
 
 def surface_temperatures(
     facets: Sequence[Facet], time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
 ) -> FloatArray:
-    """Surface temperatures (k, m) of k facets at times (m,), from what they absorb (k, m).
+    """Surface temperatures of facets from the radiation they absorb.
 
-    Each starts in balance with the first moment, its whole layer at that temperature. Kelvin and W/m².
+    Each starts in balance with the first time, its whole layer at that temperature.
+
+    Parameters
+    ----------
+    facets
+        k facets; those on equal layers are stepped together.
+    time_s
+        Times, shape (m,). [s]
+    absorbed
+        Absorbed radiation, shape (k, m). [W/m2]
+    exchange
+        Coefficient of heat exchange with the air, shape (m,). [W m-2 K-1]
+    air_k
+        Air temperature, shape (m,). [K]
+
+    Returns
+    -------
+    Shape (k, m). [K]
     """
     series = np.empty_like(absorbed)
     rows_of: dict[Slab, list[int]] = {}
@@ -211,7 +258,7 @@ def _one_layer(
     air_k: FloatArray,
     grey: FloatArray,
 ) -> FloatArray:
-    """Curves of the beds that lie on equal layers, stepped together."""
+    """Surface temperatures of beds on equal layers, stepped together."""
     surface = np.empty_like(absorbed)
     surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
     layer = np.tile(surface[:, 0], (slab.layers + 1, 1))
@@ -221,33 +268,56 @@ def _one_layer(
     return surface
 
 
-def longwave_leaving_ground(surface_k: FloatArray, ground: Facet, sky_state: SkyState) -> FloatArray:
-    """Long wave that leaves flat ground, its own and what it mirrors of the sky, W/m²."""
+def longwave_leaving_ground(surface_k: FloatArray, ground: Facet, sky: SkyState) -> FloatArray:
+    """Longwave that leaves flat ground, emitted and reflected from the sky, W/m²."""
     grey = ground.emissivity_broadband
-    return grey * STEFAN_BOLTZMANN * surface_k**4 + (1.0 - grey) * sky_state.longwave_down_w_m2
+    return grey * STEFAN_BOLTZMANN * surface_k**4 + (1.0 - grey) * sky.longwave_down_w_m2
 
 
 def lagged(value: FloatArray, time_s: FloatArray, response_s: float) -> FloatArray:
-    """A first-order sensor's answer to values (k, m) with straight lines between times (m,)."""
-    answer = np.empty_like(value)
-    answer[:, 0] = value[:, 0]
+    """Response of a first-order sensor to values that are linear between times.
+
+    Parameters
+    ----------
+    value
+        Shape (k, m).
+    time_s
+        Times, shape (m,). [s]
+    response_s
+        Time constant of the sensor, above 0. [s]
+
+    Returns
+    -------
+    Shape (k, m), in the unit of `value`; the sensor starts at the first value.
+    """
+    sensed = np.empty_like(value)
+    sensed[:, 0] = value[:, 0]
     steps = np.diff(time_s)
     slopes = np.diff(value, axis=1) / steps
     decays = np.exp(-steps / response_s)
     for row in range(steps.size):
-        behind = response_s * slopes[:, row]
-        answer[:, row + 1] = (
-            value[:, row + 1] - behind + (answer[:, row] - value[:, row] + behind) * decays[row]
-        )
-    return answer
+        lag = response_s * slopes[:, row]
+        sensed[:, row + 1] = value[:, row + 1] - lag + (sensed[:, row] - value[:, row] + lag) * decays[row]
+    return sensed
 
 
-def illuminance_lx(sky_state: SkyState, cos_zenith: FloatArray) -> FloatArray:
-    """What a light meter lying flat receives, (m,), with the loss of its diffuser at low sun.
+def illuminance_lx(sky: SkyState, cos_zenith: FloatArray) -> FloatArray:
+    """Illuminance on a horizontal light meter, with the cosine error of its diffuser at low sun.
 
-    Beam and sky differ in lumens per watt, so no single factor turns the reading into W/m².
+    Beam and skylight differ in lumens per watt, so no single factor converts the reading to W/m².
+
+    Parameters
+    ----------
+    sky
+        Sky at n times.
+    cos_zenith
+        Cosine of the sun's zenith angle, shape (n,). [-]
+
+    Returns
+    -------
+    Shape (n,). [lx]
     """
     cosine = np.maximum(cos_zenith, 0.0)
     tan2 = 1.0 / np.maximum(cosine, 0.05) ** 2 - 1.0
-    beam = sky_state.dni_w_m2 * cosine * np.maximum(1.0 - _COSINE_LOSS * tan2, 0.0)
-    return BEAM_LM_W * beam + SKY_LM_W * sky_state.dhi_w_m2
+    beam = sky.dni_w_m2 * cosine * np.maximum(1.0 - _COSINE_LOSS * tan2, 0.0)
+    return BEAM_LM_W * beam + SKY_LM_W * sky.dhi_w_m2

@@ -1,18 +1,16 @@
-"""A clock whose time moves only when everybody who takes part waits.
+"""A clock whose time advances only when every participating thread waits.
 
-Threads that read instruments wait by their clock alone (`fieldkit.model.clock`). This one knows
-who takes part, and when all of them wait it jumps to the next thing that happens: a
-simulated instrument acts (`call_at`), bytes arrive (`watch`, `wait_readable`), or a wait
-ends. However slow or loaded the computer, the same program sees the same times: a day of
-field work runs in seconds and twice the same. `speed` slows the jumps down to a multiple
-of real time, for somebody to look at.
+Threads that read instruments wait by their clock alone (`fieldkit.model.clock`). When all participants wait,
+this one jumps to the next event: a simulated instrument acts (`call_at`), bytes arrive (`watch`,
+`wait_readable`), or a wait ends. However slow or loaded the computer, the same program sees the same times:
+a day of field work runs in seconds and twice the same. `speed` limits the jumps to a multiple of real time,
+for watching.
 
-One thread of its own does the moving; it lets one waiting thread go at a time, in the
-order of deadline and thread name, and waits until that one waits again. Nothing here
-knows about instruments or scenes.
+One thread of the clock advances time; it releases one waiting thread at a time, in the order of deadline and
+thread name, and waits until that one waits again. Instruments and scenes are not known here.
 
-Time does not wait for work that neither takes part nor is declared by `hold_until`: start
-reading threads while the starting one takes part, and wait until they have joined.
+Time does not wait for work that neither takes part nor is declared by `hold_until`: start reading threads
+while the starting one takes part, and wait until they have joined.
 """
 
 from __future__ import annotations
@@ -35,12 +33,12 @@ log = logging.getLogger(__name__)
 
 START_MONO_NS = 1000 * SECOND_NS
 _CHECK_ERROR_NS = 200
-_CLOSED_AGAIN_S = 0.1  # how often a held clock looks whether it was closed
-_LOOK_AGAIN_S = 0.02  # how often descriptors are looked at while real time has to pass
+_CLOSED_AGAIN_S = 0.1  # how often a held clock checks whether it was closed
+_LOOK_AGAIN_S = 0.02  # how often descriptors are polled while real time has to pass
 
 
 def _closed_gate() -> threading.Lock:
-    """A lock that is taken: taking it again waits until it is released, for less than an event costs."""
+    """A lock that is held: acquiring it again waits until it is released, at less cost than an event."""
     gate = threading.Lock()
     gate.acquire()
     return gate
@@ -57,20 +55,20 @@ class _Waiter:
     readable: bool = False
 
     def go(self) -> None:
-        """Let the thread go on; a second call does nothing."""
+        """Release the thread; a second call does nothing."""
         if self.gate.locked():
             self.gate.release()
 
 
 class SimulatedClock:
-    """Scene time for everybody; satisfies `fieldkit.model.clock.Clock`.
+    """Scene time for all threads; satisfies `fieldkit.model.clock.Clock`.
 
     Parameters
     ----------
     start_utc_ns
         UTC at the start, nanoseconds since 1970.
     speed
-        How many seconds of the scene may pass in a real one; infinite: as fast as the work allows.
+        Seconds of the scene per real second; infinite: as fast as the work allows.
     """
 
     is_real = False
@@ -94,7 +92,7 @@ class SimulatedClock:
         self._closed = False
         self._failure: BaseException | None = None
 
-    # --- what everybody may ask
+    # --- the clock of the recorder
 
     def mono_ns(self) -> int:
         """Scene time on the monotonic scale; starts at 1000 s."""
@@ -109,15 +107,15 @@ class SimulatedClock:
         return utc_ns - self._utc_minus_mono_ns
 
     def check(self) -> ClockCheck:
-        """What the system's clock says now, which `step_system_clock` may have put wrong."""
+        """The system clock's current state, which `step_system_clock` may have set wrong."""
         return ClockCheck(self._now, self._utc_minus_mono_ns + self._system_step_ns, _CHECK_ERROR_NS)
 
     def step_system_clock(self, seconds: float) -> None:
-        """Put the system's UTC forward; recorded stamps do not follow, `check` shows it."""
+        """Step the system's UTC forward; recorded stamps do not follow, `check` shows the step."""
         self._system_step_ns += round(seconds * SECOND_NS)
 
     def sleep(self, seconds: float) -> None:
-        """Wait; a thread that does not take part is waited for until its time has come."""
+        """Wait; time also waits for a sleeping thread that does not take part."""
         if seconds > 0:
             self._wait(self._after(seconds), None)
 
@@ -134,7 +132,7 @@ class SimulatedClock:
 
     @contextmanager
     def taking_part(self) -> Iterator[None]:
-        """Time stands while the thread inside is at work and not waiting; may be nested."""
+        """Hold time while the thread inside works and does not wait; may be nested."""
         me = threading.get_ident()
         with self._changed:
             self._taking_part[me] = self._taking_part.get(me, 0) + 1
@@ -148,12 +146,12 @@ class SimulatedClock:
                 self._changed.notify_all()
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:
-        """Time stands until `settled(timeout_s)`, which waits so long at most; asked before each move."""
+        """Hold time until `settled(timeout_s)`, which waits at most that long; asked before each advance."""
         with self._changed:
             self._holds.append(settled)
 
     def close(self) -> None:
-        """Wake everybody; from then on waits end at once and time just runs on."""
+        """Wake all threads; from then on waits end at once and time runs freely."""
         with self._changed:
             self._closed = True
             for waiter in self._waiters.values():
@@ -168,22 +166,22 @@ class SimulatedClock:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # --- what simulated instruments ask
+    # --- for simulated instruments
 
     def call_at(self, mono_ns: int, act: Callable[[], None]) -> None:
-        """Run `act` when that time has come, on the clock's own thread, before anybody wakes."""
+        """Run `act` at that time, on the clock's own thread, before any waiting thread wakes."""
         with self._changed:
             heapq.heappush(self._calls, (mono_ns, next(self._call_number), act))
             self._changed.notify_all()
 
-    def watch(self, fd: int, heard: Callable[[], None]) -> None:
-        """Run `heard`, which reads them, whenever bytes arrive at an instrument's end `fd`.
+    def watch(self, fd: int, on_bytes: Callable[[], None]) -> None:
+        """Run `on_bytes`, which reads them, whenever bytes arrive at an instrument's end `fd`.
 
-        Time does not move before a request that was written has been heard: Linux hands
-        over what is still under way in a pseudo-terminal when its end is polled.
+        Time does not advance before a written request has been received: Linux delivers what is still in
+        flight in a pseudo-terminal when its end is polled.
         """
         with self._changed:
-            self._watches[fd] = heard
+            self._watches[fd] = on_bytes
 
     def forget(self, fd: int) -> None:
         """End a `watch`; call it before closing the descriptor."""
@@ -208,15 +206,15 @@ class SimulatedClock:
             if self._closed:
                 return self._wait_no_more(waiter)
             waiter.gate.acquire()
-            self._tell_failure()
+            self._raise_failure()
             return waiter.readable
         finally:  # also when a signal ends the wait
             with self._changed:
                 self._waiters.pop(me, None)
 
     def _wait_no_more(self, waiter: _Waiter) -> bool:
-        """After `close`: let time run on so that loops with a deadline end."""
-        self._tell_failure()
+        """After `close`: let time run so that loops with a deadline end."""
+        self._raise_failure()
         time.sleep(0.001)
         if waiter.fd is not None and _is_readable(waiter.fd):
             return True
@@ -224,7 +222,7 @@ class SimulatedClock:
             self._now = max(self._now, round(waiter.deadline_ns))
         return False
 
-    def _tell_failure(self) -> None:
+    def _raise_failure(self) -> None:
         if self._failure is not None:
             raise RuntimeError("a simulated instrument failed") from self._failure
 
@@ -242,7 +240,7 @@ class SimulatedClock:
                     self._changed.wait_for(lambda: self._closed or self._all_wait())
                 if not self._closed:
                     self._one_step()
-        except BaseException as failure:  # told to everybody who waits
+        except BaseException as failure:  # raised in every waiting thread
             log.exception("a simulated instrument failed")
             self._failure = failure
             self.close()
@@ -251,11 +249,11 @@ class SimulatedClock:
         return bool(self._waiters) and all(thread in self._waiters for thread in self._taking_part)
 
     def _one_step(self) -> None:
-        """Whatever comes first: bytes at an instrument, bytes for a driver, a call, a deadline."""
+        """The earliest of: bytes at an instrument, bytes for a driver, a call, a deadline."""
         with self._changed:
             waited_for = [waiter.fd for waiter in self._waiters.values() if waiter.fd is not None]
             ready = _readable((*self._watches, *waited_for))
-        if self._hand_over_requests(ready) or self._release_readable(ready) or self._is_held():
+        if self._deliver_requests(ready) or self._release_readable(ready) or self._is_held():
             return
         with self._changed:
             calls = [self._calls[0][0]] if self._calls else []
@@ -267,16 +265,16 @@ class SimulatedClock:
         if not self._run_call():
             self._release_due()
 
-    def _hand_over_requests(self, ready: set[int]) -> bool:
-        """Let instruments hear what has arrived at their end; whether anything had."""
+    def _deliver_requests(self, ready: set[int]) -> bool:
+        """Let instruments read what has arrived at their end; whether anything had."""
         with self._changed:
-            heard = [self._watches[fd] for fd in sorted(ready & self._watches.keys())]
-        for hear in heard:
-            hear()
-        return bool(heard)
+            callbacks = [self._watches[fd] for fd in sorted(ready & self._watches.keys())]
+        for on_bytes in callbacks:
+            on_bytes()
+        return bool(callbacks)
 
     def _release_readable(self, ready: set[int]) -> bool:
-        """Let go the first by name of those whose bytes are there; whether there was one."""
+        """Release the first thread by name whose bytes have arrived; whether there was one."""
         with self._changed:
             ended = [
                 (waiter.thread, thread) for thread, waiter in self._waiters.items() if waiter.fd in ready
@@ -289,7 +287,7 @@ class SimulatedClock:
         return True
 
     def _is_held(self) -> bool:
-        """Wait while a thread is busy; returns whether one was."""
+        """Wait while a thread is busy; whether one was."""
         unsettled = [settled for settled in tuple(self._holds) if not settled(0.0)]
         for settled in unsettled:
             while not (settled(_CLOSED_AGAIN_S) or self._closed):
@@ -297,7 +295,7 @@ class SimulatedClock:
         return bool(unsettled)
 
     def _may_move_to(self, next_ns: float) -> bool:
-        """Whether real time has come for it; if not, let a little pass."""
+        """Whether real time has reached it; if not, let a little pass."""
         if self._real_start is None:
             self._real_start = time.monotonic() - self._elapsed_s(self._now)
         due = self._real_start + self._elapsed_s(next_ns)
@@ -309,7 +307,7 @@ class SimulatedClock:
         return False
 
     def _elapsed_s(self, mono_ns: float) -> float:
-        """Real seconds that belong to a monotonic time; zero for all (but never) at full speed."""
+        """Real seconds of a monotonic time; zero at full speed, infinite for a time that never comes."""
         if math.isinf(mono_ns):
             return math.inf
         return (mono_ns - START_MONO_NS) / SECOND_NS / self._speed

@@ -1,4 +1,6 @@
-"""What comes from above: sun, sky light, long wave, air and wind; measured or clear by a formula."""
+"""State of sky and air over a scene: sunlight, skylight, longwave, air and wind; measured, or clear by a
+formula.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,13 @@ from fieldkit.physics.facet import FloatArray
 from fieldkit.weather import Weather
 
 _DAY_H = 24.0
-_WARMEST_H = 15.0  # air is warmest some three hours after the sun is highest
+_WARMEST_H = 15.0  # air is warmest about three hours after solar noon
 _WINDOW_DEFICIT = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class SkyState:
-    """Sky and air at n times, each array (n,): W/m², K and m/s. `dhi_w_m2` is on the horizontal."""
+    """Sky and air at n times, each array (n,): W/m², K and m/s."""
 
     dni_w_m2: FloatArray
     dhi_w_m2: FloatArray
@@ -31,34 +33,38 @@ class SkyState:
     wind_m_s: FloatArray
 
     def window_temperature_k(self) -> FloatArray:
-        """Sky temperature in the camera's 8-14 µm band, (n,).
+        """Sky temperature in the camera's 8-14 µm band.
 
-        The atmosphere is clearest there, so the sky looks colder than its whole long wave
-        says: by half as much again below the air. Clear dry air gives -40 to -60 °C, and
-        under an overcast all three are one, as observed (window-band sky -20 to -60 °C).
+        The atmosphere is most transparent there, so the sky looks colder than its broadband longwave
+        suggests: by half as much again below the air. Clear dry air gives -40 to -60 °C; under an overcast
+        all three temperatures are equal, as observed (window-band sky -20 to -60 °C).
+
+        Returns
+        -------
+        Shape (n,). [K]
         """
         sky = (self.longwave_down_w_m2 / STEFAN_BOLTZMANN) ** 0.25
         return self.air_temperature_k - _WINDOW_DEFICIT * (self.air_temperature_k - sky)
 
 
 class Sky(Protocol):
-    """Says what comes from above at any time."""
+    """State of sky and air at any time."""
 
     def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
-        """Sky and air at times (n,) with the sun at these cosines of its zenith angle (n,)."""
+        """Sky and air at times (n,), given the cosines of the sun's zenith angle (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredSky:
-    """The sky of a measured day, straight lines between the minutes; ends are held.
+    """The sky of a measured day, linear between the minutes and constant beyond the ends.
 
-    Raises `ConfigError` when asked about another day, or about what the station does not measure.
+    Raises `ConfigError` for another day, or for a quantity that the station does not measure.
     """
 
     weather: Weather
 
     def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
-        """See `Sky`; the sun is in the measurement already."""
+        """See `Sky`; the position of the sun is part of the measurement."""
         day = self.weather
         if time_ns[-1] < day.time_ns[0] or time_ns[0] > day.time_ns[-1]:
             measured = day.time_ns[[0, -1]].astype("datetime64[ns]").astype("datetime64[m]")
@@ -89,10 +95,10 @@ class MeasuredSky:
 
 @dataclass(frozen=True, slots=True)
 class ClearSky:
-    """A cloudless sky by formula: `fieldkit.physics.daylight` for light, Swinbank for long wave.
+    """A cloudless sky by formulas: `fieldkit.physics.daylight.clear_sky` for light, Swinbank for longwave.
 
-    Air temperature swings by `swing_k` either way around its mean, warmest at 15 h solar time.
-    W. C. Swinbank, "Long-wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.
+    Air temperature swings by `swing_k` around its mean, warmest at 15 h solar time. W. C. Swinbank, "Long-
+    wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.
     """
 
     linke_turbidity: float = 3.0

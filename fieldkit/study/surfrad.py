@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.surface_models import Score, Station, as_printed, families
@@ -104,7 +104,7 @@ def _albedo(path: Path) -> FloatArray:
         incoming, reflected = np.loadtxt(path, skiprows=2, usecols=(_INCOMING_COLUMN, _REFLECTED_COLUMN)).T
     except (ValueError, IndexError) as error:
         raise ConfigError(
-            f"{path} is not a SURFRAD daily file: {error}", fix="name it slv16001.dat"
+            f"{path} is not a SURFRAD daily file: {message_of(error)}", fix="name it slv16001.dat"
         ) from error
     bright = incoming > _DARK_W_M2
     ratio = np.where(bright, reflected / np.where(bright, incoming, 1.0), np.nan)

@@ -63,7 +63,7 @@ def _estimate_findings(session: Session) -> list[Finding]:
     try:
         again = _estimated_again(session)
     except FieldkitError as error:
-        return [Finding("warn", "slopes", f"could not be computed again: {error}", error.fix or "")]
+        return [Finding("warn", "slopes", f"could not be computed again: {error.message}", error.fix or "")]
     computed = {_key(one): one for one in again}
     differing = sum(not _is_same(one, computed.get(_key(one))) for one in stored)
     if differing:

@@ -308,7 +308,9 @@ def open_all(
 def _together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | DeviceError:
     if len(failed) == 1:
         return failed[0]
-    lines = "".join(f"\n  {error}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed)
+    lines = "".join(
+        f"\n  {error.message}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed
+    )
     return DeviceError(
         f"{len(failed)} instruments cannot be used:{lines}", fix="fieldkit doctor looks for causes"
     )

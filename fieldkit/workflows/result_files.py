@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.model.errors import ConfigError, StorageError, message_of
 from fieldkit.sessions.formats.tables_out import as_text
 from fieldkit.workflows.json_document import to_json
 
@@ -87,7 +87,7 @@ def _about(document: Path) -> dict[str, Any]:
     try:
         about = json.loads(document.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{document} cannot be read: {error}", fix=_RECALLABLE) from error
+        raise ConfigError(f"{document} cannot be read: {message_of(error)}", fix=_RECALLABLE) from error
     known: set[str] = set(about) if isinstance(about, dict) else set()
     if {"sessions", "parameters"} <= known:
         raise ConfigError(

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, message_of
 from fieldkit.model.samples import Frame, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording, flag_bunched, plausible_ns
 
@@ -97,7 +97,7 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         return shape, rate_hz
     except _UNREADABLE as error:
         raise ConfigError(
-            f"{path} is not a recording of the PureThermal Y16 recorder: {error}",
+            f"{path} is not a recording of the PureThermal Y16 recorder: {message_of(error)}",
             fix="fieldkit import reads .raw.y16.gz, folders of 16-bit TIFF, and tables (CSV)",
         ) from error
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import h5py
 import numpy as np
 
-from fieldkit.model.errors import ConfigError, IncompleteError, SessionError
+from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import entry_columns
@@ -236,9 +236,9 @@ def all_but_unreadable(parts: Iterable[tuple[str, Callable[[], Path]]]) -> list[
         try:
             written.append(write())
         except (SessionError, OSError, RuntimeError) as error:
-            if "errno" in str(error).lower():  # HDF5 names the system's error in its text: a full disk
+            if "errno" in message_of(error).lower():  # HDF5 names the system's error in its text: a full disk
                 raise
-            missing.append(f"{name}: {error}")
+            missing.append(f"{name}: {message_of(error)}")
     if missing:
         raise IncompleteError("not exported: " + "; ".join(missing), written)
     return written
