@@ -29,19 +29,19 @@ def test_pruned_voting_equals_scoring_every_cell(noise, tolerance):
     truths = normal(random.uniform(0, 30, 40), random.uniform(0, 360, 40))
     differences = (truths - VERTICAL) @ design.T + noise * random.standard_normal((40, 21))
     differences[3, :5] = np.nan
-    votes = table.winners(differences, tolerance, threshold=0.0)
+    winning = table.winners(differences, tolerance, threshold=0.0)
     for row in range(40):
         scores = np.zeros(len(table.cells), int)
         for time in range(21):
             scores += np.abs(table.values[time] - differences[row, time]) <= tolerance
         winners = np.flatnonzero(scores == scores.max())
         mean = table.cells[winners].sum(axis=0)
-        assert votes.best[row] == scores.max()
-        assert votes.tied[row] == winners.size
-        np.testing.assert_allclose(votes.normals[row], mean / np.linalg.norm(mean), atol=1e-12)
+        assert winning.best[row] == scores.max()
+        assert winning.tied[row] == winners.size
+        np.testing.assert_allclose(winning.normals[row], mean / np.linalg.norm(mean), atol=1e-12)
         alone = table.winner(differences[row], tolerance, threshold=0.0)
-        assert (alone.best[0], alone.tied[0]) == (votes.best[row], votes.tied[row])
-        np.testing.assert_allclose(alone.normals[0], votes.normals[row], atol=1e-12)
+        assert (alone.best[0], alone.tied[0]) == (winning.best[row], winning.tied[row])
+        np.testing.assert_allclose(alone.normals[0], winning.normals[row], atol=1e-12)
 
 
 def test_ties_across_north_are_averaged_as_directions():
@@ -67,7 +67,7 @@ def test_tolerance_half_a_watt_gives_the_published_size_of_error():
     assert 1.5 * p90[0] < p90[1] < 1.5
 
 
-def test_too_few_votes_is_no_answer():
+def test_a_low_score_gives_no_slope():
     table, _ = noon_table()
     assert np.isnan(table.winner(np.full(21, 400.0), 0.5).normals).all()
     nothing = table.winner(np.full(21, np.nan), 0.5)

@@ -385,15 +385,15 @@ def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
         creeping.append(sample)
     minutes = run(yard, creeping)
     told = [by_name(minute)["b17"] for minute in minutes]
-    first = next(index for index, one in enumerate(told) if "alone left" in one.reason)
+    first = next(index for index, one in enumerate(told) if "alone deviates" in one.reason)
     assert 70 < first <= 100
     assert told[first].state == SlopeState.NO_INTERSECTION
     assert "+0.5 K" in told[first].reason or "+0.6 K" in told[first].reason
     for minute in minutes:
-        assert "alone left" not in by_name(minute)["b08"].reason + by_name(minute)["b25"].reason
+        assert "alone deviates" not in by_name(minute)["b08"].reason + by_name(minute)["b25"].reason
 
 
-def test_no_drift_is_told_where_all_regions_leave_together(yard):
+def test_no_drift_is_reported_where_all_regions_drift_together(yard):
     """The same drift on every bed is the reference's or the camera's, not one region's."""
     beds = np.any([bed.mask((60, 80)) for bed in yard.beds[1:]], axis=0)
     drifting = []
@@ -404,4 +404,4 @@ def test_no_drift_is_told_where_all_regions_leave_together(yard):
             sample = sample._replace(counts=warmer.astype(np.uint16))
         drifting.append(sample)
     reasons = [one.reason for minute in run(yard, drifting) for one in minute.estimates]
-    assert not any("alone left" in reason for reason in reasons)
+    assert not any("alone deviates" in reason for reason in reasons)
