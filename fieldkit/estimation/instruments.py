@@ -1,4 +1,4 @@
-"""Which stream serves for what, and what the readings of a minute amount to."""
+"""Which stream is used for what, and the irradiances that the readings of a minute give."""
 
 from __future__ import annotations
 
@@ -20,18 +20,19 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 from fieldkit.physics.sun import sun_vectors
 
-LIGHT = ("dni", "ghi", "gti", "illuminance")
-"""What sunlight can be worked out from, best first: the less must be assumed, the better."""
+SUNLIGHT = ("dni", "ghi", "gti", "illuminance")
+"""Components that DNI can be derived from, best first: the fewer assumptions the better."""
 SLOW_HZ = 1.0 / 120.0
 OVERDUE = 1.5
-"""Intervals after which a mean of more than a minute says nothing any more."""
+"""Number of its own intervals after which a mean of more than a minute has expired."""
 
 
 @dataclass(frozen=True, slots=True)
 class MinuteIrradiance:
-    """Light readings of one minute in order of time: beam, and reading over its clear expectation.
+    """Light readings of one minute in order of time, and the irradiances they give.
 
-    `clearness` is NaN while the sun is low; `dhi_w_m2` is the measured diffuse light, NaN without.
+    `dni_w_m2` and `clearness` (reading relative to its clear-sky expectation) are per reading, (k,);
+    `clearness` is NaN while the sun is low. `dhi_w_m2` is the measured diffuse light, NaN without.
     """
 
     readings: list[Reading]
@@ -56,26 +57,28 @@ class Source:
         return 0.0 < self.info.rate_hz < SLOW_HZ
 
     def values(self, minute: OpenBin) -> list[float]:
-        """The usable readings of a minute in order of time."""
+        """The usable readings of a bin in order of time."""
         readings = minute.sorted_readings(self.info.name)
         return [r.values[self.channel] for r in readings if is_usable(r.quality)]
 
 
 class Instruments:
-    """Which stream serves for what.
+    """Which stream is used for what.
 
-    `model` is the irradiance model of the stream that gives the light (`light_source`), which need not
-    be the light meter's; `label` is the model in words. `unknown` are streams that may measure the light, but
-    do not declare what they measure.
+    `model` is the irradiance model of the stream that DNI is derived from (`light_source`), not necessarily
+    the light meter's; `label` describes it in words. `unknown` are streams that may measure sunlight, but do
+    not declare what they measure.
 
-    Raises `ConfigError` where the light cannot be had for that reason, or the configuration contradicts
-    the streams.
+    Raises
+    ------
+    ConfigError
+        If for that reason there is no sunlight, or if the configuration contradicts the streams.
     """
 
     def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
         self._streams = {info.name: info for info in streams}
-        pictures = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
-        self.camera = pictures[0] if pictures else None
+        cameras = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
+        self.camera = cameras[0] if cameras else None
         self._sources = list(_sources(streams, settings))
         self.unknown = _unknown(self._sources)
         self._lux = self._best("illuminance")
@@ -85,17 +88,17 @@ class Instruments:
 
     @property
     def label(self) -> str:
-        """The irradiance model in words, with the measured diffuse light that it uses."""
+        """The irradiance model in words, and whether it uses measured diffuse light."""
         uses_diffuse = self.model.kind == "pyranometer" and self._best("dhi") is not None
         return f"{self.model.label}, dhi as measured" if uses_diffuse else self.model.label
 
     def _best(self, *components: str) -> Source | None:
-        """The channel that measures the first of these components that is measured, in most minutes first."""
+        """The best channel of these components: measured in most minutes, then first in the list."""
         found = [one for one in self._sources if one.measures in components]
         return min(found, key=lambda one: (one.is_slow, components.index(one.measures)), default=None)
 
     def light(self, minute: OpenBin, site: Site, settings: EstimatorSettings) -> MinuteIrradiance:
-        """Direct irradiance of every light reading at its own time."""
+        """DNI of every light reading at its own time."""
         lux = self._lux.values(minute) if self._lux is not None else []
         source = self.light_source
         readings = minute.sorted_readings(source.info.name) if source is not None else []
@@ -110,13 +113,13 @@ class Instruments:
         )
         diffuse = self.mean(minute, "dhi")
         direct = direct_normal(self.model, values, sun, times, diffuse) if len(readings) else values
-        # near the horizon clear light itself changes as fast as a cloud does
+        # near the horizon even a clear sky changes as fast as a cloud
         high = sun.reshape(-1, 3)[:, 2] >= np.sin(np.radians(settings.low_sun_deg))
         clearness = np.where(high, self._clearness(values, sun), np.nan)
         return MinuteIrradiance(readings, direct, clearness, mean_of(np.array(lux)), diffuse, flags)
 
     def _clearness(self, values: FloatArray, sun: FloatArray) -> FloatArray:
-        """Readings over the cosine of the sun on the meter's plane, NaN for a grazing sun."""
+        """Readings divided by the cosine of incidence on the meter, NaN for a grazing sun."""
         if self.model.is_direct or self.model.mounting == "sun-pointing":
             return values
         facet = VERTICAL
@@ -128,8 +131,8 @@ class Instruments:
     def mean(self, minute: OpenBin, component: str) -> float:
         """Mean of a component of radiation, W/m2; NaN where it is not measured.
 
-        Means of more than a minute stand until the next is due: diffuse light and longwave change slowly,
-        and an assumed share of the beam is farther from them. Minutes must come in order.
+        Means of more than a minute are held until the next is due: diffuse light and longwave change slowly,
+        and an assumed share of the beam would be less accurate. Minutes must come in order.
         """
         source = self._best(component)
         if source is None:
@@ -161,13 +164,13 @@ def _usable(minute: OpenBin, info: StreamInfo) -> list[Reading]:
 
 
 def mean_of(values: NDArray[np.float64]) -> float:
-    """Mean of what is finite, NaN of nothing."""
+    """Mean of the finite values; NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")
 
 
 def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iterator[Source]:
-    """Every channel that measures light, those of unknown components as well."""
+    """Every channel that measures radiation, including those of unknown component."""
     for info in streams:
         if info.quantity == "illuminance":
             yield Source(info, 0, "illuminance")
@@ -189,15 +192,15 @@ def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:
 
 
 def sunlight_source(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Source | None:
-    """The channel that the light is taken from; None where none is known to measure any."""
+    """The channel that DNI is derived from; None if no channel is known to measure sunlight."""
     return _light(list(_sources(streams, settings)), settings)
 
 
 def _light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
-    """The best channel that may be taken; streams that most minutes have no reading of come last."""
-    allowed = LIGHT[:1] if settings.irradiance.is_direct else LIGHT
+    """The best allowed channel; streams without a reading in most minutes come last."""
+    allowed = SUNLIGHT[:1] if settings.irradiance.is_direct else SUNLIGHT
     usable = [one for one in _candidates(sources, settings) if one.measures in allowed]
-    return min(usable, key=lambda one: (one.is_slow, LIGHT.index(one.measures)), default=None)
+    return min(usable, key=lambda one: (one.is_slow, SUNLIGHT.index(one.measures)), default=None)
 
 
 def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[Source]:
@@ -205,14 +208,14 @@ def _candidates(sources: Sequence[Source], settings: EstimatorSettings) -> list[
 
 
 def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> Source | None:
-    """As `_light`; raises `ConfigError` where there would be light if the configuration said more."""
+    """As `_light`; raises `ConfigError` if a complete configuration would give sunlight."""
     found = _light(sources, settings)
     if found is not None:
         return found
     for one in _candidates(sources, settings):
         _refuse(one, settings.irradiance)
-    have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in LIGHT))
-    if settings.light_stream and have:  # pictures alone are worth a look without any light
+    have = ", ".join(dict.fromkeys(one.info.name for one in sources if one.measures in SUNLIGHT))
+    if settings.light_stream and have:  # without any light the frames alone may still be viewed
         raise ConfigError(
             f"irradiance.stream: {settings.light_stream!r} is not a stream of sunlight",
             fix=f"streams of sunlight: {have}",
@@ -221,11 +224,11 @@ def _required_light(sources: Sequence[Source], settings: EstimatorSettings) -> S
 
 
 def _refuse(source: Source, model: IrradianceModel) -> None:
-    """Raise `ConfigError` for a channel that could give the light, were it known or allowed to."""
+    """Raise `ConfigError` for a channel that would be used if its component were known or allowed."""
     name = source.info.name
     if source.measures == UNKNOWN and source.info.quantity == "irradiance":
         raise ConfigError(
-            f"{name} is in W/m2, but what it measures is not known, so it cannot serve as sunlight",
+            f"{name} is in W/m2, but what it measures is not known, so it cannot be used as sunlight",
             fix=f"{how_to_state(name)}: a level pyranometer, a pyrheliometer, a tilted one, a shaded one, "
             "a pyrgeometer",
         )
@@ -237,7 +240,7 @@ def _refuse(source: Source, model: IrradianceModel) -> None:
 
 
 def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
-    """The model of the stream that gives the light: the light meter's for lux, its own for W/m2."""
+    """The irradiance model of a source: the light meter's for lux, its own for W/m2."""
     if source is None or source.measures == "illuminance":
         return model
     if source.measures == "dni":
@@ -255,9 +258,12 @@ def _model_of(source: Source | None, model: IrradianceModel) -> IrradianceModel:
 
 
 def pyranometer(model: IrradianceModel, what: str) -> IrradianceModel:
-    """The model for global irradiance in W/m2 on the same plane.
+    """The model for global irradiance in W/m2 on the same plane; `what` is measured, for the error.
 
-    Raises `ConfigError` about `what` is measured, where the model takes no sky light out.
+    Raises
+    ------
+    ConfigError
+        If the model does not remove diffuse light.
     """
     if model.diffuse == "none":
         raise ConfigError(

@@ -1,11 +1,14 @@
-"""Tilt and azimuth of every pixel: one decomposition of the sun's path serves the whole picture.
+"""Slope maps: tilt and azimuth of every pixel, their 90 % bounds and states.
 
-The weights of a minute are taken alike for all pixels (the balance's steepness differs by
-7 %), so H is shared and a pixel keeps four numbers, ``b`` and ``c``. Pictures are added at
-camera rate, maps solved at display rate, in closed form: the tilt within 0.005 degree of the
-polished answer for windows of 20 minutes (`normal`, which regions use), the azimuth within 0.01.
-Which of the two branches is meant is decided as for regions (`choice`): the tilt limit, then misfit
-and prior.
+All pixels share the weights of a frame (the balance's steepness differs by 7 %), so the information matrix H
+and its decomposition are shared, and a pixel keeps four numbers, ``b`` and ``c``. Frames are added at camera
+rate and maps solved at display rate, in closed form: for windows of 20 minutes the tilt is within 0.005
+degree of the iterated solution that regions use (`normal.solve`), the azimuth within 0.01. The branch is
+chosen as for regions (`normal.choose`): tilt limit, then misfit and prior.
+
+Bounds: in the plane of the sun's motion the likelihood of a pixel is an ellipse about its best slope, whose
+size follows from noise, a misfit beyond it and the stated systematic uncertainties. The extremes of tilt and
+azimuth are found along its edge; where the edge leaves the unit disc, both branches belong to one region.
 """
 
 from __future__ import annotations
@@ -24,22 +27,22 @@ from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_ke
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
 LOWEST_COSINE = 0.03
-"""Pixels darker than this in the mean are in their own shade."""
+"""Mean cosine of incidence below which a pixel counts as self-shaded."""
 PIECE = 16_384
 DEGREES = np.float32(180.0 / np.pi)
 STEPS = 24
-"""Points of an ellipse's edge that are tried: its extremes are met within one part in a hundred."""
+"""Points along the ellipse's edge: its extremes are met within one part in a hundred."""
 SUN_RAD_PER_H = 2.0 * np.pi / 24.0
 LEAST_ACROSS = 0.2
-"""Nearer to the plane of the sun's motion than this, what hours say about leaving it is not counted."""
+"""Least distance from the plane of the sun's motion at which information across it is used."""
 
 
 @dataclass(frozen=True, slots=True)
 class SlopeMap:
-    """Slopes of a picture (rows, cols): degrees, reduced chi-square, and `SlopeState` as uint8.
+    """Slopes of a frame (rows, cols): degrees, reduced chi-square, and `SlopeState` as uint8.
 
     Angles are NaN where the state is `NO_DATA`, `NO_INTERSECTION` or `SHADED`. `second_tilt_deg` is the
-    other branch's tilt, shown in the state `NOT_RESOLVED`: it keeps the limit and fits about as well.
+    other branch's tilt, shown in the state `NOT_RESOLVED`: it is within the limit and fits about as well.
     """
 
     tilt_deg: NDArray[np.float32]
@@ -50,7 +53,19 @@ class SlopeMap:
 
 
 class MapSums:
-    """Running sums of a slope map over the pictures of a window."""
+    """Running sums of a slope map over the frames of a window.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of a frame.
+    surface
+        Parameters of the energy balance.
+    noise_k
+        Standard deviation of one pixel. [K]
+    tilt_limit_deg
+        Largest tilt considered. [degrees]
+    """
 
     def __init__(
         self, shape: tuple[int, int], surface: SurfaceParameters, noise_k: float, tilt_limit_deg: float = 45.0
@@ -61,7 +76,7 @@ class MapSums:
         pixels = shape[0] * shape[1]
         self._H, self._b, self._c = np.zeros((3, 3)), np.zeros((3, pixels)), np.zeros(pixels)
         self._weight_per_kelvin = 0.0
-        # worked through in pieces that stay in the processor's cache: the loops are bound by memory
+        # in pieces that fit the processor's cache: the loops are bound by memory
         self._pieces = [slice(at, min(at + PIECE, pixels)) for at in range(0, pixels, PIECE)]
 
     def add(
@@ -72,18 +87,24 @@ class MapSums:
         dni_w_m2: float,
         reference_normal: FloatArray,
     ) -> None:
-        """Add one picture of surface temperatures (rows, cols), in kelvin.
+        """Add one frame.
 
-        `sun` (3,) unit vector and `dni_w_m2` at its time; `reference_k` the temperature
-        of a bed whose normal is `reference_normal`. Pixels that are NaN stay NaN.
+        Parameters
+        ----------
+        temperature_k
+            Surface temperatures, shape (rows, cols); NaN makes a pixel unknown. [K]
+        reference_k, reference_normal
+            Temperature of the reference and its unit normal (3,). [K], [-]
+        sun, dni_w_m2
+            Unit vector towards the sun (3,) and direct normal irradiance then, > 0. [-], [W/m2]
         """
         steepness = float(irradiance_per_kelvin(reference_k, self._surface))
         weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k)) ** 2
         alpha, beta = self._surface.alpha / dni_w_m2, self._surface.beta / dni_w_m2
         start = float(reference_normal @ sun) - (alpha * reference_k**4 + beta * reference_k)
-        warm = temperature_k.reshape(-1)
+        flat_k = temperature_k.reshape(-1)
         for piece in self._pieces:
-            kelvin = warm[piece]
+            kelvin = flat_k[piece]
             # y = n . s by eq. (6), as ((alpha T^2) T + beta) T + start
             y = kelvin * kelvin
             y *= alpha
@@ -108,14 +129,15 @@ class MapSums:
     def sun_axes(self) -> tuple[FloatArray, FloatArray]:
         """Axes along the mean sun, along its motion and across both, rows of (3, 3), the last one upwards.
 
-        Before them, (3,), how much the pictures so far say along each: inverse variances of a pixel's normal.
+        Before them, (3,), the information of the frames so far along each: inverse variances of a pixel's
+        normal.
         """
         values, vectors = np.linalg.eigh(self._H)
         vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])
         return values[::-1], vectors[:, ::-1].T
 
     def solve(self) -> SlopeMap:
-        """The map of all pictures so far; at least three are needed to tell anything."""
+        """The map of all frames so far; the state is `TOO_FEW` with fewer than three."""
         planes = np.full((4, self._c.size), np.nan, np.float32)
         state = np.full(self._c.size, SlopeState.TOO_FEW, np.uint8)
         if self.count >= 3:
@@ -144,10 +166,10 @@ class MapSums:
         room = np.sqrt(1.0 - x1 * x1)
         x2 = np.clip(y2, -room, room)
         across = np.sqrt(np.maximum(room * room - x2 * x2, 0.0))
-        # over hours the sun leaves that plane, and the slope shows across it as well
+        # over hours the sun leaves that plane, which gives information across it as well
         left += (lowest * across - 2.0 * pull) * across
         gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
-        # both branches share what lies in the plane
+        # both branches share the components in the plane
         east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
         flatter, steeper = level + m[2] * across, level - m[2] * across
         is_alone = (steeper < self._limit_cosine) | (across == 0.0)
@@ -159,32 +181,32 @@ class MapSums:
         tilt, azimuth, second, chi_square = planes
         chosen, other = level + m[2] * across, level - m[2] * across
         tilt[:] = _arc_cosine(chosen)
-        # good to 0.01 degree, and forty times as fast as numpy's
+        # accurate to 0.01 degree, and forty times as fast as numpy's
         azimuth[:] = cv2.phase(north + m[1] * across, east + m[0] * across, angleInDegrees=True).ravel()
         pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
         chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
-        self._judge(chosen, other, chi_square, gain, is_alone, state)
+        self._set_states(chosen, other, chi_square, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
         state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COSINE] = SlopeState.SHADED
         state[np.isnan(y1)] = SlopeState.NO_DATA
-        doubtful = state == SlopeState.NOT_RESOLVED
-        second[doubtful] = _arc_cosine(other[doubtful])
+        unresolved = state == SlopeState.NOT_RESOLVED
+        second[unresolved] = _arc_cosine(other[unresolved])
         unknown = state >= SlopeState.NO_INTERSECTION
         tilt[unknown] = azimuth[unknown] = np.nan
 
     def _resolved(
         self, piece: slice, values: FloatArray, vectors: FloatArray
     ) -> Iterator[NDArray[np.float32]]:
-        """Each pixel's components in the plane of the sun's motion, what pulls it across, and the misfit.
+        """Each pixel's components in the plane of the sun's motion, its gradient across, and its misfit.
 
-        Once the ill-conditioned sums are resolved into them, single precision is ample.
+        Once the ill-conditioned sums are resolved into these, single precision is enough.
         """
         pull, c2, c1 = vectors.T @ self._b[:, piece]
         c1, c2 = c1 / values[2], c2 / values[1]
         left = self._c[piece] - values[2] * c1 * c1 - values[1] * c2 * c2
         return (numbers.astype(np.float32) for numbers in (c1, c2, pull, left))
 
-    def _judge(
+    def _set_states(
         self,
         chosen: NDArray[np.float32],
         other: NDArray[np.float32],
@@ -194,17 +216,17 @@ class MapSums:
         state: NDArray[np.uint8],
     ) -> None:
         """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
-        # a misfit beyond what noise explains is itself the measure of how far a difference tells
-        telling = NINETY_PERCENT * np.maximum(chi_square, 1.0)
+        # a misfit beyond noise inflates the variance, and with it the significant difference
+        significant = NINETY_PERCENT * np.maximum(chi_square, 1.0)
         state[:] = SlopeState.OK
-        state[~is_alone & (gain < telling)] = SlopeState.NOT_RESOLVED
+        state[~is_alone & (gain < significant)] = SlopeState.NOT_RESOLVED
         limit = self._limit_cosine
-        too_steep = (chosen < limit) | ((other < limit) & (gain < -telling))
+        too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
         state[too_steep | (chi_square > _alarm(self._freedom))] = SlopeState.NO_INTERSECTION
 
 
 def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The prior of `choice` adds its logarithm to a misfit; a tenth of a degree and less count alike."""
+    """The prior of `choose` adds its logarithm to the misfit; below a tenth of a degree it is constant."""
     return np.asarray(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6)))
 
 
@@ -231,7 +253,7 @@ class PixelBounds:
 
 
 class _Extent:
-    """The extremes of tilt and azimuth among normals, one after the other of each pixel."""
+    """Running extremes of tilt and azimuth of each pixel."""
 
     def __init__(self, tilt_deg: FloatArray, azimuth_deg: FloatArray) -> None:
         self._azimuth = azimuth_deg
@@ -250,7 +272,7 @@ def with_bounds(
 ) -> tuple[SlopeMap, PixelBounds]:
     """The map with the states `FLAT` and `UNCERTAIN` by the rules of regions, and its pixels' bounds.
 
-    The stated systematic uncertainties of scale, offset and drift count to first order.
+    The stated systematic uncertainties of scale, offset and drift are included to first order.
     """
     known = np.isfinite(slopes.tilt_deg)
     tilt, azimuth = (angle[known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
@@ -258,8 +280,8 @@ def with_bounds(
     at = normal(tilt, azimuth) @ axes.T
     covariance = _covariance(at, values, np.maximum(slopes.chi_square[known], 1.0))
     _add_systematics(covariance, at - axes @ reference_normal, sums.per_kelvin, settings)
-    own, other, touches = _walked(tilt, azimuth, at, covariance, axes)
-    is_vertical = _holds(axes[:2, 2] - at[:, :2], covariance) & ((at[:, 2] > 0.0) | touches)
+    own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes)
+    is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance) & ((at[:, 2] > 0.0) | touches)
     low, high = own.tilts
     low = np.where(touches, np.minimum(low, other.tilts[0]), low)
     high = np.where(touches, np.maximum(high, other.tilts[1]), high)
@@ -275,7 +297,7 @@ def with_bounds(
     planes[:, known] = bounds
     flat = np.zeros(known.shape, np.bool_)
     flat[known] = is_vertical
-    return _judged(slopes, planes, flat), PixelBounds(*planes)
+    return _with_states(slopes, planes, flat), PixelBounds(*planes)
 
 
 def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> FloatArray:
@@ -284,9 +306,9 @@ def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> Fl
     `at` (m, 3) are the best slopes along the mean sun, along its motion and across both; `values` (3,) are
     what the sums say along these.
     """
-    values = np.maximum(values, 1e-9 * values[0])  # rounding may leave less than nothing of the least
+    values = np.maximum(values, 1e-9 * values[0])  # rounding may make the least one negative
     outer = at[:, :2, np.newaxis] * at[:, np.newaxis, :2]
-    # a unit normal that moves in the plane also moves across it, which hours of sun notice
+    # a unit normal that moves in the plane also moves across it, which hours of sun can resolve
     across = values[2] / np.maximum(at[:, 2] ** 2, LEAST_ACROSS**2)
     information = np.diag(values[:2]) + across[:, np.newaxis, np.newaxis] * outer
     return np.asarray(np.linalg.inv(information) * inflation[:, np.newaxis, np.newaxis])
@@ -295,17 +317,17 @@ def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> Fl
 def _add_systematics(
     covariance: FloatArray, away: FloatArray, per_kelvin: float, settings: EstimatorSettings
 ) -> None:
-    """Add what does not average away: a scale moves slopes from the reference, an offset towards the sun."""
+    """Add what does not average away: scale shifts slopes from the reference, offset towards the sun."""
     scale_sd = np.hypot(settings.scale_sd, PAPER_SCALE_SD)
     covariance += scale_sd**2 * away[:, :2, np.newaxis] * away[:, np.newaxis, :2]
     covariance[:, 0, 0] += (settings.offset_sd_k * per_kelvin) ** 2
     covariance[:, 1, 1] += (settings.drift_sd_k_per_h * per_kelvin / SUN_RAD_PER_H) ** 2
 
 
-def _walked(
+def _along_edge(
     tilt: FloatArray, azimuth: FloatArray, at: FloatArray, covariance: FloatArray, axes: FloatArray
 ) -> tuple[_Extent, _Extent, NDArray[np.bool_]]:
-    """Extremes round each ellipse on the pixel's own branch and the other, and whether it joins the two."""
+    """Extremes along each ellipse on its own branch and on the other, and whether it joins the two."""
     own, other = _Extent(tilt, azimuth), _Extent(tilt, azimuth)
     touches = np.zeros(tilt.size, np.bool_)
     half_axes = np.sqrt(NINETY_PERCENT) * np.linalg.cholesky(covariance)
@@ -320,13 +342,13 @@ def _walked(
     return own, other, touches
 
 
-def _holds(away: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
+def _contains(away: FloatArray, covariance: FloatArray) -> NDArray[np.bool_]:
     """Whether a point (m, 2) from the centre lies within the 90 % ellipse."""
     solved = np.linalg.solve(covariance, away[:, :, np.newaxis])[:, :, 0]
     return np.asarray((away * solved).sum(axis=1) <= NINETY_PERCENT)
 
 
-def _judged(slopes: SlopeMap, bounds: NDArray[np.float32], is_flat: NDArray[np.bool_]) -> SlopeMap:
+def _with_states(slopes: SlopeMap, bounds: NDArray[np.float32], is_flat: NDArray[np.bool_]) -> SlopeMap:
     state, is_ok = slopes.state.copy(), slopes.state == SlopeState.OK
     state[is_ok & is_flat] = SlopeState.FLAT
     state[is_ok & is_too_wide(slopes.tilt_deg, bounds[0], bounds[1])] = SlopeState.UNCERTAIN

@@ -1,4 +1,4 @@
-"""What the estimator may be told; every default is the paper's or stated in the decisions."""
+"""Settings of the estimator; every default is the paper's or stated in the decision records."""
 
 from __future__ import annotations
 
@@ -14,29 +14,64 @@ Method = Literal["unit-norm", "contours", "posterior"]
 Model = Literal["paper", "full"]
 
 PAPER_SCALE_SD = 0.20
-"""Sky light, long wave of the ground and stored heat act on slopes like a scale error of this size."""
+"""Scale error equivalent to sky light, longwave of the ground and stored heat, which that model neglects."""
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """How slopes are worked out of minutes.
+    """How slopes are estimated from minute bins.
 
-    `window_s` None means since the last change of weather: as far back as one slope explains
-    the minutes. `measures` are components of radiation by stream, where the streams do not declare them
-    (`fieldkit.model.radiation`); `light_stream` names the stream to take the light from, "" for the best.
-    `noise_k` is the standard
-    deviation of one region's minute mean that does not repeat. `scale` is the calibrated
-    kappa (measured over true ``delta S / S``) and `scale_sd` its standard uncertainty
-    (irradiance, albedo), `exchange_sd` the relative one of the exchange with the air;
-    `offsets_k` are calibrated offsets of regions (measured minus true against the
-    reference), `offset_sd_k` theirs and `drift_sd_k_per_h` how steady they are. `emissivity_sd` is the
-    standard uncertainty of the surface's emissivity in the camera's band, `own_emissivity_sd` those of
-    regions with one of their own, `factor_sd` the relative one of a calibrated light meter's factor. All this
-    goes into the likelihood region, and with the paper's model so does `PAPER_SCALE_SD` for
-    what that model leaves out. The fields after them belong to the full model: the slab
-    under the surface and the relative uncertainty of its conductivity and heat capacity,
-    the sky's model, what lies around the beds, and what stands in for instruments that are
-    not there.
+    All uncertainties enter the likelihood region; with the paper's model so does `PAPER_SCALE_SD`. The fields
+    from `slab` on are used by the full model only.
+
+    Attributes
+    ----------
+    surface, irradiance
+        Parameters of the surface's energy balance; how DNI is derived from the light meter.
+    light_stream
+        Stream to derive DNI from; "" for the best one.
+    measures
+        Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
+    window_s
+        Length of the window; None for "since the last change of weather", that is as far back as one slope
+        explains the bins. [s]
+    azimuth
+        Whether the azimuths of the regions are known or estimated.
+    tilt_limit_deg
+        Largest tilt considered. [degrees]
+    refraction
+        Whether the sun's position includes refraction.
+    reflected_temperature_k
+        Effective temperature of the sky as reflected into the camera. [K]
+    noise_k
+        Standard deviation of the random part of a region's minute mean. [K]
+    low_sun_deg
+        Elevation of the sun below which no slope is estimated. [degrees]
+    settle_s
+        Time after a cloud during which bins count as clouded. [s]
+    min_minutes
+        Fewest bins of an estimate.
+    contour_tolerance_w_m2, contour_threshold
+        Half width of a contour, None for two standard deviations [W/m2]; least score, as a share of all bins.
+    scale, scale_sd
+        Calibrated kappa, measured over true ``delta S / S``, and its standard uncertainty (irradiance,
+        albedo).
+    exchange_sd
+        Relative standard uncertainty of the heat exchange with the air.
+    offsets_k, offset_sd_k, drift_sd_k_per_h
+        Calibrated offsets of regions, measured minus true against the reference; their standard uncertainty;
+        that of their drift. [K], [K], [K/h]
+    emissivity_sd, own_emissivity_sd
+        Standard uncertainty of the surface's emissivity in the camera's band; of regions with one of their
+        own.
+    factor_sd
+        Relative standard uncertainty of a calibrated light meter's factor.
+    slab, conductivity_sd, capacity_sd
+        The layer under the surface; relative standard uncertainties of its conductivity and heat capacity.
+    sky, ground_albedo
+        Model of diffuse light; albedo of the ground around.
+    longwave_down_w_m2, diffuse_fraction
+        Used where longwave or diffuse light is not measured. [W/m2], [-]
     """
 
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)

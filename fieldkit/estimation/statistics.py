@@ -1,7 +1,7 @@
-"""How far estimates are from the truth: the numbers of the paper's section 5, as pure functions.
+"""Error statistics of estimates against the truth, as in the paper's section 5: pure functions.
 
-Absolute errors are of tilt, in degrees, unless said otherwise. Pairs in which either side is
-NaN do not count; with nothing left the answer is NaN, not zero.
+Absolute errors are of tilt, in degrees, unless stated otherwise. Pairs with a NaN on either side are
+excluded; without any pair the result is NaN, not zero.
 """
 
 from __future__ import annotations
@@ -62,17 +62,17 @@ class ErrorSpan:
 
     @property
     def middle_ns(self) -> int:
-        """Where to draw it."""
+        """Middle of the span, for a plot."""
         return (self.start_ns + self.end_ns) // 2
 
 
 def errors_over_time(
     time_ns: ArrayLike, estimated: ArrayLike, truth: float, *, span_s: float = 1200.0, kind: SdKind = "paper"
 ) -> list[ErrorSpan]:
-    """Mean absolute error and its scatter per stretch of time, as in the paper's Fig. 13.
+    """Mean absolute error and its scatter per span of time, as in the paper's Fig. 13.
 
-    Stretches of `span_s` start at whole multiples of it; `time_ns` may be since 1970 or, to lay
-    several days over each other, since midnight. Stretches without an estimate are left out.
+    Spans of `span_s` start at whole multiples of it; `time_ns` may be since 1970 or, to lay
+    several days over each other, since midnight. Spans without an estimate are omitted.
     """
     times, values = np.asarray(time_ns, np.int64), np.asarray(estimated, np.float64)
     known = np.isfinite(values)

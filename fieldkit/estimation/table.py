@@ -1,7 +1,7 @@
-"""Slopes from a table of temperatures, for people who have neither a session nor this camera.
+"""Slopes from a table of temperatures, without a session or a camera of fieldkit's.
 
-Rows are averaged into minutes and go the way of all bins. Temperatures are surface
-temperatures as they stand: emissivity is the business of whoever made the table.
+Rows are averaged into minute bins. Temperatures are surface temperatures and used as they stand: emissivity
+must be corrected before.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class TemperatureTable:
     """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2 or lux; NaN where missing.
 
     Either `irradiance_w_m2` (direct normal), `ghi_w_m2` (global horizontal) or `illuminance_lx` (as the
-    irradiance model's mounting says) is given; the first of these is used.
+    irradiance model's mounting says) is given; the first available one is used.
     `flags` are `Quality` numbers; rows that are not usable (`fieldkit.model.samples.UNUSABLE`) are excluded.
     """
 
@@ -56,10 +56,26 @@ def slopes_of_table(
 ) -> tuple[SlopeEstimate, ...]:
     """Slope of every target over the whole table, or over the settings' window at its end.
 
-    A table that runs into the night ends with its last minute of sun.
-    `reference_slope_deg` is tilt and azimuth of the reference; `azimuths_deg` those of
-    targets, for ``settings.azimuth == "known"``. Three minutes are enough here: a table of
-    a few hours may well have hourly rows.
+    A table that runs into the night ends with its last minute of sun. Three bins are enough: a table of a few
+    hours may well have hourly rows.
+
+    Parameters
+    ----------
+    table
+        Columns in order of time.
+    site
+        Where: for the sun's position.
+    settings
+        Window, model, method and uncertainties.
+    reference_slope_deg
+        Tilt and azimuth of the reference. [degrees]
+    azimuths_deg
+        Azimuths of targets, for ``settings.azimuth == "known"``. [degrees]
+
+    Raises
+    ------
+    ConfigError
+        If the columns of sunlight do not fit the irradiance model.
     """
     none = ((0.0, 0.0),)
     known = azimuths_deg or {}
@@ -68,8 +84,8 @@ def slopes_of_table(
         for name in table.targets_k
     ]
     history = _history(table, site, settings)
-    sunny = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
-    day = history.until(int(sunny[-1]) + 1) if sunny.size else history
+    sunlit = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
+    day = history.until(int(sunlit[-1]) + 1) if sunlit.size else history
     return slopes(day, regions, replace(settings, min_minutes=3))
 
 
@@ -126,7 +142,7 @@ def _or(column: FloatArray | None, otherwise: FloatArray) -> FloatArray:
 
 
 def _means(values: FloatArray, start: NDArray[np.intp]) -> FloatArray:
-    """Means of the rows that begin at `start`, over what is not NaN."""
+    """Means of the groups of rows that begin at `start`, without NaN."""
     known = np.isfinite(values)
     total = np.add.reduceat(np.where(known, values, 0.0), start, axis=0)
     count = np.add.reduceat(known.astype(np.int64), start, axis=0)

@@ -1,7 +1,7 @@
-"""The answer: a slope estimate for one region at one minute, with how far it may be trusted.
+"""A slope estimate for one region and minute, its state, and the rule for the final estimate of a session.
 
-`tilt` is the angle of the surface from horizontal, `azimuth` the direction of its normal
-from north, clockwise; both in degrees.
+`tilt` is the angle of the surface from horizontal, `azimuth` the direction of its normal from north,
+clockwise; both in degrees.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ NAN = float("nan")
 
 
 class SlopeState(NumberedEnum):
-    """What may be said about a slope; the numbers are stored in the session file."""
+    """State of a slope estimate; the numbers are stored in the session file."""
 
     OK = 0
-    TOO_FEW = 1  # not enough minutes in the window yet
+    TOO_FEW = 1  # not enough minute bins in the window yet
     NOT_RESOLVED = 2  # more than one slope fits
     FLAT = 3  # the likelihood region contains the vertical normal
-    NO_INTERSECTION = 4  # no slope explains the minutes together (the paper's Fig. 14)
+    NO_INTERSECTION = 4  # no slope fits all minute bins (the paper's Fig. 14)
     HELD_CLOUD = 5  # the last estimate before the cloud is held
     LOW_SUN = 6
     SHADED = 7
@@ -38,20 +38,23 @@ class SlopeState(NumberedEnum):
 CERTAIN = (SlopeState.OK, SlopeState.FLAT)
 """States of a slope that may be relied on as it stands."""
 SOLVED = (*CERTAIN, SlopeState.UNCERTAIN, SlopeState.NOT_RESOLVED)
-"""States whose slope was worked out at that very minute; only these count in mean errors."""
+"""States with a slope estimated at that very minute; only these count in mean errors."""
 WITH_SLOPE = (*SOLVED, SlopeState.HELD_CLOUD)
-"""States that say a slope: a held one is an earlier answer."""
+"""States with a slope: a held one is an earlier estimate."""
 CERTAIN_WITHIN_DEG = 3.0
-"""Widest 90 % region of a flat or gentle slope that may be relied on: as far as a tenth of a kelvin
-between two beds moves the tilt where a kelvin is worth 30 degrees, the limit in a plan of a day."""
+"""Widest 90 % region of a certain flat or gentle slope: the change of tilt by a tenth of a kelvin where one
+kelvin is 30 degrees, the limit in the plan of a day."""
 CERTAIN_SHARE = 0.2
-"""The same for a steep slope, as a share of its tilt: 30 degrees good to 27..33."""
+"""The same for a steep slope, as a share of its tilt: 30 degrees within 27..33."""
 
 
 def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) -> NDArray[np.bool_]:
-    """Whether a tilt with these bounds of its 90 % region is uncertain; any shapes that broadcast, degrees.
+    """Whether a tilt with these bounds of its 90 % region is uncertain; true if a bound is NaN.
 
-    True also where a bound is NaN: a region that is not known vouches for nothing.
+    Parameters
+    ----------
+    tilt_deg, low_deg, high_deg
+        Tilt and its bounds, any shapes that broadcast. [degrees]
     """
     width = np.subtract(high_deg, low_deg)
     return ~np.asarray(width <= np.maximum(CERTAIN_WITHIN_DEG, np.multiply(CERTAIN_SHARE, tilt_deg)))
@@ -59,14 +62,14 @@ def is_too_wide(tilt_deg: ArrayLike, low_deg: ArrayLike, high_deg: ArrayLike) ->
 
 @dataclass(frozen=True, slots=True)
 class SlopeEstimate:
-    """Slope of one region from the minutes `window_start_ns`..`time_ns`.
+    """Slope of one region from the minute bins `window_start_ns`..`time_ns`.
 
     Angles in degrees, NaN where not determined; bounds are the projections of the 90 %
-    likelihood region, which allows for noise and for the stated doubts of scale and offset;
-    the `noise_` bounds allow for noise alone. Azimuth bounds are unwrapped (low <= azimuth
+    likelihood region with noise and the stated systematic uncertainties, the `noise_` bounds those of noise
+    alone. Azimuth bounds are unwrapped (low <= azimuth
     <= high, so below 0 or above 360 across north). `kelvin_per_degree` is the change of
-    surface temperature per degree of tilt here and now. `chi_square` is reduced (per degree
-    of freedom). `reason` says in words why the state is not `OK`.
+    surface temperature per degree of tilt at `time_ns`. `chi_square` is reduced (per degree
+    of freedom). `reason` explains in words why the state is not `OK`.
     """
 
     time_ns: int
@@ -94,29 +97,29 @@ class SlopeEstimate:
 
 
 def is_certain(estimate: SlopeEstimate) -> bool:
-    """Whether a slope may be relied on, now or held over a cloud: one alone fits, within a narrow region."""
-    says_one = estimate.state in (*CERTAIN, SlopeState.HELD_CLOUD) and not math.isfinite(
+    """Whether a slope may be relied on, current or held: a single branch fits, within a narrow region."""
+    is_single = estimate.state in (*CERTAIN, SlopeState.HELD_CLOUD) and not math.isfinite(
         estimate.second_tilt_deg
     )
-    return says_one and not is_too_wide(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
+    return is_single and not is_too_wide(estimate.tilt_deg, estimate.tilt_low_deg, estimate.tilt_high_deg)
 
 
 def final_estimate(estimates: Iterable[SlopeEstimate]) -> SlopeEstimate | None:
-    """The last estimate of one region, in order of time, that says a slope; else the last one."""
-    answer: SlopeEstimate | None = None
+    """The last estimate of one region, in order of time, that has a slope; else the last one."""
+    final: SlopeEstimate | None = None
     for estimate in estimates:
-        if answer is None or estimate.state in WITH_SLOPE or answer.state not in WITH_SLOPE:
-            answer = estimate
-    return answer
+        if final is None or estimate.state in WITH_SLOPE or final.state not in WITH_SLOPE:
+            final = estimate
+    return final
 
 
 def final_estimates(
     estimates: Iterable[SlopeEstimate], regions: Sequence[Region]
 ) -> dict[str, SlopeEstimate]:
-    """The answer of each target that was estimated, in the order of the regions."""
+    """The final estimate of each target that was estimated, in the order of the regions."""
     targets = [region.name for region in regions if region.kind is RegionKind.TARGET]
-    told: dict[str, list[SlopeEstimate]] = {name: [] for name in targets}
+    by_region: dict[str, list[SlopeEstimate]] = {name: [] for name in targets}
     for estimate in estimates:
-        told.setdefault(estimate.region, []).append(estimate)
-    answers = {name: final_estimate(told[name]) for name in targets}
-    return {name: answer for name, answer in answers.items() if answer is not None}
+        by_region.setdefault(estimate.region, []).append(estimate)
+    found = {name: final_estimate(by_region[name]) for name in targets}
+    return {name: final for name, final in found.items() if final is not None}
