@@ -69,18 +69,23 @@ def _introduce(config: Config, fault: str | None) -> None:
 def _conclude(
     path: Path, report: Path, minutes: Sequence[Minute], regions: Sequence[Region], took_s: float
 ) -> None:
-    answers = final_estimates(estimates_of(minutes), regions)
+    slopes = final_estimates(estimates_of(minutes), regions)
     mean_error = mean_tilt_error_deg(minutes, regions)
     if common.options().json:
         by_name = {region.name: region for region in regions}
-        slopes = [as_document(one, by_name[name]) for name, one in answers.items()]
+        documents = [as_document(one, by_name[name]) for name, one in slopes.items()]
         common.print_json(
-            {"session": str(path), "report": str(report), "slopes": slopes, "mean_tilt_error_deg": mean_error}
+            {
+                "session": str(path),
+                "report": str(report),
+                "slopes": documents,
+                "mean_tilt_error_deg": mean_error,
+            }
         )
         return
     common.say(f"done in {took_s:.0f} s")
-    print_slopes(answers, regions)
-    explain_slopes(answers.values())
+    print_slopes(slopes, regions)
+    explain_slopes(slopes.values())
     click.echo(
         f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (paper model; the report says why)"
     )

@@ -52,7 +52,9 @@ def command(ctx: click.Context, paths: tuple[Path, ...], tidy: bool) -> None:
     if refused is not None:
         raise refused
     if any(report.lost_samples for report in reports):
-        raise IntegrityError("samples are lost", fix="the lines marked LOST say which; all others are whole")
+        raise IntegrityError(
+            "samples are lost", fix="the lines marked LOST list them; all other samples are intact"
+        )
 
 
 def _tidy(sessions: Sequence[Path]) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,12 +13,10 @@ from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.model.slope import final_estimates
 from fieldkit.recorder import View
-from fieldkit.sessions.reader import Session, open_session
-from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
-from fieldkit.workflows.replay import play
-from fieldkit.workflows.sources import config_for
+from fieldkit.sessions.reader import Session
+from fieldkit.workflows.estimate import as_document
+from fieldkit.workflows.replay import replay
 
 
 @click.command(cls=common.Command)
@@ -40,22 +39,18 @@ def command(
     factor = parse_speed(speed)
     session = find_session(ctx, session)
     report_interrupted([session])
-    with open_session(session) as opened:
-        config = config_for(opened, settings)
-        estimator = estimator_for(opened, config)
-        if math.isinf(factor) or common.options().json:
-            minutes = list(minutes_of(opened, estimator))
-        else:
-            minutes = play(opened, estimator, factor, _view(opened, estimator, theme))
-        answers = final_estimates(estimates_of(minutes), estimator.regions)
+    is_shown = not (math.isinf(factor) or common.options().json)
+    view_of = partial(_view, theme=theme) if is_shown else None
+    done = replay(session, speed=factor, settings=settings, view_of=view_of)
+    slopes = done.estimates
     if common.options().json:
-        common.print_json({"session": str(session), "slopes": [as_document(one) for one in answers.values()]})
+        common.print_json({"session": str(session), "slopes": [as_document(one) for one in slopes.values()]})
         return
-    if not answers:
+    if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
         return
-    print_slopes(answers, estimator.regions)
-    explain_slopes(answers.values())
+    print_slopes(slopes, done.regions)
+    explain_slopes(slopes.values())
     common.say(f"next: fieldkit report {session}")
 
 

@@ -53,8 +53,8 @@ def parse_site(text: str) -> Site:
     return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
 
 
-def parse_words(text: str) -> str:
-    r"""Words as they can be stored; a byte that is not UTF-8, as on a Latin-1 terminal, becomes ``\xe9``."""
+def parse_storable_text(text: str) -> str:
+    r"""Text as it can be stored; a byte that is not UTF-8, as on a Latin-1 terminal, becomes ``\xe9``."""
     return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
@@ -152,7 +152,7 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
-WORDS = _Typed("TEXT", parse_words)
+WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)

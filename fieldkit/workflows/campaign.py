@@ -132,7 +132,7 @@ class Campaign:
 
 
 def open_campaign(path: str | Path = ".") -> Campaign:
-    """Open the campaign in a folder or around it; raises `ConfigError` where there is none."""
+    """Open the campaign in a folder or around it; raises `ConfigError` if there is none."""
     return Campaign(load_config(find_campaign(Path(path))))
 
 

@@ -1,26 +1,71 @@
-"""Show what the instruments measure now, without recording."""
+"""Preview: what the instruments measure now, without recording.
+
+`preview` shows samples, minutes and slopes to views as a recording would; `current_frame` reads one frame.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.device import Camera
+from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
 from fieldkit.recorder import SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.views import frame_image
-from fieldkit.workflows.record import Instruments
+from fieldkit.workflows.record import Instruments, MinuteView, config_of, open_instruments
+
+if TYPE_CHECKING:
+    from fieldkit.workflows.campaign import Campaign
 
 FRAME_WITHIN_S = 15.0
 READERS_END_WITHIN_S = 3.0
 QUEUE_SIZE = 512
-"""Samples of a stream that may wait; what does not fit is not missed, for nothing is recorded."""
+"""Samples of a stream that may wait; losing some is harmless, because nothing is recorded."""
+
+
+def preview(
+    campaign: Campaign | Config | str | Path = ".",
+    *,
+    duration: str | float | None = None,
+    on_minute: Callable[[Minute], None] | None = None,
+    views: Sequence[View] = (),
+) -> None:
+    """Read a campaign's instruments and show samples and slopes, without recording.
+
+    Instruments that are not plugged in are skipped. Raises `ConfigError`, `DeviceError`.
+
+    Parameters
+    ----------
+    campaign
+        A campaign, its configuration, or a path in its folder.
+    duration
+        ``"20m"`` or a number of seconds; by default until interrupted.
+    on_minute
+        Called with each minute as it closes.
+    views
+        Receive every sample, event and minute.
+    """
+    config, duration_s = config_of(campaign), None if duration is None else as_seconds(duration)
+    shown = [*views, *([MinuteView(on_minute)] if on_minute else [])]
+    with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:
+        LivePreview(config, instruments, shown).run(duration_s)
+
+
+def current_frame(campaign: Campaign | Config | str | Path = ".") -> Frame:
+    """The camera's next usable frame.
+
+    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no usable frame arrives.
+    """
+    with open_instruments(config_of(campaign), allow_missing=True) as instruments:
+        return usable_frame(instruments)
 
 
 def missing_instruments(config: Config, instruments: Instruments) -> list[str]:
@@ -30,12 +75,12 @@ def missing_instruments(config: Config, instruments: Instruments) -> list[str]:
 
 
 def write_png(path: Path, config: Config, instruments: Instruments) -> None:
-    """Write one picture with regions and scale.
+    """Write the camera's next usable frame as an image with regions and scale.
 
-    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no picture without
-    doubts comes, `StorageError` if the file cannot be written.
+    Raises `DeviceNotFoundError` without a camera, `DeviceTimeoutError` if no usable frame arrives,
+    `StorageError` if the file cannot be written.
     """
-    frame = good_frame(instruments)
+    frame = usable_frame(instruments)
     info = next(info for info in instruments.streams if info.name == frame.stream)
     try:
         path.write_bytes(frame_image.png(frame, info, config.regions))
@@ -43,8 +88,8 @@ def write_png(path: Path, config: Config, instruments: Instruments) -> None:
         raise StorageError(f"cannot write {path}: {error.strerror}", fix="name another file") from error
 
 
-def good_frame(instruments: Instruments) -> Frame:
-    """The camera's next picture that no flag speaks against."""
+def usable_frame(instruments: Instruments) -> Frame:
+    """The camera's next frame without a flag that makes it unfit to show."""
     camera = next((device for device in instruments.devices if isinstance(device, Camera)), None)
     if camera is None:
         raise DeviceNotFoundError("no camera is configured or plugged in", fix="fieldkit devices")
@@ -55,46 +100,46 @@ def good_frame(instruments: Instruments) -> Frame:
             if frame is not None and is_showable(frame.quality):
                 return frame
     raise DeviceTimeoutError(
-        f"no picture came from the camera within {FRAME_WITHIN_S:.0f} s",
+        f"no usable frame arrived from the camera within {FRAME_WITHIN_S:.0f} s",
         fix="unplug the camera and plug it in again",
     )
 
 
 class LivePreview:
-    """Reads the instruments and shows samples and slopes; nothing is stored."""
+    """Reads opened instruments and shows samples and slopes to views; nothing is stored."""
 
     def __init__(self, config: Config, instruments: Instruments, views: Sequence[View]) -> None:
         self.instruments, self.views = instruments, views
-        self._inbox = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
+        self._queue = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
         self._estimator = Estimator(
             config.site, config.regions, instruments.streams, config.estimator_settings()
         )
         self._next_health_ns = 0
 
     def run(self, duration_s: float | None) -> None:
-        """Show until the time is over, the instruments end, or Ctrl-C."""
-        feeds = self._feeds(duration_s)
-        self.instruments.clock.hold_until(self._inbox.settled)
+        """Show until the duration is over, the instruments end, or an interrupt."""
+        readers = self._readers(duration_s)
+        self.instruments.clock.hold_until(self._queue.settled)
         try:
             with self.instruments.clock.taking_part():
-                for feed in feeds:
-                    feed.start()
-                for feed in feeds:
-                    feed.ready.wait()
-            while any(feed.is_running for feed in feeds) or self._inbox.is_busy():
-                self._take()
-                self._look_around(feeds)
+                for reader in readers:
+                    reader.start()
+                for reader in readers:
+                    reader.ready.wait()
+            while any(reader.is_running for reader in readers) or self._queue.is_busy():
+                self._process_next()
+                self._show_health(readers)
         finally:
-            self._end(feeds)
+            self._end(readers)
 
-    def _feeds(self, duration_s: float | None) -> list[DeviceReader]:
+    def _readers(self, duration_s: float | None) -> list[DeviceReader]:
         clock = self.instruments.clock
         end_ns = None if duration_s is None else clock.mono_ns() + round(duration_s * 1e9)
         return [
             DeviceReader(
                 device,
                 partial(self.instruments.reopen, device.info.name),
-                self._inbox,
+                self._queue,
                 clock,
                 Sampling(),
                 end_ns,
@@ -102,8 +147,8 @@ class LivePreview:
             for device in self.instruments.devices
         ]
 
-    def _take(self) -> None:
-        item = self._inbox.get(0.1)
+    def _process_next(self) -> None:
+        item = self._queue.get(0.1)
         if item is None:
             return
         self._show(item)
@@ -112,35 +157,39 @@ class LivePreview:
                 for notice in minute.events:
                     self._show(notice)
                 self._show(minute)
-        self._inbox.done(item)
+        self._queue.done(item)
 
     def _show(self, item: Sample | Event | Minute | Health) -> None:
         for view in self.views:
             view.show(item)
 
-    def _look_around(self, feeds: Sequence[DeviceReader]) -> None:
+    def _show_health(self, readers: Sequence[DeviceReader]) -> None:
         now_ns = self.instruments.clock.mono_ns()
         if now_ns >= self._next_health_ns:
             self._next_health_ns = now_ns + 1_000_000_000
-            self._show(self._health(now_ns, feeds))
+            self._show(self._health(now_ns, readers))
 
-    def _health(self, now_ns: int, feeds: Sequence[DeviceReader]) -> Health:
+    def _health(self, now_ns: int, readers: Sequence[DeviceReader]) -> Health:
         streams = tuple(
             StreamHealth(
-                feed.info.name, feed.received, self._inbox.dropped[feed.info.name], 0, rejected=feed.rejected
+                reader.info.name,
+                reader.received,
+                self._queue.dropped[reader.info.name],
+                0,
+                rejected=reader.rejected,
             )
-            for feed in feeds
+            for reader in readers
         )
         return Health(
             now_ns, self.instruments.clock.to_utc_ns(now_ns), streams, self.instruments.free_bytes()
         )
 
-    def _end(self, feeds: Sequence[DeviceReader]) -> None:
-        """Give the terminal back first: a reader may need a moment."""
+    def _end(self, readers: Sequence[DeviceReader]) -> None:
+        """Close the views first, to give the terminal back: a reader may need a moment to end."""
         for view in self.views:
             view.close()
-        for feed in feeds:
-            feed.stop()
+        for reader in readers:
+            reader.stop()
         deadline = time.monotonic() + READERS_END_WITHIN_S
-        for feed in feeds:
-            feed.join(max(0.0, deadline - time.monotonic()))
+        for reader in readers:
+            reader.join(max(0.0, deadline - time.monotonic()))

@@ -107,7 +107,7 @@ def record(
         allow_missing=allow_missing,
         notify=notify,
     ) as prepared:
-        recorded = prepared.run(() if on_minute is None else (_MinuteView(on_minute),))
+        recorded = prepared.run(() if on_minute is None else (MinuteView(on_minute),))
     if recorded.summary.failure is not None:
         raise recorded.summary.failure
     return recorded
@@ -225,18 +225,19 @@ def config_of(campaign: Campaign | Config | str | Path) -> Config:
     return campaign if isinstance(campaign, Config) else campaign.config
 
 
-class _MinuteView:
+class MinuteView:
     """A view that calls a function with every minute that closes."""
 
     def __init__(self, on_minute: Callable[[Minute], None]) -> None:
         self._on_minute = on_minute
 
     def show(self, item: Shown) -> None:
+        """Pass a minute on; ignore anything else."""
         if isinstance(item, Minute):
             self._on_minute(item)
 
     def close(self) -> None:
-        pass
+        """Nothing to close."""
 
 
 # --- opening instruments
@@ -416,8 +417,8 @@ def preflight(
     sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():
-        for doubt in record_warnings(calibration, streams, now):
-            notify(f"{key}: {doubt}")
+        for warning in record_warnings(calibration, streams, now):
+            notify(f"{key}: {warning}")
 
 
 def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify) -> None:

@@ -1,14 +1,68 @@
-"""Play a recorded session as if it were live, through the same estimator and view."""
+"""Play a recorded session as if it were live, through the same estimator and views."""
 
 from __future__ import annotations
 
 import heapq
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
+from fieldkit.model.site import Region
+from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.recorder import View
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import Session, open_session
+from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
+from fieldkit.workflows.sources import config_for
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay found: the regions, the minutes that closed, the final estimate of each target."""
+
+    regions: tuple[Region, ...]
+    minutes: tuple[Minute, ...]
+    estimates: dict[str, SlopeEstimate]
+
+
+def replay(
+    path: str | Path,
+    *,
+    speed: float = math.inf,
+    settings: Sequence[str] = (),
+    view_of: Callable[[Session, Estimator], View] | None = None,
+) -> Replay:
+    """Feed a recorded session to the estimator as if live.
+
+    Parameters
+    ----------
+    path
+        The session.
+    speed
+        Session seconds per real second; infinity shows nothing and only estimates.
+    settings
+        ``KEY=VALUE`` over the session's configuration.
+    view_of
+        Makes the view that shows samples, events and minutes.
+
+    Raises
+    ------
+    SessionError
+        The session cannot be read.
+    ConfigError
+        A setting is invalid.
+    """
+    with open_session(Path(path)) as session:
+        estimator = estimator_for(session, config_for(session, settings))
+        if view_of is None or math.isinf(speed):
+            minutes = list(minutes_of(session, estimator))
+        else:
+            minutes = play(session, estimator, speed, view_of(session, estimator))
+        estimates = final_estimates(estimates_of(minutes), estimator.regions)
+        return Replay(tuple(estimator.regions), tuple(minutes), estimates)
 
 
 def play(session: Session, estimator: Estimator, speed: float, view: View) -> list[Minute]:

@@ -92,7 +92,7 @@ def _last_write_ns(session: Path) -> int:
 
 
 def _is_stopped(pid: int) -> bool:
-    """Whether the kernel has stopped a process, as by Ctrl-Z; false where it does not say (no ``/proc``)."""
+    """Whether the kernel has stopped a process, as by Ctrl-Z; false without ``/proc``."""
     try:
         about = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:

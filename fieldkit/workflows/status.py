@@ -4,20 +4,46 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.samples import Sample
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import Session, open_session
 from fieldkit.views.latest import RATE_OVER_S, Latest
 from fieldkit.workflows.estimate import estimator_for
+from fieldkit.workflows.running import UnresponsiveRecorder, running_session, unresponsive_recorder
 from fieldkit.workflows.sources import config_for
 
 LAST_MINUTES_NS = 150 * SECOND_NS
 """Samples that hold a whole minute, closed by what came after it."""
+
+
+@dataclass(frozen=True)
+class RecordingStatus:
+    """How a running recording is doing; `unresponsive` is set if its process does not respond."""
+
+    session: Path
+    start_ns: int
+    end_ns: int
+    counts: dict[str, int]
+    latest: Latest
+    unresponsive: UnresponsiveRecorder | None
+
+
+def recording_status(config: Config) -> RecordingStatus:
+    """The present state of a campaign's running recording; raises `RefusedError` if there is none."""
+    path = running_session(config)
+    unresponsive = unresponsive_recorder(path)
+    with open_session(path) as session:
+        counts = {name: session.count(name) for name in session.streams}
+        return RecordingStatus(
+            path, session.start_ns, session.end_ns, counts, latest_of(session), unresponsive
+        )
 
 
 def latest_of(session: Session) -> Latest:
