@@ -63,7 +63,7 @@ def command(
     illuminance_lx, flags if any.
 
     With -o all of them go into one table, BASE.csv (and BASE.parquet with fieldkit[lab]), and BASE.json
-    says what made it: code, parameters, checksums of the sessions, command line.
+    records what made it: code, parameters, checksums of the sessions, command line.
     """
     if len(sessions) == 1 and sessions[0].suffix.lower() == ".csv":
         if out is not None:

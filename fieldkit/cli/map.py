@@ -52,7 +52,7 @@ def command(
     address: str | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Map the slopes of SESSIONS or folders of them (default: the newest), pixel by pixel.
+    """Map the slopes of SESSIONS or folders of them (default: the latest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
     arrays with state and 90 % region of every pixel. With --follow both are replaced as a whole, so an

@@ -49,9 +49,9 @@ def command(
 ) -> None:
     """Write the report of recorded SESSIONS: one HTML file that opens offline, or a PDF.
 
-    One session, the campaign's newest where none is named, with everything about it; several, or a
-    folder of them, with errors and figures over all. What `estimate -o BASE` wrote stands for its sessions
-    and parameters: fieldkit report BASE.
+    A single session (default: the campaign's latest) with everything about it; several, or a folder of
+    them, with errors and figures over all. The BASE of `estimate -o BASE` stands for its sessions and
+    parameters: fieldkit report BASE.
     """
     from fieldkit.workflows.report import ReportOptions, report
     from fieldkit.workflows.result_files import recalled

@@ -30,7 +30,7 @@ _POLL_S = 0.5
 def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
     """Show one SESSION: where, when, streams, regions, last slopes, events.
 
-    Without SESSION the campaign's newest.
+    Without SESSION, the campaign's latest.
     """
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.describe import describe, recorded_slopes

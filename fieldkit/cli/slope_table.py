@@ -1,4 +1,4 @@
-"""Slopes in the terminal: one line per bed, against truth where it is known."""
+"""Slopes in the terminal: one line per region, against its true slope where that is known."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from fieldkit.views import formatting
 
 COLUMNS = ("bed", "truth", "tilt", "noise", "error", "azimuth", "K per °", "chi²", "state")
 MEANING = (
-    "±: larger half of the 90 % region, stated doubts of scale and offset included; noise: by noise alone"
+    "±: larger half of the 90 % region, with systematic uncertainties of scale and offset; noise: without"
 )
 
 
-def print_slopes(answers: Mapping[str, SlopeEstimate], regions: Sequence[Region]) -> None:
-    """Print the answer for each target."""
+def print_slopes(estimates: Mapping[str, SlopeEstimate], regions: Sequence[Region]) -> None:
+    """Print the final estimate of each target."""
     by_name = {region.name: region for region in regions}
-    common.print_table(COLUMNS, [_row(answer, by_name[name]) for name, answer in answers.items()])
+    common.print_table(COLUMNS, [_row(estimate, by_name[name]) for name, estimate in estimates.items()])
 
 
-def explain_slopes(answers: Iterable[SlopeEstimate]) -> None:
-    """Say once, under the tables, what their ± cover and what they do not."""
-    found = [one for one in answers if math.isfinite(one.tilt_deg)]
+def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:
+    """Print once, under the tables, what their ± include and what they do not."""
+    found = [one for one in estimates if math.isfinite(one.tilt_deg)]
     if found:
         common.say(MEANING)
     if any(one.state is SlopeState.UNCERTAIN for one in found):
@@ -33,16 +33,16 @@ def explain_slopes(answers: Iterable[SlopeEstimate]) -> None:
         common.say(formatting.PAPER_OMITS)
 
 
-def _row(answer: SlopeEstimate, region: Region) -> tuple[str, ...]:
-    error = answer.tilt_deg - region.tilt_deg
+def _row(estimate: SlopeEstimate, region: Region) -> tuple[str, ...]:
+    error = estimate.tilt_deg - region.tilt_deg
     return (
-        answer.region,
+        estimate.region,
         formatting.given_slope(region),
-        f"{formatting.tilt(answer)}°",
-        formatting.noise(answer),
+        f"{formatting.tilt(estimate)}°",
+        formatting.noise(estimate),
         f"{error:+.1f}°" if math.isfinite(error) else formatting.UNKNOWN,
-        formatting.azimuth(answer),
-        formatting.number(answer.kelvin_per_degree, 2),
-        formatting.number(answer.chi_square, 1),
-        formatting.state(answer),
+        formatting.azimuth(estimate),
+        formatting.number(estimate.kelvin_per_degree, 2),
+        formatting.number(estimate.chi_square, 1),
+        formatting.state(estimate),
     )

@@ -95,7 +95,7 @@ def _print_ranking(found: Mapping[str, Any]) -> None:
     click.echo(f"best median |error|: {best}   {found['error_deg']:.1f}° (worst {found['worst_deg']:.1f}°)")
     if found["sessions"] > 1:
         click.echo(
-            f"sessions left out of the choice: {found['left_out_deg']:.1f}°, "
+            f"cross-validated over sessions: {found['left_out_deg']:.1f}°, "
             f"the same choice in {found['same_choice']} of {found['sessions']}"
         )
     rows = [

@@ -40,7 +40,7 @@ GRID_LIMIT_DEG = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Sun (n, 3) and weather (n,) of the study's minutes: direct normal, long wave [W/m2], air [K]."""
+    """Sun (n, 3) and weather (n,) of the study's minutes: DNI, downward longwave [W/m2], air [K]."""
 
     sun: FloatArray
     dni_w_m2: FloatArray
@@ -55,7 +55,7 @@ class StudySettings:
     `noise_k` falls independently on target and reference at every minute, `quantum_k` is
     the step of the thermometer (0: none). `tolerance_w_m2` is how near a contour a cell
     counts as on it; the paper does not say, 0.5 gives its size of error. `tilt_limit_deg`
-    bounds what least squares and posterior may answer, as the grid bounds the contours.
+    bounds the estimates of least squares and posterior, as the grid bounds the contours.
     """
 
     method: Method = "contours"
@@ -69,7 +69,7 @@ class StudySettings:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """True and estimated normals (m, 3) of a study; NaN where there was no answer."""
+    """True and estimated normals (m, 3) of a study; NaN where there is no estimate."""
 
     truth: FloatArray
     estimate: FloatArray
@@ -131,7 +131,7 @@ def run_study(slopes: FloatArray, conditions: Conditions, settings: StudySetting
 def estimated_normals(
     target_k: FloatArray, reference_k: FloatArray, conditions: Conditions, settings: StudySettings
 ) -> FloatArray:
-    """Normals (m, 3) from temperatures (m, n) of targets and reference; NaN without an answer."""
+    """Normals (m, 3) from temperatures (m, n) of targets and reference; NaN where none fits."""
     difference = irradiance_difference(target_k, reference_k, settings.surface)
     if settings.method == "contours":
         return _by_contours(difference, conditions, settings)
@@ -195,7 +195,7 @@ def _mean(values: FloatArray) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Statistics of absolute errors in degrees; `unsolved` had no answer and do not count.
+    """Statistics of absolute errors in degrees; `unsolved` slopes have no estimate and do not count.
 
     `mae` is eq. (8), `sd_paper` eq. (9) as printed, `sd_usual` the standard deviation.
     """

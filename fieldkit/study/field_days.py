@@ -1,8 +1,8 @@
 """The paper's field experiment (its section 5): its beds under a simulated clear sky, or recorded sessions.
 
 The paper's recordings are not public. Here its sand beds of 30 August and 11 December 2017
-stand under the scene's sky, which knows diffuse light, long wave and stored heat, so the
-paper's model meets the errors it met outdoors. Sessions go the same way.
+stand under the scene's sky, which includes diffuse irradiance, longwave and stored heat, so the
+paper's model meets the errors it met outdoors. Recorded sessions are treated alike.
 """
 
 from __future__ import annotations
@@ -72,14 +72,14 @@ class FieldDay:
 
     @property
     def rmse_k(self) -> float:
-        """Of the modelled against the measured surface temperature, all beds together."""
+        """RMSE of the modelled against the measured surface temperature of all beds, kelvin."""
         return root_mean_square_error(
             np.concatenate(list(self.modelled_k.values())), np.concatenate(list(self.measured_k.values()))
         )
 
     @property
     def mean_error_deg(self) -> float:
-        """Mean absolute tilt error over beds and stretches of time."""
+        """Mean absolute tilt error over beds and intervals."""
         spans = [span for bed in self.errors.values() for span in bed]
         return float(np.mean([span.mean for span in spans])) if spans else float("nan")
 
@@ -102,9 +102,9 @@ def simulated_day(day: PaperDay, site: Site, settings: EstimatorSettings) -> Fie
     weather = np.array([(m.longwave_down_w_m2, m.air_temperature_k) for m in map(scene.at, times.tolist())])
     modelled, measured = {}, {}
     for index, region in enumerate(scene.regions):
-        light = columns.direct_on(region.tilt_deg, region.azimuth_deg)
+        dni_w_m2 = columns.direct_on(region.tilt_deg, region.azimuth_deg)
         name = _bed_name(day.month, region)
-        modelled[name] = surface_temperature(light, weather[:, 0], weather[:, 1], SurfaceParameters())
+        modelled[name] = surface_temperature(dni_w_m2, weather[:, 0], weather[:, 1], SurfaceParameters())
         measured[name] = columns.contact_k[:, index]
     return FieldDay(
         day.date, measured, modelled, _errors(columns, day.month, site), zone_name(int(times[0]), site)
@@ -114,7 +114,7 @@ def simulated_day(day: PaperDay, site: Site, settings: EstimatorSettings) -> Fie
 def recorded_day(path: Path, label: str) -> FieldDay:
     """A session, estimated with its own configuration; the reference stands in for the weather.
 
-    `label` tells its beds from those of other sessions.
+    `label` distinguishes its beds from those of other sessions.
     """
     part = report_part(path)
     columns, surface = part.columns, part.settings.surface
@@ -140,28 +140,36 @@ def _scene(day: PaperDay, site: Site) -> Scene:
 
 
 def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> list[Minute]:
-    """What the estimator would have said each minute, from the scene's instruments without their cables."""
+    """The estimates of each minute, from the readings of the scene's instruments."""
     regions, surface = scene.regions, settings.surface
     sun = sun_vectors(times, scene.site, refraction=settings.refraction)
     noise = NOISE_K * np.random.default_rng(scene.seed).standard_normal((times.size, len(regions)))
     seen = np.array([scene.at(time).brightness_k[:-1] for time in times.tolist()]) + noise
-    warm = surface_temperature_k(seen, surface.emissivity, settings.reflected_temperature_k)
+    surface_k = surface_temperature_k(seen, surface.emissivity, settings.reflected_temperature_k)
     lux = np.array([scene.lux_reading(time) for time in times.tolist()])
-    light = direct_normal(settings.irradiance, lux, sun, times)
+    dni_w_m2 = direct_normal(settings.irradiance, lux, sun, times)
     unknown, good = np.full(times.size, np.nan), np.zeros(times.size, np.int64)
     history = History(
-        times // MINUTE_NS, times, sun, warm, light, unknown, unknown, good, np.zeros(warm.shape, np.int64)
+        times // MINUTE_NS,
+        times,
+        sun,
+        surface_k,
+        dni_w_m2,
+        unknown,
+        unknown,
+        good,
+        np.zeros(surface_k.shape, np.int64),
     )
     zenith, azimuth = tilt_azimuth(sun)
     return [
         Minute(
             time_ns=int(time),
             estimates=slopes(history.until(row + 1), regions, settings),
-            temperature_k={region.name: float(warm[row, i]) for i, region in enumerate(regions)},
+            temperature_k={region.name: float(surface_k[row, i]) for i, region in enumerate(regions)},
             spread_k={},
             pixels={},
             illuminance_lx=float(lux[row]),
-            dni_w_m2=float(light[row]),
+            dni_w_m2=float(dni_w_m2[row]),
             irradiance_model=settings.irradiance.label,
             sun_zenith_deg=float(zenith[row]),
             sun_azimuth_deg=float(azimuth[row]),

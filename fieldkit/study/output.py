@@ -91,7 +91,7 @@ def cumulative_rows(runs: Sequence[Run]) -> Rows:
     percents = np.arange(1, 101)
     rows = []
     for run in runs:
-        errors = np.nan_to_num(run.outcome.tilt_error_deg, nan=np.inf)  # no answer is within no error
+        errors = np.nan_to_num(run.outcome.tilt_error_deg, nan=np.inf)  # an unsolved slope is within no error
         reached = np.percentile(errors, percents, method="lower")
         rows += [
             {
@@ -130,18 +130,18 @@ def _of_the_method(options: StudyOptions) -> dict[str, str]:
     first = next(iter(tables.values()))
     row, column = int(EXAMPLE[0] / 0.5), int(EXAMPLE[1])
     measured = [float(table[row, column]) for table in tables.values()]
-    votes = sum(
+    scores = sum(
         (np.abs(table - value) <= 2.0).astype(np.float64)
         for table, value in zip(tables.values(), measured, strict=True)
     )
-    # a cloud takes a fifth of the beam at the last time; the table does not know of it
+    # a cloud takes a fifth of the beam at the last time; the table assumes a clear sky
     clouded = [*measured[:-1], 0.8 * measured[-1] - 20.0]
     grid = (tilts, azimuths)
     return {
         "figure-05": paper_figures.radiation_table(first, *grid),
         "figure-06": paper_figures.contour_on_table(first, *grid, measured[0]),
         "figure-07": paper_figures.contours(tables, *grid, measured, EXAMPLE),
-        "figure-08": paper_figures.scores(np.asarray(votes), *grid),
+        "figure-08": paper_figures.scores(np.asarray(scores), *grid),
         "figure-14": paper_figures.contours(tables, *grid, clouded, None),
     }
 

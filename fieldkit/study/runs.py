@@ -1,4 +1,4 @@
-"""The runs of ``fieldkit study``: which sky, which starts, which estimators, and what comes out."""
+"""The simulated runs of the study: sky, starts and estimators, and their outcomes."""
 
 from __future__ import annotations
 
@@ -107,13 +107,13 @@ def conditions(options: StudyOptions, start: time) -> Conditions:
     local = datetime.combine(options.day, start, tzinfo=zone(options.site))
     times = utc_ns(local) + np.arange(options.minutes + 1, dtype=np.int64) * MINUTE_NS
     sun = sun_vectors(times, options.site)
-    light, longwave, air = _weather(options, times, sun)
-    if not (np.all(sun[:, 2] > 0.0) and np.all(light > 0.0)):
+    dni, longwave, air = _weather(options, times, sun)
+    if not (np.all(sun[:, 2] > 0.0) and np.all(dni > 0.0)):
         raise NoAnswerError(
             f"no direct sunlight all the time from {local.isoformat()} on",
             fix="choose another --start or --on",
         )
-    return Conditions(sun, light, longwave, air)
+    return Conditions(sun, dni, longwave, air)
 
 
 def _weather(
@@ -122,13 +122,13 @@ def _weather(
     if options.weather is not None:
         day = options.weather
         columns = (day.dni_w_m2, day.longwave_down_w_m2, day.air_temperature_k)
-        light, longwave, air = (np.interp(times, day.time_ns, values, np.nan, np.nan) for values in columns)
-        return light, longwave, air
-    light, _ = clear_sky(sun[:, 2], times, options.site.elevation_m, options.turbidity)
+        dni, longwave, air = (np.interp(times, day.time_ns, values, np.nan, np.nan) for values in columns)
+        return dni, longwave, air
+    dni, _ = clear_sky(sun[:, 2], times, options.site.elevation_m, options.turbidity)
     if options.dni_w_m2:
-        light = np.full(times.size, options.dni_w_m2)
+        dni = np.full(times.size, options.dni_w_m2)
     air_k = options.air_c + CELSIUS_ZERO_K
-    return light, np.full(times.size, options.longwave_w_m2), np.full(times.size, air_k)
+    return dni, np.full(times.size, options.longwave_w_m2), np.full(times.size, air_k)
 
 
 def run_all(options: StudyOptions) -> list[Run]:
@@ -142,14 +142,14 @@ def run_all(options: StudyOptions) -> list[Run]:
 
 
 def slopes_for(options: StudyOptions, method: Method) -> FloatArray:
-    """The paper's slopes, or random ones; the posterior takes slopes one by one and gets fewer."""
+    """The paper's slopes, or random ones; the posterior solves slopes one by one and gets fewer."""
     if options.slopes:
         return random_slopes(options.slopes, options.seed)
     return random_slopes(POSTERIOR_SLOPES, options.seed) if method == "posterior" else paper_slopes()
 
 
 def sensitivity(options: StudyOptions) -> list[dict[str, Any]]:
-    """90th percentile of the tilt error per start for irradiances and tolerances the paper does not tell."""
+    """90th percentile of the tilt error per start, by irradiance and tolerance, unstated in the paper."""
     rows = []
     for irradiance in (
         {"dni_w_m2": None}, {"dni_w_m2": None, "turbidity": 2.5},

@@ -1,7 +1,7 @@
-"""Eq. (7) and the full surface model against a flat site whose own upwelling long wave was measured.
+"""Eq. (7) and the full surface model against a flat site whose own upwelling longwave was measured.
 
 The measured surface temperature follows from ``L_up = e sigma T^4 + (1 - e) L_down``. Models
-are the paper's as it stands, with diffuse light, with fitted exchange, and with conduction
+are the paper's as it stands, with diffuse irradiance, with fitted exchange, and with conduction
 into deep soil (`fieldkit.physics.slab`). Pure: arrays by the minute (n,), W/m2 and kelvin.
 """
 
@@ -36,7 +36,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """Measured minutes of a flat site, arrays (n,). `albedo` is reflected over incoming light."""
+    """Measured minutes of a flat site, arrays (n,). `albedo` is reflected over incoming irradiance."""
 
     time_s: FloatArray
     cos_zenith: FloatArray
@@ -50,12 +50,12 @@ class Station:
 
     @property
     def beam_w_m2(self) -> FloatArray:
-        """Direct light on the flat ground."""
+        """Direct irradiance of the flat ground, W/m2."""
         return self.dni_w_m2 * np.maximum(self.cos_zenith, 0.0)
 
     @property
     def global_w_m2(self) -> FloatArray:
-        """Direct and diffuse light on the flat ground."""
+        """Global irradiance of the flat ground, W/m2."""
         return self.beam_w_m2 + np.maximum(self.diffuse_w_m2, 0.0)
 
     @property
@@ -69,7 +69,7 @@ class Station:
         return np.asarray(np.abs(self.time_s - noon) <= MIDDAY_S)
 
     def surface_k(self, emissivity: float) -> FloatArray:
-        """Temperature of the ground from the measured long wave."""
+        """Temperature of the ground from the measured longwave."""
         emitted = self.longwave_up_w_m2 - (1.0 - emissivity) * self.longwave_down_w_m2
         return np.asarray((emitted / (emissivity * STEFAN_BOLTZMANN)) ** 0.25)
 
@@ -108,9 +108,9 @@ class Ground:
 
     def temperature_k(self, station: Station) -> FloatArray:
         """Surface temperature at every minute."""
-        light = station.global_w_m2 if self.with_diffuse else station.beam_w_m2
+        shortwave = station.global_w_m2 if self.with_diffuse else station.beam_w_m2
         albedo = station.albedo if self.albedo is None else self.albedo
-        absorbed = (1.0 - albedo) * light + self.emissivity * station.longwave_down_w_m2
+        absorbed = (1.0 - albedo) * shortwave + self.emissivity * station.longwave_down_w_m2
         exchange = self.still_w_m2_k + self.per_wind * station.wind_m_s
         if self.inertia == 0.0:
             return balance_temperature(absorbed + exchange * station.air_k, exchange, self.emissivity)
@@ -129,10 +129,10 @@ class Ground:
 
 
 def as_printed(station: Station, emissivity: float, *, with_diffuse: bool) -> FloatArray:
-    """Eq. (7) with Table 1 on flat ground, kelvin; diffuse light is not the paper's."""
+    """Eq. (7) with Table 1 on flat ground, kelvin; diffuse irradiance is not in the paper."""
     parameters = replace(TABLE_1, emissivity_broadband=emissivity)
-    light = station.global_w_m2 if with_diffuse else station.beam_w_m2
-    return surface_temperature(light, station.longwave_down_w_m2, station.air_k, parameters)
+    shortwave = station.global_w_m2 if with_diffuse else station.beam_w_m2
+    return surface_temperature(shortwave, station.longwave_down_w_m2, station.air_k, parameters)
 
 
 Maker = Callable[..., Ground]
@@ -154,11 +154,11 @@ class Family:
         measured = station.surface_k(self.make(*self.start).emissivity)
         known = chosen & np.isfinite(measured)
 
-        def left(values: FloatArray) -> FloatArray:
+        def residuals(values: FloatArray) -> FloatArray:
             return np.asarray((self.make(*values).temperature_k(station) - measured)[known])
 
         found = least_squares(
-            left,
+            residuals,
             self.start,
             bounds=(self.low, self.high),
             x_scale=np.subtract(self.high, self.low),

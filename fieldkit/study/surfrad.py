@@ -1,6 +1,6 @@
-"""``fieldkit study --surfrad``: the surface models against days of NOAA's radiation network.
+"""The surface models against days of SURFRAD, NOAA's radiation network.
 
-Each file by itself: the paper's eq. (7) with and without diffuse light, and fits within the
+Each file by itself: the paper's eq. (7) with and without diffuse irradiance, and fits within the
 sample, within three hours of the highest sun. Files of one station that follow each other:
 models trained on the first local day and tried on the second.
 """
@@ -24,7 +24,7 @@ from fieldkit.weather import Weather, read_station_file
 EMISSIVITIES = (0.90, 0.97)
 FITTED_EMISSIVITY = 0.97
 _INCOMING_COLUMN, _REFLECTED_COLUMN = 8, 10
-_DARK_W_M2 = 20.0  # below, the ratio of two small numbers says nothing of the ground
+_DARK_W_M2 = 20.0  # below, the ratio of two small numbers is noise
 Rows = list[dict[str, Any]]
 
 
@@ -94,7 +94,7 @@ def _trained(station: Station, weather: Weather) -> Rows:
 
 
 def read(path: Path) -> tuple[Weather, FloatArray]:
-    """The day and its albedo by the minute; the station is told by its place."""
+    """The day and its albedo by the minute; the station is identified by its place."""
     albedo = _albedo(path)
     return read_station_file(path), albedo
 

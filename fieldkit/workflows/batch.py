@@ -90,7 +90,7 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that enter the minutes themselves, everything else at its default.
 
     From counts to surface temperature (emissivity, reflected temperature), from light reading
-    to direct sun (streams, irradiance model, refraction), and what flags a minute (low sun, settling).
+    to DNI (streams, irradiance model, refraction), and what flags a minute (low sun, settling).
     """
     return EstimatorSettings(
         surface=SurfaceParameters(emissivity=settings.surface.emissivity),
@@ -240,7 +240,7 @@ def estimate_sessions(
 
 
 def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterator[Outcome | Failure]:
-    """The outcome of every run, in whatever order they come; each is in the cache before it is told.
+    """The outcome of every run, in whatever order they come; each is cached before it is yielded.
 
     Sessions that cannot be read give failures, and the others go on.
     """

@@ -220,13 +220,13 @@ def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:
             {
                 "tilt_deg": tilt,
                 "azimuth_deg": turn,
-                "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[bed, minute],
-                "kelvin_per_degree": plan.sensitivity.temperature_k[bed, minute],
-                "weak": bool(plan.weak[bed, minute]),
-                "uncertain": bool(plan.uncertain(index)[bed]),
-                **{f"bound_{name}": getattr(found, name)[bed] for name in found.__slots__},
+                "w_m2_per_degree": plan.sensitivity.irradiance_w_m2[place, minute],
+                "kelvin_per_degree": plan.sensitivity.temperature_k[place, minute],
+                "weak": bool(plan.weak[place, minute]),
+                "uncertain": bool(plan.uncertain(index)[place]),
+                **{f"bound_{name}": getattr(found, name)[place] for name in found.__slots__},
             }
-            for bed, (tilt, turn) in enumerate(plan.facets)
+            for place, (tilt, turn) in enumerate(plan.facets)
         ],
     }
 

@@ -77,7 +77,7 @@ def report(
     options
         How the sessions are estimated and summarised.
     notify
-        Receives remarks, such as damaged samples that were excluded.
+        Receives notes, such as damaged samples that were excluded.
 
     Returns
     -------

@@ -303,7 +303,7 @@ def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], window: Wi
 def chosen_minutes(
     bins: Sequence[MinuteBin], field: RegionColumns, window_s: float | None, weather_ns: int
 ) -> list[MinuteBin]:
-    """The minutes of a window that say something: it ends with the last of them.
+    """The usable minutes of a window, which ends with the last of them.
 
     It begins `window_s` before, or with the minute `weather_ns` lies in where that is None.
     """
@@ -333,26 +333,26 @@ def _solved(
     shape = (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
     emissivity, offset_k = _of_pixels(estimator.regions, shape, settings)
-    # as for regions: a reference that was never seen is no reference, the others are averaged
+    # as for regions: a reference without any temperature is excluded, the others are averaged
     table = np.array([one.temperature_k[field.references] for one in chosen])
     seen = np.isfinite(table).any(axis=0)
     reference_normal = field.reference_normals[seen].mean(axis=0)
     for one, references_k in zip(chosen, table[:, seen], strict=True):
         reference_k = float(np.mean(references_k))
         if np.isfinite(reference_k):
-            brightness = mean_picture(session, camera, one.minute)
-            # what the camera sees too warm is brightness: a kelvin of it is more of a grey surface
+            brightness = mean_frame_k(session, camera, one.minute)
+            # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
             kelvin = surface_temperature_k(
                 brightness - offset_k, emissivity, settings.reflected_temperature_k
             )
-            light = one.dni_w_m2 * settings.scale
-            sums.add(kelvin, reference_k, one.sun, light, reference_normal)
+            dni_w_m2 = one.dni_w_m2 * settings.scale
+            sums.add(kelvin, reference_k, one.sun, dni_w_m2, reference_normal)
     slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
     return _within_regions(slopes, estimator.regions), bounds
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
-    """Outside the regions nothing says that the ground is made of what the reference is: uncertain."""
+    """Outside the regions the ground may differ from the reference's material: uncertain."""
     state = slopes.state.copy()
     drawn = np.zeros((state.shape[0], state.shape[1]), np.bool_)
     for region in regions:
@@ -374,19 +374,19 @@ def _of_pixels(
     return emissivity, offset_k
 
 
-def mean_picture(session: Session, camera: StreamInfo, minute: int) -> FloatArray:
+def mean_frame_k(session: Session, camera: StreamInfo, minute: int) -> FloatArray:
     """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
 
-    NaN where the camera's law has no answer, and all over without a usable frame.
+    NaN where the camera's law has no temperature, and everywhere without a usable frame.
     """
     rows = np.flatnonzero(session.times_ns(camera.name) // MINUTE_NS == minute)
-    total, pictures = np.zeros(camera.shape), 0
+    total, count = np.zeros(camera.shape), 0
     for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else ():
         for frame in session.stream(camera.name).samples(int(run[0]), int(run[-1]) + 1):
             if isinstance(frame, Frame) and is_usable(frame.quality):
                 total += frame_k(camera, frame.counts, frame.metadata_rows, np.float32)
-                pictures += 1
-    return total / pictures if pictures else np.full(camera.shape, np.nan)
+                count += 1
+    return total / count if count else np.full(camera.shape, np.nan)
 
 
 def _mapped_region(found: MappedSession, region: Region) -> MappedRegion:

@@ -67,7 +67,7 @@ def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]
 
 
 def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, float]]:
-    """Column and what to add for kelvin, by the name of the region; everything missing is told at once."""
+    """Column and its zero in kelvin by region; all missing columns are reported at once."""
     found = {
         name[:-2]: (name, 0.0 if name.endswith("_k") else CELSIUS_ZERO_K)
         for name in names
