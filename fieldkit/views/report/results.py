@@ -76,7 +76,7 @@ def likelihood_words(settings: EstimatorSettings) -> str:
         }
     parts += [f"{name} good to {sd:.0%}" for name, sd in relative_sds.items() if sd > 0]
     if settings.model == "paper":
-        parts.append(f"and {PAPER_SCALE_SD:.0%} of scale for what the paper's model leaves out")
+        parts.append(f"and {PAPER_SCALE_SD:.0%} of scale for what the paper's model omits")
     return "covers " + ", ".join(parts)
 
 

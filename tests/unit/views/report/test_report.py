@@ -88,7 +88,7 @@ def test_report_tells_what_where_when_and_how_good(written):
         "1 gap while recording",
         "15°/180°", "25°/180°", "eq10 /0.44, no diffuse, horizontal",
         "covers noise of 0.05 K, an offset between regions of 0.25 K, an irradiance scale good to 8%, "
-        "an exchange with the air good to 15%, and 20% of scale for what the paper's model leaves out",
+        "an exchange with the air good to 15%, and 20% of scale for what the paper's model omits",
         "SD by eq. (9) as printed", "camera back after 14 s", "3 checks against system", "+4.0 ms",
         "A. Nonymous", "fieldkit record --for 45m", "unit-norm, model paper", "numpy", 'azimuth = "known"',
     ):  # fmt: skip
@@ -171,7 +171,7 @@ def test_full_model_says_that_it_has_the_terms(written, settings):
     page = Page(written(settings=replace(settings, model="full", conductivity_sd=0.2)))
     assert "estimated with the full model, which has them" in page.text
     assert "a conductivity of the sand good to 20%" in page.text
-    assert "paper's model leaves out" not in page.text
+    assert "paper's model omits" not in page.text
 
 
 def test_verdict_names_the_worst_bed(make_minute, regions):
