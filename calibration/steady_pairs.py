@@ -74,7 +74,7 @@ class _Blocks:
         return self.start_ns.size
 
 
-def steady_stretches(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
+def steady_intervals(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
     """Every stretch in which the probe stood still, in order of time."""
     blocks = _blocks(readings)
     return [_stretch(blocks, rows) for rows in _runs(blocks, steady_k_min)]

@@ -1,9 +1,9 @@
 """The conformance suite: what every driver, ours or a plug-in's, must do.
 
-Four groups. *Words*: name, title, quantity, and that looking for instruments raises nothing. *Bytes*: if
-the driver decodes, any bytes give values or reasons, never an exception. *Device*: if an instrument is
-given, it is opened, keeps its identity, meets its deadline, delivers what it declared, closes twice, and
-opens again. *Cable*: if somebody pulls it, the loss is told, and the instrument comes back as the same one.
+Four groups. *Metadata*: name, title, quantity, and discovery that raises nothing. *Bytes*: if the driver
+decodes, any bytes give values or reasons, never an exception. *Device*: if an instrument is given, it opens,
+keeps its identity, meets its deadline, delivers what it declared, closes twice and opens again. *Cable*: when
+it is unplugged, the loss is reported, and the instrument returns as the same one.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ DEADLINE_S = 0.5
 SLACK_S = 1.0
 HAND_S = 60.0  # a person crawls under the table
 RETRY_S = 0.2
-NOBODY = "ffff:ffff:nobody"
+ABSENT_IDENTITY = "ffff:ffff:absent"
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one check found: `level` ok, fail or skip."""
+    """Result of one check: `level` ok, fail or skip."""
 
     level: str
     what: str
@@ -38,7 +38,7 @@ class Outcome:
 
 
 class Cable(Protocol):
-    """Somebody, or something, that pulls the instrument's cable."""
+    """What unplugs the instrument: a person, or a relay."""
 
     def unplug(self) -> None:
         """Pull it, or ask for it; it may take `HAND_S` until it is done."""
@@ -48,23 +48,23 @@ class Cable(Protocol):
 
 
 class CheckError(Exception):
-    """A check's complaint."""
+    """A failed check."""
 
 
 class SkipError(Exception):
-    """Why a check could not be made."""
+    """Why a check was skipped."""
 
 
 def check_driver(
     driver: Driver, clock: Clock, settings: DeviceSettings | None = None, cable: Cable | None = None
 ) -> Iterator[Outcome]:
-    """Run the suite; `settings` names an instrument to open, `cable` pulls it; None leaves that out."""
-    for what, check in _words(driver):
+    """Run the suite; `settings` names an instrument to open, `cable` unplugs it; None skips that part."""
+    for what, check in _metadata(driver):
         yield _outcome(what, check)
     yield _outcome("any bytes give values or reasons", lambda: _bytes(driver))
-    yield _outcome("an instrument that is not there is said to be missing", lambda: _missing(driver, clock))
+    yield _outcome("a missing instrument is reported as missing", lambda: _missing(driver, clock))
     if settings is None:
-        yield Outcome("skip", "device", "no instrument was named; --port or --identity names one")
+        yield Outcome("skip", "device", "no instrument named; use --port or --identity")
         return
     yield from _device(driver, clock, settings, cable)
 
@@ -76,20 +76,20 @@ def _outcome(what: str, check: Callable[[], str]) -> Outcome:
         return Outcome("fail", what, str(failure))
     except SkipError as skipped:
         return Outcome("skip", what, str(skipped))
-    except Exception as error:  # a driver may fail in any way; telling how is the point
+    except Exception as error:  # a driver may fail in any way; reporting how is the point
         return Outcome("fail", what, f"{type(error).__name__}: {message_of(error)}")
 
 
-def _need(fact: bool, complaint: str) -> None:
+def _need(fact: bool, message: str) -> None:
     if not fact:
-        raise CheckError(complaint)
+        raise CheckError(message)
 
 
-def _words(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
+def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
     def named() -> str:
-        for word in ("name", "title", "quantity"):
-            text = getattr(driver, word, None)
-            _need(isinstance(text, str) and bool(text), f"{word} is {text!r}, not a text")
+        for attribute in ("name", "title", "quantity"):
+            text = getattr(driver, attribute, None)
+            _need(isinstance(text, str) and bool(text), f"{attribute} is {text!r}, not a text")
         return f"{driver.name}: {driver.title}"
 
     def finds() -> str:
@@ -99,10 +99,10 @@ def _words(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
             "find() gives no list of Found",
         )
         strange = [one.driver for one in found if one.driver != driver.name]
-        _need(not strange, f"find() answers for {strange}")
-        return f"{len(found)} plugged in"
+        _need(not strange, f"find() returns devices of {strange}")
+        return f"{len(found)} connected"
 
-    return [("it says what it is", named), ("it looks for instruments", finds)]
+    return [("it describes itself", named), ("it finds instruments", finds)]
 
 
 def _bytes(driver: Driver) -> str:
@@ -124,19 +124,19 @@ def _bytes(driver: Driver) -> str:
             bool(decoded.values or decoded.rejected or decoded.rest or decoded.notes or not data),
             "bytes vanish",
         )
-    return f"{len(samples)} stretches of bytes"
+    return f"{len(samples)} byte strings"
 
 
 def _missing(driver: Driver, clock: Clock) -> str:
     try:
-        device = driver.open(DeviceSettings("selftest", driver.name, identity=NOBODY), clock)
+        device = driver.open(DeviceSettings("selftest", driver.name, identity=ABSENT_IDENTITY), clock)
     except DeviceNotFoundError as error:
         _need(bool(error.fix), f"no fix is named: {error.message}")
         return error.message
     except (DeviceError, ConfigError) as error:
-        return f"refused before looking: {error.message}"
+        return f"rejected before searching: {error.message}"
     device.close()
-    raise CheckError(f"it opened an instrument of identity {NOBODY}")
+    raise CheckError(f"it opened an instrument of identity {ABSENT_IDENTITY}")
 
 
 def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable | None) -> Iterator[Outcome]:
@@ -145,7 +145,7 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     def opens() -> str:
         device = driver.open(settings, clock)
         opened.append(device)
-        _need(isinstance(device, Device), "what open() gives is no Device")
+        _need(isinstance(device, Device), "open() does not return a Device")
         return _declared(device.info, settings)
 
     yield (first := _outcome("it opens and declares its stream", opens))
@@ -157,11 +157,11 @@ def _device(driver: Driver, clock: Clock, settings: DeviceSettings, cable: Cable
     yield _outcome("it closes, twice", lambda: _closes(opened[0]))
     yield _outcome("it opens again as the same instrument", lambda: _again(driver, clock, settings, info))
     if cable is None:
-        yield Outcome("skip", "cable", "nobody pulls it; --unplug asks you to")
+        yield Outcome("skip", "cable", "not tested; --unplug asks you to pull it")
         return
-    yield _outcome("it tells when it is unplugged", lambda: _lost(driver, clock, settings, cable))
+    yield _outcome("it reports being unplugged", lambda: _lost(driver, clock, settings, cable))
     cable.plug()
-    yield _outcome("it comes back as the same instrument", lambda: _back(driver, clock, settings, info))
+    yield _outcome("it returns as the same instrument", lambda: _back(driver, clock, settings, info))
 
 
 def _declared(info: StreamInfo, settings: DeviceSettings) -> str:
@@ -210,15 +210,15 @@ def _fits(sample: Frame | Reading, info: StreamInfo) -> None:
 def _closes(device: Device) -> str:
     device.close()
     device.close()
-    return "no complaint"
+    return "no error"
 
 
 def _again(driver: Driver, clock: Clock, settings: DeviceSettings, before: StreamInfo) -> str:
     device = driver.open(settings, clock)
     try:
-        for word in ("identity", "serial_number", "shape", "unit"):
-            old, new = getattr(before, word), getattr(device.info, word)
-            _need(old == new, f"{word} was {old!r}, is {new!r}")
+        for name in ("identity", "serial_number", "shape", "unit"):
+            old, new = getattr(before, name), getattr(device.info, name)
+            _need(old == new, f"{name} was {old!r}, is {new!r}")
         _delivers(device, clock)
     finally:
         device.close()
@@ -251,7 +251,7 @@ def _back(driver: Driver, clock: Clock, settings: DeviceSettings, before: Stream
 
 
 def settings_for(driver: Driver, port: str, identity: str, options: dict[str, Any]) -> DeviceSettings | None:
-    """The instrument to test: the one named, or the only one that is plugged in; None if there is none."""
+    """The instrument to test: the one named, or the only one connected; None otherwise."""
     if port or identity:
         return DeviceSettings("selftest", driver.name, port=port, identity=identity, options=options)
     try:

@@ -1,10 +1,9 @@
-"""What bytes mean: values as the instrument says them, or the reason for rejecting them.
+"""Decoding: bytes to values in the instrument's own units, or the reason for rejecting them.
 
-A meter's protocol is a `Layout`: one pure function that looks at the start of a buffer and
-says "a record", "not a record, drop so many bytes" or "too short to tell". Everything that
-moves bytes (the serial port, `fieldkit decode`) works with that alone. A record keeps its numbers apart from
-what is said of them, which hardly ever changes: at ten readings a second the interpreter is cold, and every
-step of making a reading is felt.
+A meter's protocol is a `Layout`: one pure function that gets the start of a buffer and returns a record, a
+rejection (how many bytes to drop, and why) or None (too short to decide). Everything that moves bytes (the
+serial port, `fieldkit decode`) works with that alone. A record keeps its numbers apart from their
+description, which rarely changes.
 """
 
 from __future__ import annotations
@@ -17,40 +16,40 @@ from fieldkit.model.samples import NO_COUNTER, Quality
 
 
 class Channel(NamedTuple):
-    """What an instrument says beside a number: which one it is, its unit, and how far to trust it.
+    """Description of a number: its name, its unit, and its quality.
 
-    `words` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
+    `states` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
     """
 
     name: str
     unit: str
     quality: Quality = Quality.GOOD
-    words: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
 
 
 class Value(NamedTuple):
     """One value in the unit the instrument used; NaN where it shows none.
 
-    `words` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
+    `states` are the instrument's own states ("hold", "low_battery") that no `Quality` covers.
     """
 
     value: float
     unit: str
     channel: str
     quality: Quality = Quality.GOOD
-    words: tuple[str, ...] = ()
+    states: tuple[str, ...] = ()
 
     @property
     def flags(self) -> list[str]:
         """Quality and words as lower-case names."""
-        return [flag.name.lower() for flag in self.quality if flag.name] + list(self.words)
+        return [flag.name.lower() for flag in self.quality if flag.name] + list(self.states)
 
 
 class Record(NamedTuple):
     """One record at the start of a buffer, `length` bytes long: numbers, and the channel of each.
 
-    A decoder that gives the very same `channels` again while nothing but the numbers changes is the quicker.
-    `note` says in words what is no value (a request, a mode, a range); `device_time` is the
+    Returning the same `channels` object while only the numbers change lets the meter reuse its conversion.
+    `note` describes what is not a value (a request, a mode, a range); `device_time` is the
     instrument's own time.
     """
 
@@ -65,19 +64,19 @@ class Record(NamedTuple):
         cls, length: int, values: Iterable[Value], note: str = "", device_time: int = NO_COUNTER
     ) -> Record:
         """A record of `values`."""
-        told = tuple(values)
-        channels = tuple(Channel(one.channel, one.unit, one.quality, one.words) for one in told)
-        return cls(length, tuple(one.value for one in told), channels, note, device_time)
+        given = tuple(values)
+        channels = tuple(Channel(one.channel, one.unit, one.quality, one.states) for one in given)
+        return cls(length, tuple(one.value for one in given), channels, note, device_time)
 
     @property
     def values(self) -> tuple[Value, ...]:
-        """Each number with what is said of it."""
+        """Each number with its description."""
         pairs = zip(self.numbers, self.channels, strict=True)
-        return tuple(Value(number, one.unit, one.name, one.quality, one.words) for number, one in pairs)
+        return tuple(Value(number, one.unit, one.name, one.quality, one.states) for number, one in pairs)
 
 
 class Rejected(NamedTuple):
-    """Bytes that are no record, and why; `offset` counts from where the reading began."""
+    """Bytes that are not a record, and why; `offset` counts from the start of the data."""
 
     length: int
     reason: str
@@ -89,7 +88,7 @@ Parsed = Record | Rejected | None
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How records look on the wire: `parse` sees at most `longest` bytes and needs no more."""
+    """How records look on the wire: `parse` gets at most `longest` bytes and needs no more."""
 
     parse: Callable[[bytes], Parsed]
     longest: int
@@ -97,7 +96,7 @@ class Layout:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """All that a stretch of bytes says: values, rejected parts, and bytes left over at the end."""
+    """Everything decoded from a byte string: values, rejected parts, and bytes left over at the end."""
 
     values: tuple[Value, ...]
     rejected: tuple[Rejected, ...] = ()
@@ -107,7 +106,7 @@ class Decoded:
 
 @runtime_checkable
 class Decodes(Protocol):
-    """A driver that can say what bytes mean without an instrument."""
+    """A driver that can decode bytes without an instrument."""
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain `data`; never raises for any bytes."""
@@ -120,7 +119,7 @@ def skip_to(start: bytes, data: bytes) -> int:
 
 
 def decode_records(data: bytes, layout: Layout) -> Decoded:
-    """Take `data` apart into records, as the serial port would."""
+    """Split `data` into records, as the serial port would."""
     values: list[Value] = []
     rejected: list[Rejected] = []
     notes: list[str] = []
@@ -130,7 +129,7 @@ def decode_records(data: bytes, layout: Layout) -> Decoded:
         if parsed is None:
             if len(data) - position < layout.longest:
                 break
-            parsed = Rejected(1, "no end of record in sight")
+            parsed = Rejected(1, "no end of record found")
         if isinstance(parsed, Record):
             values.extend(parsed.values)
             notes.extend([parsed.note] if parsed.note else [])

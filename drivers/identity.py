@@ -1,4 +1,4 @@
-"""Who is plugged in: USB identities that survive a reboot and a replug.
+"""USB identities that survive a reboot and a replug, and fixes for permissions.
 
 An identity is written ``vendor:product`` or ``vendor:product:serial`` (hexadecimal, as `lsusb`
 prints them) or, for two look-alikes without serial numbers, the USB path of the socket
@@ -20,13 +20,13 @@ UDEV_FIX = "fieldkit doctor --udev | sudo tee /etc/udev/rules.d/70-fieldkit.rule
 
 
 def permission_fix(group: str) -> str:
-    """What to type when a node may not be opened; nobody should join the group root for it."""
+    """Commands that give access to a node of `group`; root is not a group to join."""
     rules = f"{UDEV_FIX}, then unplug and plug it"
     return rules if group == "root" else f"{rules}; or: sudo usermod -aG {group} $USER, then log in again"
 
 
 def group_of(path: str) -> str:
-    """The group that a node belongs to; where that cannot be told, the one most systems use."""
+    """The group of a node; ``dialout``, which most systems use, where it cannot be read."""
     try:
         return grp.getgrgid(os.stat(path).st_gid).gr_name
     except (OSError, KeyError):
@@ -39,7 +39,7 @@ _IDS = re.compile(r"([0-9a-fA-F]{4}):([0-9a-fA-F]{4})(?::(.+))?")
 
 @dataclass(frozen=True, slots=True)
 class UsbIdentity:
-    """The names one USB instrument goes by; `path` is its socket."""
+    """Identifiers of one USB instrument; `path` is its socket."""
 
     vendor: int
     product: int
@@ -57,7 +57,7 @@ class UsbIdentity:
         return same_kind and (serial is None or serial == self.serial)
 
     def as_text(self, present: Sequence[UsbIdentity] = ()) -> str:
-        """The shortest identity that tells it from everything else in `present`."""
+        """The shortest identity that is unique among `present`."""
         kind = f"{self.vendor:04x}:{self.product:04x}"
         alike = [other for other in present if (other.vendor, other.product) == (self.vendor, self.product)]
         if self.serial and sum(other.serial == self.serial for other in alike) <= 1:

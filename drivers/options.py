@@ -12,7 +12,7 @@ from fieldkit.model.errors import ConfigError
 
 
 def reject_unknown(settings: DeviceSettings, allowed: Sequence[str]) -> None:
-    """Raise `ConfigError` for the first option of a device that its driver does not know."""
+    """Raise `ConfigError` for the first option that the driver does not declare."""
     for key in settings.options:
         if key not in allowed:
             near = difflib.get_close_matches(key, allowed, n=1)
@@ -65,7 +65,7 @@ def decoding_settings(driver: str, given: Mapping[str, Any]) -> DeviceSettings:
 
 
 def kelvin_per_count(settings: DeviceSettings) -> float:
-    """The option `kelvin_per_count` of cameras that do not tell it; NaN without."""
+    """The option `kelvin_per_count` of cameras that do not report it; NaN without."""
     return number(settings, "kelvin_per_count", math.nan)
 
 

@@ -4,8 +4,8 @@ pyserial opens and configures the port; the session's clock does the waiting. Fo
 
 A record's stamp is when its first byte was on the wire: the moment the chunk that brought it was read, less
 the wire time of that byte and what came after it in the same chunk. On a computer that falls behind, that
-moment says little: bytes wait in the port and are read in one bunch. The wire time then gives way, so that
-stamps keep their order and none lies before the end of the record before it, or after its arrival; such
+moment is no measurement: bytes wait in the port and are read in one bunch. The wire time then gives way, so
+that stamps keep their order and none lies before the end of the record before it, or after its arrival; such
 records are marked `bunched`. Bytes that are no record are dropped up to the next possible start; a run of
 them counts as one rejection.
 """
@@ -68,7 +68,7 @@ _NOTHING_BEFORE: tuple[Arrival, tuple[Channel, ...], bool] = (Arrival(0, 0, 0), 
 
 
 class Port(Protocol):
-    """What a meter needs of the thing that moves its bytes: a serial line, a HID bridge, a socket."""
+    """What moves a meter's bytes: a serial line, a HID bridge, a socket."""
 
     path: str
     framer: Framer
@@ -91,7 +91,7 @@ class Port(Protocol):
     def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`.
 
-        With a `request` everything received so far is forgotten, and the record is the answer.
+        With a `request`, everything received so far is discarded and the record is the reply.
         """
 
     def close(self) -> None:
@@ -101,8 +101,8 @@ class Port(Protocol):
 class Framer:
     """Takes chunks in, gives records out; `byte_ns` is the wire time of one byte.
 
-    Written out flat: at ten readings a second nothing stays in the processor's caches, and each step of a
-    reading is felt.
+    `feed` has a short path for a chunk that is exactly one record: it is the usual case, and the goals of
+    ``benchmarks/drivers_serial.py`` are out of reach without it.
     """
 
     def __init__(self, byte_ns: int) -> None:
@@ -128,7 +128,7 @@ class Framer:
         """The next record after a chunk that was read at `mono_ns`, None if the bytes do not make one yet."""
         length = len(chunk)
         self.received += length
-        if not self.left and 0 < length <= layout.longest:  # most chunks are one whole record
+        if not self.left and 0 < length <= layout.longest:  # the short path
             parsed = layout.parse(chunk)
             begun_ns = mono_ns - length * self._byte_ns
             if isinstance(parsed, Record) and parsed.length == length and begun_ns >= self._passed_ns:
@@ -142,7 +142,7 @@ class Framer:
         return self.next_record(layout)
 
     def discard(self) -> None:
-        """Forget everything received so far: the next record answers a request and did not wait."""
+        """Discard everything received so far: the next record is a reply and did not wait."""
         self._asked = True
         self.left = self._refused = b""
 
@@ -255,8 +255,8 @@ class SerialPort:
             self._serial.open()
             self._fd = self._serial.fileno()
             self._blocks_for_s = math.nan
-            os.set_blocking(self._fd, True)  # for as long as `_block_for` says
-            # The lock above only keeps out programs that ask for it; this keeps out the others.
+            os.set_blocking(self._fd, True)  # for as long as `_block_for` sets
+            # The lock above only excludes programs that check it; this excludes the others.
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
         except (OSError, termios.error) as error:
             self._serial.close()
@@ -292,7 +292,7 @@ class SerialPort:
     def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
         """The next record, or None if none is complete within `timeout_s`, or a tenth of a second more.
 
-        With a `request` everything received so far is forgotten, and the record is the answer.
+        With a `request`, everything received so far is discarded and the record is the reply.
         """
         clock, framer = self._clock, self.framer
         try:
@@ -367,7 +367,7 @@ def open_port(
     """The port that `settings` names, by path or identity; with neither, the only one that could be meant.
 
     `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
-    `DeviceNotFoundError` with what is plugged in instead.
+    `DeviceNotFoundError` with what is connected instead.
     """
     return SerialPort(_find_path(settings, kinds), line, clock, dtr=dtr)
 
@@ -407,7 +407,7 @@ def _find_path(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> st
     ]
     if len(fitting) == 1:
         return fitting[0]
-    what = f"with identity {wanted}" if wanted else "that could be meant"
+    what = f"with identity {wanted}" if wanted else "that match"
     raise DeviceNotFoundError(
         f"{settings.name}: {len(fitting) or 'no'} serial ports {what}; {_listing(ports)}",
         fix=identity_fix(settings.name, ports),
@@ -422,14 +422,14 @@ def _refuse_another(settings: DeviceSettings, ports: list[tuple[str, UsbIdentity
             another = f"{settings.port} is {usb.as_text()}, not {settings.identity}"
             raise DeviceNotFoundError(
                 f"{settings.name}: {another}; {_listing(ports)}",
-                fix="leave port out of the configuration: the identity is enough",
+                fix="omit port from the configuration: the identity is enough",
             )
 
 
 def _listing(ports: list[tuple[str, UsbIdentity]]) -> str:
     present = [usb for _, usb in ports]
     names = [f"{usb.as_text(present)} at {path} ({usb.title})" for path, usb in ports]
-    return "plugged in: " + ", ".join(names) if names else "no USB serial port is plugged in"
+    return "connected: " + ", ".join(names) if names else "no USB serial port is connected"
 
 
 def open_failure(path: str, error: Exception) -> DeviceError:
@@ -450,7 +450,7 @@ def open_failure(path: str, error: Exception) -> DeviceError:
             f"{path} is used by another program",
             fix=f"close it (fuser -v {path} names it); if it is ModemManager, install the rules: {UDEV_FIX}",
         )
-    return DeviceAccessError(f"{path} cannot be opened: {error}", fix="fieldkit doctor looks for the cause")
+    return DeviceAccessError(f"{path} cannot be opened: {error}", fix="fieldkit doctor checks for the cause")
 
 
 def _sysfs_node(path: str) -> Path:

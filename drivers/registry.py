@@ -1,8 +1,8 @@
-"""Which drivers there are: our own in a table, those of other packages by entry point.
+"""The drivers: fieldkit's own in a table, those of other packages by entry point.
 
-A driver is loaded when it is asked for, never before. An entry point of group `fieldkit.drivers`
-names a class like the ones in the table. A name that two packages claim is refused,
-and a driver that cannot be loaded is a problem to report, not an end.
+A driver is loaded when it is needed, never before. An entry point of group `fieldkit.drivers`
+names a class like the ones in the table. A name that two packages claim is an error,
+and a driver that cannot be loaded is reported without stopping the others.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def get(name: str) -> Driver:
     if not owners:
         near = difflib.get_close_matches(name, names(), n=1)
         hint = f"did you mean {near[0]}?" if near else "fieldkit devices lists the drivers"
-        raise ConfigError(f"no driver is called {name!r}; there are {', '.join(names())}", fix=hint)
+        raise ConfigError(f"there is no driver {name!r}; available: {', '.join(names())}", fix=hint)
     if len(owners) > 1:
         raise ConfigError(
             f"two drivers are called {name!r}: one of {owners[0]}, one of {owners[1]}",
@@ -77,7 +77,7 @@ def open_device(settings: DeviceSettings, clock: Clock) -> Device:
 
 
 def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
-    """What `data` means to the driver called `name`, with the options `given`; raises `ConfigError`."""
+    """Decode `data` with the driver called `name` and the options `given`; raises `ConfigError`."""
     driver = get(name)
     if not isinstance(driver, Decodes):
         raise ConfigError(f"the driver {name} cannot decode without its instrument", fix="fieldkit record")
@@ -86,7 +86,7 @@ def decode(name: str, data: bytes, given: Mapping[str, Any]) -> Decoded:
 
 
 def load_all() -> tuple[list[Driver], list[str]]:
-    """Every driver that can be loaded, and in words what is wrong with the others."""
+    """Every driver that can be loaded, and what is wrong with the others."""
     drivers: list[Driver] = []
     problems: list[str] = []
     for name in names():
@@ -98,7 +98,7 @@ def load_all() -> tuple[list[Driver], list[str]]:
 
 
 def _reject_unknown(settings: DeviceSettings, driver: Driver) -> None:
-    """Refuse options that the driver has not; one that does not say which it has is given all."""
+    """Reject options the driver does not declare; a driver that declares none accepts any."""
     allowed = getattr(driver, "options", None)
     if allowed is not None:
         reject_unknown(settings, allowed)

@@ -1,6 +1,6 @@
 """USB instruments without a kernel driver of their own, and vendor commands beside one that has, by pyusb.
 
-pyusb is loaded when used; where it or libusb is absent, nothing is found. Its exceptions end here.
+pyusb is loaded when used; without it or libusb, nothing is found. Its exceptions end here.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from fieldkit.model.errors import DeviceAccessError, DeviceError, DeviceLostErro
 
 
 def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIdentity]]:
-    """(pyusb device, identity) of everything plugged in that is one of `kinds`."""
+    """(pyusb device, identity) of every connected device that is one of `kinds`."""
     try:
         import usb.core
 
         present = list(usb.core.find(find_all=True))
-    except (ImportError, ValueError, OSError):  # no pyusb, no libusb, or it may not look
+    except (ImportError, ValueError, OSError):  # no pyusb, no libusb, or no permission
         return []
     return [(unit, _identity(unit)) for unit in present if (unit.idVendor, unit.idProduct) in kinds]
 
@@ -29,7 +29,7 @@ def usb_instruments(kinds: Sequence[tuple[int, int]]) -> list[tuple[Any, UsbIden
 def find_usb(
     driver: str, title: str, kinds: Sequence[tuple[int, int]], caveat: str = ""
 ) -> list[DiscoveredDevice]:
-    """Plugged-in instruments of `kinds`, for `Driver.find`."""
+    """Connected instruments of `kinds`, for `Driver.find`."""
     units = [identity for _, identity in usb_instruments(kinds)]
     return [
         DiscoveredDevice(driver, one.as_text(units), f"usb:{one.path}", one.title or title, caveat)
@@ -44,10 +44,10 @@ def pick_usb(settings: DeviceSettings, kinds: Sequence[tuple[int, int]]) -> tupl
     fitting = [pair for pair in present if not settings.identity or pair[1].matches(settings.identity)]
     if len(fitting) == 1:
         return fitting[0]
-    there = ", ".join(one.as_text(units) for one in units) or "none is plugged in"
+    there = ", ".join(one.as_text(units) for one in units) or "none is connected"
     what = f"with identity {settings.identity}" if settings.identity else f"for the driver {settings.driver}"
     raise DeviceNotFoundError(
-        f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; there: {there}",
+        f"{settings.name}: {len(fitting) or 'no'} USB instruments {what}; connected: {there}",
         fix=identity_fix(settings.name, present),
     )
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
 from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Layout, Parsed, Record, Rejected
 from fieldkit.drivers.identity import UsbIdentity
@@ -54,7 +54,7 @@ _HEADER = struct.Struct(">BIII")
 
 
 class Message(NamedTuple):
-    """One frame taken apart."""
+    """One packet, parsed."""
 
     sequence: int
     function: int
@@ -63,7 +63,7 @@ class Message(NamedTuple):
 
 
 def pack(sequence: int, function: int, payload: bytes = b"", status: int = 0xFFFF_FFFF) -> bytes:
-    """A frame, ready to send."""
+    """A packet, ready to send."""
     body = _HEADER.pack(0, sequence, function, status) + payload
     body += binascii.crc_hqx(body, 0x1D0F).to_bytes(2, "big")
     escaped = b"".join(
@@ -73,7 +73,7 @@ def pack(sequence: int, function: int, payload: bytes = b"", status: int = 0xFFF
 
 
 def unpack(frame: bytes) -> Message | str:
-    """What a frame from 8E to AE says, or why it is none."""
+    """Parse a packet from 8E to AE; a text says why it is none."""
     body = bytearray()
     inside = iter(frame[1:-1])
     for byte in inside:
@@ -87,7 +87,7 @@ def unpack(frame: bytes) -> Message | str:
 
 
 def parse(buffer: bytes) -> Parsed:
-    """The frame at the start of `buffer`."""
+    """The packet at the start of `buffer`."""
     if buffer[0] != START:
         found = buffer.find(bytes([START]))
         return Rejected(found if found > 0 else len(buffer), "does not begin with 8E")
@@ -113,8 +113,8 @@ class BosonSerial:
         self._port = SerialPort(path, LINE, clock)
         self._sequence = 0
 
-    def ask(self, function: int, payload: bytes = b"") -> bytes:
-        """Send a command, return its answer's payload."""
+    def request(self, function: int, payload: bytes = b"") -> bytes:
+        """Send a command, return the payload of its reply."""
         self._sequence += 1
         self._port.write(pack(self._sequence, function, payload))
         while found := self._port.read(LAYOUT, REPLY_TIMEOUT_S):
@@ -126,30 +126,30 @@ class BosonSerial:
                 raise DeviceError(f"the Boson at {self._port.path} refuses {function:#010x}: {reason}")
             return message.payload
         raise DeviceTimeoutError(
-            f"the Boson at {self._port.path} does not answer", fix="keep ModemManager off it: fieldkit doctor"
+            f"the Boson at {self._port.path} does not reply", fix="keep ModemManager off it: fieldkit doctor"
         )
 
     def number(self, function: int) -> int:
-        """An answer as an unsigned whole number."""
-        return int.from_bytes(self.ask(function), "big")
+        """A reply as an unsigned integer."""
+        return int.from_bytes(self.request(function), "big")
 
     def fpa_temperature_k(self) -> float:
         """Temperature of the sensor."""
-        return int.from_bytes(self.ask(FPA_TEMPERATURE)[:2], "big", signed=True) / 10 + CELSIUS_ZERO_K
+        return int.from_bytes(self.request(FPA_TEMPERATURE)[:2], "big", signed=True) / 10 + CELSIUS_ZERO_K
 
     def is_shutter_running(self) -> bool:
         """Whether a correction runs now."""
         return self.number(FFC_STATE) == FFC_RUNNING
 
     def make_radiometric(self) -> None:
-        """Pixels in hundredths of a kelvin; only radiometric models take it."""
-        self.ask(TLINEAR, (1).to_bytes(4, "big"))
-        self.ask(USB_MODE, USB_MODE_TLINEAR.to_bytes(4, "big"))
+        """Pixels in hundredths of a kelvin; only radiometric models accept it."""
+        self.request(TLINEAR, (1).to_bytes(4, "big"))
+        self.request(USB_MODE, USB_MODE_TLINEAR.to_bytes(4, "big"))
 
     def facts(self) -> dict[str, str]:
         """Serial number, part number, gain and FFC mode as read back."""
         gain, mode = self.number(GAIN), self.number(FFC_MODE)
-        part = self.ask(PART_NUMBER).split(b"\0")[0].decode("ascii", "replace").strip()
+        part = self.request(PART_NUMBER).split(b"\0")[0].decode("ascii", "replace").strip()
         return {
             "serial_number": str(self.number(SERIAL_NUMBER)),
             "model": part,
@@ -166,16 +166,16 @@ WANTED = CameraFormat(((0x09CB, 0x4007),), "Y16 ", ((640, 512), (320, 256), (640
 SHAPES = {2 * width * height: (height, width) for width, height in WANTED.sizes}
 IMAGE_ROWS = {640: 512, 320: 256}
 SCALE = 0.01
-LOOK_NS = SECOND_NS  # the serial side is asked once a second
+HOUSEKEEPING_NS = SECOND_NS  # seconds between requests for housekeeping
 
 
 def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
-    """A frame by its byte count; `scale` (K per count) is what the stream was told."""
+    """A frame by its byte count; `scale` (K per count) is configured."""
     shape = SHAPES.get(len(data))
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
         return Rejected(len(data), f"{len(data)} bytes; a Boson's frame has {sizes}")
-    pixels = words(data, shape)
+    pixels = pixel_view(data, shape)
     height = IMAGE_ROWS[shape[1]]
     counts = pixels[:height]
     found = extremes(counts)
@@ -187,7 +187,7 @@ def decode(data: bytes, scale: float = math.nan) -> DecodedFrame | Rejected:
 class Boson:
     """Driver of the Boson family.
 
-    Options: those of every camera, `radiometric` (true: ask for TLinear) and `kelvin_per_count` for
+    Options: those of every camera, `radiometric` (true: request TLinear) and `kelvin_per_count` for
     cameras that were set up elsewhere.
     """
 
@@ -197,7 +197,7 @@ class Boson:
     options = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Bosons that are plugged in."""
+        """Connected Bosons."""
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -222,43 +222,43 @@ class Boson:
         if radiometric and first.quality & Quality.NO_VALUE:
             opened.source.close()
             raise DeviceError(
-                f"{settings.name}: after asking for TLinear the frames are no temperatures",
-                fix="is it a radiometric model? without it leave radiometric out: counts are recorded",
+                f"{settings.name}: TLinear was requested, but the frames hold no temperatures",
+                fix="is it a radiometric model? if not, omit radiometric: counts are recorded",
             )
         info = describe(settings, opened, first, facts)
-        run = partial(serial.ask, RUN_FFC) if serial else None
+        run = partial(serial.request, RUN_FFC) if serial else None
         return BosonCamera(info, opened.source, read, clock, run, serial)
 
 
 class BosonCamera(camera.ThermalCamera):
-    """A Boson: shutter and sensor temperature are asked once a second beside the frames.
+    """A Boson: shutter and sensor temperature are requested once a second beside the frames.
 
-    Once the commands have failed they are not asked again: waiting for them would cost frames.
+    Once a command has failed none is sent again: waiting for replies would cost frames.
     """
 
     def __init__(self, *given: Any) -> None:
         *rest, serial = given
         super().__init__(*rest)
         self._serial: BosonSerial | None = serial
-        self._answers = serial is not None
-        self._look_ns = 0
-        self._told = (math.nan, False)
+        self._has_commands = serial is not None
+        self._due_ns = 0
+        self._housekeeping = (math.nan, False)
 
-    def told(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
-        """The frame with what the serial side said last."""
-        if self._answers and mono_ns >= self._look_ns:
-            self._look_ns = mono_ns + LOOK_NS
-            self._told = self._ask()
-        fpa, running = self._told
+    def with_housekeeping(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
+        """The frame with the latest housekeeping from the serial port."""
+        if self._has_commands and mono_ns >= self._due_ns:
+            self._due_ns = mono_ns + HOUSEKEEPING_NS
+            self._housekeeping = self._request()
+        fpa, running = self._housekeeping
         return frame._replace(fpa_temperature_k=fpa, shutter=running or None)
 
-    def _ask(self) -> tuple[float, bool]:
+    def _request(self) -> tuple[float, bool]:
         """Temperature of the sensor, and whether a correction runs."""
         assert self._serial is not None
         try:
             return self._serial.fpa_temperature_k(), self._serial.is_shutter_running()
         except DeviceError:
-            self._answers = False
+            self._has_commands = False
             return math.nan, False
 
     def close(self) -> None:
@@ -280,7 +280,7 @@ def serial_side(usb: UsbIdentity, clock: Clock) -> BosonSerial | None:
 
 
 def connect(usb: UsbIdentity, clock: Clock) -> tuple[BosonSerial | None, dict[str, str]]:
-    """The commands of a camera and what they tell; (None, reason) where they cannot be reached."""
+    """The commands of a camera and the facts they report; (None, reason) where they cannot be reached."""
     serial = serial_side(usb, clock)
     if serial is None:
         return None, {"commands": "not reachable"}
@@ -291,20 +291,20 @@ def connect(usb: UsbIdentity, clock: Clock) -> tuple[BosonSerial | None, dict[st
         return None, {"commands": error.message}
 
 
-def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], told: float) -> float:
-    """Ask for TLinear; K per count then, which in low gain must be `told` (NaN if it is not)."""
+def make_radiometric(serial: BosonSerial | None, facts: Mapping[str, str], configured_scale: float) -> float:
+    """Request TLinear; returns K per count, which in low gain must be configured (NaN if not)."""
     if serial is None:
         raise DeviceError(
-            f"the Boson cannot be asked for temperatures; its commands: {facts['commands']}",
+            f"the Boson cannot be switched to temperatures; its commands: {facts['commands']}",
             fix="fieldkit doctor",
         )
-    if facts["gain"] == "low" and math.isnan(told):
+    if facts["gain"] == "low" and math.isnan(configured_scale):
         raise DeviceError(
             "the Boson is in low gain, where public sources disagree about its kelvin per count",
-            fix="set it to high gain, or look at something known and write kelvin_per_count = 0.01 or 0.02",
+            fix="set it to high gain, or compare a known temperature and set kelvin_per_count = 0.01 or 0.02",
         )
     serial.make_radiometric()
-    return SCALE if math.isnan(told) else told
+    return SCALE if math.isnan(configured_scale) else configured_scale
 
 
 def describe(

@@ -1,6 +1,6 @@
-"""The device all cameras share: take a buffer, decode it, flag it, stamp it.
+"""The device all cameras share: read a buffer, decode it, flag it, stamp it.
 
-What the bytes mean is said by the family's own module, where they come from by a `FrameSource`.
+The family's own module defines what the bytes mean, a `FrameSource` where they come from.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from fieldkit.model.errors import DecodeError, DeviceError, DeviceTimeoutError
 from fieldkit.model.samples import NO_COUNTER, Frame, Quality
 from fieldkit.physics.camera_laws import temperature_k
 
-# --- one buffer: what its bytes alone say
+# --- one buffer: what its bytes alone give
 
 PLAUSIBLE_K = (200.0, 700.0)
 """Scenes outside are a wrong scale, not weather."""
 
 _GOOD, _SATURATED, _NO_VALUE = Quality.GOOD, Quality.SATURATED, Quality.NO_VALUE
-"""By plain names: looking them up in their class takes as long as finding them."""
+"""Looking a flag up in its class would take as long as finding the extremes."""
 
 NO_ROWS = np.empty((0, 0), np.uint16)
 _NEW: Any = None  # for OpenCV to make; its type hints want an array
@@ -34,11 +34,11 @@ _WORD = np.dtype("<u2")  # made once: reading its name takes as long as finding 
 
 
 class DecodedFrame(NamedTuple):
-    """One frame as its bytes alone tell it; a tuple, because one is made for every frame.
+    """One frame as decoded from its bytes alone; a tuple, because one is made for every frame.
 
     `extremes` are the coldest and the hottest of the counts. Kelvin are ``counts * scale + offset`` if `law`
     is linear; `scale` is NaN where they are not, or unknown.
-    `shutter` is whether a correction runs or has just run, None where the camera does not tell.
+    `shutter` is whether a correction runs or has just run, None where the camera does not report it.
     """
 
     counts: NDArray[np.uint16]
@@ -59,7 +59,7 @@ class DecodedFrame(NamedTuple):
 Decode = Callable[[bytes], DecodedFrame | Rejected]
 
 
-def words(data: bytes, shape: tuple[int, int], start: int = 0) -> NDArray[np.uint16]:
+def pixel_view(data: bytes, shape: tuple[int, int], start: int = 0) -> NDArray[np.uint16]:
     """Bytes from `start`, at least as many as that shape needs, as little-endian words, without copying."""
     return np.ndarray(shape, _WORD, data, start)
 
@@ -73,7 +73,7 @@ def extremes(counts: NDArray[np.uint16]) -> tuple[float, float]:
 def quality_flags(
     extremes: tuple[float, float], ends: tuple[int, int], scale: float = math.nan, offset: float = 0.0
 ) -> Quality:
-    """`SATURATED` with a pixel at either end of what the camera can count, `NO_VALUE` without a scene.
+    """`SATURATED` with a pixel at either end of the camera's range, `NO_VALUE` without a plausible scene.
 
     A scale that puts even the warmest pixel below, or the coldest above, anything on this Earth is wrong.
     """
@@ -115,7 +115,7 @@ def _other_readings(size: int, length: int, lengths: tuple[int, ...]) -> list[st
         sizes = " or ".join(str(one) for one in sorted(lengths))
         return [f"a frame of this family has {sizes} bytes"]
     others = [one for one in sorted(lengths) if one != length and size % one == 0]
-    return [f"could also be {size // one} frames of {one} bytes; cut the file to tell" for one in others]
+    return [f"could also be {size // one} frames of {one} bytes; cut the file to decide" for one in others]
 
 
 def _note(frame: DecodedFrame) -> str:
@@ -150,7 +150,7 @@ def summary(frame: DecodedFrame) -> list[Value]:
 def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
     """Brightness temperature of a frame, float32.
 
-    OpenCV converts and scales in one pass where numpy needs two, but only to a largest value that is told.
+    OpenCV converts and scales in one pass where numpy needs two, but only for a given largest value.
     """
     if frame.law != "linear":
         return temperature_k(frame.law, frame.counts, frame.metadata_rows, {})
@@ -166,11 +166,11 @@ def kelvin(frame: DecodedFrame) -> NDArray[np.float32]:
 
 FROZEN_NS = 3_000_000_000  # longer than any shutter correction holds the frame
 SETTLING_NS = 10_000_000_000  # levels creep after a correction
-REPEATS_OF_A_SHUTTER = 2  # more than a transport repeats a frame by mistake
+REPEATS_OF_A_SHUTTER = 2  # a transport repeats a frame once at most by mistake
 
 
-class Watch:
-    """Remembers just enough of the last frames; restart it after frames were let go by."""
+class FrameMonitor:
+    """Keeps what is needed of the last frames; restart it after frames were skipped."""
 
     def __init__(self) -> None:
         self._counts: NDArray[np.uint16] | None = None
@@ -188,12 +188,12 @@ class Watch:
         self._sequence = -1
         self._repeats = 0
 
-    def shutter_runs(self, mono_ns: int) -> None:
+    def shutter_started(self, mono_ns: int) -> None:
         """A correction was seen or ordered at `mono_ns`."""
         self._settled_ns = mono_ns + SETTLING_NS
 
-    def look(self, frame: DecodedFrame, buffer: Buffer) -> Quality:
-        """What the history adds to what the bytes say."""
+    def update(self, frame: DecodedFrame, buffer: Buffer) -> Quality:
+        """Flags that follow from the previous frames."""
         quality = self._gap(buffer.sequence)
         if self._is_repeated(frame):
             self._repeats += 1
@@ -213,7 +213,7 @@ class Watch:
         return Quality.DROPPED_BEFORE if lost else Quality.GOOD
 
     def _is_repeated(self, frame: DecodedFrame) -> bool:
-        """By the camera's own counter or clock where it has one, else, and in doubt, by the pixels."""
+        """By the camera's own counter or clock where it has one, else by the pixels."""
         counter = (frame.device_seq, frame.device_time)
         if any(new == old != NO_COUNTER for new, old in zip(counter, self._counter, strict=True)):
             return True
@@ -224,9 +224,9 @@ class Watch:
         return np.array_equal(now[middle], last[middle]) and np.array_equal(now, last)
 
     def _shutter(self, frame: DecodedFrame, mono_ns: int) -> Quality:
-        """The camera's word if it gives one; else a frame that stands still betrays the shutter."""
+        """By the camera's own flag if it has one; else a frame that stands still reveals the shutter."""
         if frame.shutter is None and self._repeats >= REPEATS_OF_A_SHUTTER:
-            self.shutter_runs(mono_ns)
+            self.shutter_started(mono_ns)
         return Quality.SHUTTER if frame.shutter or mono_ns < self._settled_ns else Quality.GOOD
 
 
@@ -252,7 +252,7 @@ class ThermalCamera:
         self._decode = decode
         self._clock = clock
         self._run = run
-        self._watch = Watch()
+        self._monitor = FrameMonitor()
 
     def read(self, timeout_s: float) -> Frame | None:
         """The next frame, or None; see `fieldkit.model.device.Device`."""
@@ -263,14 +263,14 @@ class ThermalCamera:
         if frame is None or isinstance(frame, Rejected):
             self.rejected += 1
             return None
-        frame = self.told(frame, buffer.mono_ns)
+        frame = self.with_housekeeping(frame, buffer.mono_ns)
         return Frame(
             stream=self.info.name,
             mono_ns=buffer.mono_ns,
             time_ns=self._clock.to_utc_ns(buffer.mono_ns),
             counts=frame.counts,
             metadata_rows=frame.metadata_rows,
-            quality=frame.quality | self._watch.look(frame, buffer) | self._scale_doubt(frame),
+            quality=frame.quality | self._monitor.update(frame, buffer) | self._scale_quality(frame),
             device_time=frame.device_time,
             device_seq=_number(frame, buffer),
             fpa_temperature_k=frame.fpa_temperature_k,
@@ -284,23 +284,23 @@ class ThermalCamera:
             self._run()
         except DeviceError:
             return False
-        self._watch.shutter_runs(self._clock.mono_ns())
+        self._monitor.shutter_started(self._clock.mono_ns())
         return True
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let frames go by undecoded until a monotonic time, keeping the stream alive."""
+        """Skip frames undecoded until a monotonic time, keeping the stream alive."""
         self.source.skip_until(mono_ns)
-        self._watch.restart()
+        self._monitor.restart()
 
     def close(self) -> None:
         """Release the camera; a second call does nothing."""
         self.source.close()
 
-    def told(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
-        """The frame with what a second channel of the camera tells about it; most have none."""
+    def with_housekeeping(self, frame: DecodedFrame, mono_ns: int) -> DecodedFrame:
+        """The frame with what a second channel of the camera reports; most have none."""
         return frame
 
-    def _scale_doubt(self, frame: DecodedFrame) -> Quality:
+    def _scale_quality(self, frame: DecodedFrame) -> Quality:
         """`NO_VALUE` where a frame's own scale is not the one the stream declared."""
         changed = frame.scale != self.info.scale and self.info.law == "linear"
         return Quality.NO_VALUE if changed else Quality.GOOD
@@ -314,7 +314,7 @@ def _number(frame: DecodedFrame, buffer: Buffer) -> int:
 
 
 def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
-    """The first frame of a camera that has just been opened; it tells shape and scale.
+    """The first frame of a camera that has just been opened; it has shape and scale.
 
     Raises `DeviceTimeoutError` if none comes, `DecodeError` if what comes is none; the source is
     closed then.
@@ -327,7 +327,7 @@ def first_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) ->
 
 
 def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock) -> DecodedFrame:
-    """Some cameras begin with frames of another kind; what is still wrong after a while is wrong."""
+    """Some cameras begin with frames of another kind, so a wrong one is an error only after a while."""
     deadline_ns = clock.mono_ns() + int(FIRST_FRAME_S * 1e9)
     wrong, raw = "", b""
     while (remaining_ns := deadline_ns - clock.mono_ns()) > 0:
@@ -342,7 +342,7 @@ def _wait_for_frame(source: FrameSource, decode: Decode, name: str, clock: Clock
         raise DecodeError(
             f"{name}: the camera at {source.port} sends something else: {wrong}",
             raw=raw,
-            fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
+            fix="is it another camera, or in another mode? fieldkit devices shows what is connected",
         )
     raise DeviceTimeoutError(
         f"{name}: no frame from {source.port} within {FIRST_FRAME_S:g} s",

@@ -1,8 +1,8 @@
 r"""FLIR files as pure functions: FFF, SEQ (FFF one after another) and radiometric JPEG.
 
 Container, camera information and Planck constants as ExifTool and two public readers agree. Two traps: the
-file header may be big-endian while the pixels are little-endian (the record itself tells), and the bytes
-``FFF\0`` occur inside pixels, so a SEQ is walked by its directories, never searched.
+file header may be big-endian while the pixels are little-endian (the record's first word decides), and the
+bytes ``FFF\0`` occur inside pixels, so a SEQ is walked by its directories, never searched.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _INFORMATION_END = 0x394
 class FlirFrame:
     """One frame of a file: counts (rows, cols), its Planck constants and path, and where it came from.
 
-    `time_ns` is UTC nanoseconds since 1970 as the camera's clock had it, 0 if the file does not say.
+    `time_ns` is UTC nanoseconds since 1970 as the camera's clock had it, 0 if the file has no time.
     """
 
     counts: NDArray[np.uint16]
@@ -97,7 +97,7 @@ def read_frame(data: bytes) -> FlirFrame:
 
 
 def _header(data: bytes | mmap, start: int) -> tuple[str, int, int]:
-    """(byte order, directory offset, number of records); the version tells the byte order."""
+    """(byte order, directory offset, number of records); the version gives the byte order."""
     if data[start : start + 4] not in MAGIC or len(data) < start + HEADER:
         raise DecodeError(f"no FFF file at byte {start}", data[start : start + 32])
     for order in "<>":

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, words
+from fieldkit.drivers.cameras.camera import PLAUSIBLE_K, DecodedFrame, decode_frames, extremes, pixel_view
 from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.model.clock import Clock
@@ -63,7 +63,7 @@ def decode(data: bytes, law: str = "ht301") -> DecodedFrame | Rejected:
     if shape is None:
         sizes = " or ".join(str(size) for size in sorted(SHAPES))
         return Rejected(len(data), f"{len(data)} bytes; a frame of this family has {sizes}")
-    pixels = words(data, shape)
+    pixels = pixel_view(data, shape)
     counts, rows = pixels[:-ROWS], pixels[-ROWS:]
     found = coldest, hottest = extremes(counts)
     if hottest > HT301_COUNTS:
@@ -103,7 +103,7 @@ class Ht301:
     options = (*camera.OPTIONS, "range")
 
     def find(self) -> list[DiscoveredDevice]:
-        """HT-301 cameras that are plugged in; the other models go by changing ids."""
+        """Connected HT-301 cameras; the other models go by changing ids."""
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:

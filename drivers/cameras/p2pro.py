@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
 from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity, permission_fix
@@ -65,7 +65,7 @@ PATIENCE_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class CameraSetting:
-    """A setting to write and read back: `table` and `item` say where, `slack` how many counts may differ."""
+    """A setting to write and read back: `table` and `item` locate it, `slack` how many counts may differ."""
 
     name: str
     value: object
@@ -76,7 +76,7 @@ class CameraSetting:
 
 
 def requested_settings(settings: DeviceSettings) -> list[CameraSetting]:
-    """What the options `gain`, `emissivity`, `distance_m` and `auto_shutter` ask of the camera.
+    """What the options `gain`, `emissivity`, `distance_m` and `auto_shutter` request.
 
     Raises `ConfigError` for values that no camera of the family has.
     """
@@ -118,7 +118,7 @@ class Commands:
         return int.from_bytes(self._read(LONG_DATA, 2), "big")
 
     def set(self, table: int, item: int, value: int) -> int:
-        """Write one property and read it back: some firmware refuses without a word."""
+        """Write one property and read it back: some firmware refuses silently."""
         self._long(table | SET, item, value, 0, 0)
         return self.get(table, item)
 
@@ -158,10 +158,10 @@ class Commands:
 def connect(
     usb: UsbIdentity, clock: Clock, wanted: Sequence[CameraSetting] = ()
 ) -> tuple[Commands | None, dict[str, Any]]:
-    """The command channel of a camera and what it tells; (None, reason) where it cannot be reached.
+    """The command channel of a camera and the facts it reports; (None, reason) where it cannot be reached.
 
     Frames work without commands, so trouble here is a fact to record, not an error, unless a setting
-    was asked for.
+    was requested.
     """
     units = [unit for unit, found in usb_instruments(((usb.vendor, usb.product),)) if found.path == usb.path]
     if not units:
@@ -173,8 +173,8 @@ def connect(
         return None, {"commands": "not reachable"}
     commands = Commands(units[0], f"at USB {usb.path}", clock)
     try:
-        for wish in wanted:
-            _apply(commands, wish)
+        for setting in wanted:
+            _apply(commands, setting)
         return commands, _facts(commands)
     except DeviceError as error:
         if wanted:
@@ -182,15 +182,16 @@ def connect(
         return None, {"commands": error.message}
 
 
-def _apply(commands: Commands, wish: CameraSetting) -> None:
+def _apply(commands: Commands, setting: CameraSetting) -> None:
     """Write a setting; an automatic shutter that is off would leave the first frames uncorrected."""
-    taken = commands.set(wish.table, wish.item, wish.counts)
-    if abs(taken - wish.counts) > wish.slack:
+    read_back = commands.set(setting.table, setting.item, setting.counts)
+    if abs(read_back - setting.counts) > setting.slack:
         raise DeviceError(
-            f"the camera did not take {wish.name} = {wish.value}: it was sent {wish.counts} and says {taken}",
-            fix=f"leave {wish.name} out of the configuration",
+            f"the camera did not accept {setting.name} = {setting.value}: "
+            f"sent {setting.counts}, read back {read_back}",
+            fix=f"omit {setting.name} from the configuration",
         )
-    if wish.table == AUTO_SHUTTER and not wish.counts:
+    if setting.table == AUTO_SHUTTER and not setting.counts:
         commands.calibrate()
 
 
@@ -211,7 +212,7 @@ LENGTH = 2 * WIDTH * 2 * HEIGHT
 WANTED = CameraFormat(((0x0BDA, 0x5830), (0x0BDA, 0x5840)), "YUYV", ((WIDTH, 2 * HEIGHT),))
 SCALE = 1 / 64
 RATE_HZ = 25.0
-GREY = (0x8000, 0x80FF)  # a grey image taken for temperatures; a camera that starts sends 0x8000
+GREY = (0x8000, 0x80FF)  # the grey half in place of temperatures; a camera that starts sends 0x8000
 UNCORRECTED_STEP = 100.0  # mean difference of neighbours: about 6 when clean, 320 before the first correction
 
 
@@ -219,13 +220,13 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
     """The temperature half of a frame; its grey half is dropped."""
     if len(data) != LENGTH:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {WIDTH}x{2 * HEIGHT} has {LENGTH}")
-    counts = words(data, (HEIGHT, WIDTH), LENGTH // 2)
+    counts = pixel_view(data, (HEIGHT, WIDTH), LENGTH // 2)
     found = extremes(counts)
     return DecodedFrame(counts, found, scale=SCALE, quality=flags(counts, found))
 
 
 def flags(counts: NDArray[np.uint16], found: tuple[float, float]) -> Quality:
-    """What the temperatures alone betray: end of scale, not started, not corrected, or the grey half."""
+    """What the temperatures alone reveal: end of scale, not started, not corrected, or the grey half."""
     quality = quality_flags(found, (0, 0xFFFF), SCALE)
     middle = len(counts) // 2
     row = counts[middle].astype(np.int32)
@@ -254,8 +255,8 @@ class P2Pro:
     options = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Cameras with the chip maker's ids; the frame size tells when opening."""
-        caveat = "webcams share this id; only the frame size 256x384 tells"
+        """Cameras with the chip maker's ids; the frame size decides when opening."""
+        caveat = "webcams share this id; only the frame size 256x384 decides"
         return find_cameras(self.name, self.title, WANTED, caveat)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -263,7 +264,7 @@ class P2Pro:
         return decode_frames(data, decode, (LENGTH,))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
-        """Open the camera, set in it what the options ask for, record what its commands tell."""
+        """Open the camera, apply the requested settings, record what its commands report."""
         wanted = requested_settings(settings)
         opened = open_source(settings, WANTED, clock)
         first = camera.first_frame(opened.source, decode, settings.name, clock)

@@ -1,7 +1,7 @@
 """PureThermal boards (1, 2, 3, Mini) with a FLIR Lepton 2.5, 3.1R or 3.5.
 
 Raw format Y16, little-endian words: 160x120 (Lepton 3.x) or 80x60 (2.x), and the same with
-telemetry rows below it (160x122, 80x63). Sure, by the board's firmware, the Lepton headers and a
+telemetry rows below it (160x122, 80x63). Certain, by the board's firmware, the Lepton headers and a
 decoded public recording: formats, scale, extension units, words 0-79 of the telemetry. From one
 source: words from 160 on (gain, TLinear), placed by counting on through the rows.
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, quality_flags, words
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view, quality_flags
 from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.options import decoding_settings, kelvin_per_count
@@ -41,7 +41,7 @@ RESOLUTION_K = {(1, 0): 0.1, (1, 1): 0.01}
 """K per count by TLinear (1: on) and its resolution."""
 
 TLINEAR_ENDS, COUNTS_ENDS = (0, 0xFFFF), (0, 0x3FFF)
-"""The ends of what a pixel can say; without TLinear it has 14 bits."""
+"""The ends of a pixel's range; without TLinear it has 14 bits."""
 
 GAINS = {0: "high", 1: "low", 2: "automatic"}
 EMISSIVITY_WORD, EMISSIVITY_1 = 99, 8192
@@ -62,12 +62,12 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
     shape = SHAPES.get(len(data))
     if shape is None:
         return Rejected(len(data), f"{len(data)} bytes; a Lepton's frame has {_sizes()}")
-    pixels, height = words(data, shape), IMAGE_ROWS[shape[1]]
+    pixels, height = pixel_view(data, shape), IMAGE_ROWS[shape[1]]
     counts, rows = pixels[:height], pixels[height:]
     if height == shape[0]:
         return _without_telemetry(counts, rows, default_scale)
-    told = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
-    revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = told
+    fields = _TELEMETRY.unpack_from(data, 2 * height * shape[1])
+    revision, uptime, status, counter, fpa, housing, corrected, gain, linear, resolution = fields
     if not (revision and COLDEST_FPA < fpa < HOTTEST_FPA):  # the rows are not filled in
         return _without_telemetry(counts, rows, default_scale)
     scale = RESOLUTION_K.get((linear, resolution), math.nan)
@@ -82,14 +82,14 @@ def decode(data: bytes, default_scale: float = math.nan) -> DecodedFrame | Rejec
 
 
 def _without_telemetry(counts: NDArray[np.uint16], rows: NDArray[np.uint16], scale: float) -> DecodedFrame:
-    """A frame that says nothing about itself."""
+    """A frame without telemetry."""
     found = extremes(counts)
     quality = quality_flags(found, TLINEAR_ENDS if scale > 0 else _ends(found), scale)
     return DecodedFrame(counts, found, rows, scale, quality=quality)
 
 
 def _ends(found: tuple[float, float]) -> tuple[int, int]:
-    """The ends of what pixels of unknown scale can say; above 14 bits TLinear is on, whatever is told."""
+    """The range of pixels of unknown scale; above 14 bits TLinear must be on."""
     return TLINEAR_ENDS if found[1] > COUNTS_ENDS[1] else COUNTS_ENDS
 
 
@@ -101,7 +101,7 @@ class PureThermal:
     """Driver of PureThermal boards with a Lepton.
 
     Options: those of every camera, and `kelvin_per_count` (0.01 or 0.1) for boards that neither send
-    telemetry nor answer, where the scale would be unknown.
+    telemetry nor reply, where the scale would be unknown.
     """
 
     name = "purethermal"
@@ -110,7 +110,7 @@ class PureThermal:
     options = (*camera.OPTIONS, "kelvin_per_count")
 
     def find(self) -> list[DiscoveredDevice]:
-        """PureThermal boards that are plugged in."""
+        """Connected PureThermal boards."""
         return find_cameras(self.name, self.title, WANTED)
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -119,7 +119,7 @@ class PureThermal:
         return decode_frames(data, partial(decode, default_scale=scale), tuple(SHAPES))
 
     def open(self, settings: DeviceSettings, clock: Clock) -> camera.ThermalCamera:
-        """Open the board, choose the frame with telemetry, declare what the first one says."""
+        """Open the board, choose the frame with telemetry, declare what the first one reports."""
         default_scale = kelvin_per_count(settings)
         opened = open_source(settings, WANTED, clock)
         source = opened.source
@@ -134,10 +134,10 @@ class PureThermal:
 def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame) -> StreamInfo:
     """The stream of a board, from its first frame and its extension units."""
     source = opened.source
-    told = not math.isnan(first.fpa_temperature_k)
+    has_telemetry = not math.isnan(first.fpa_temperature_k)
     facts: dict[str, Any] = {"backend": source.backend}
-    facts["scale_from"] = "telemetry" if told else "extension unit or configuration"
-    if told:
+    facts["scale_from"] = "telemetry" if has_telemetry else "extension unit or configuration"
+    if has_telemetry:
         facts["gain"] = first.gain
         if set_to := int(first.metadata_rows.ravel()[EMISSIVITY_WORD]):
             facts["emissivity"] = round(set_to / EMISSIVITY_1, 4)  # the camera has applied it
@@ -159,7 +159,7 @@ def describe(settings: DeviceSettings, opened: OpenedSource, first: DecodedFrame
         identity=opened.identity,
         latency_s=options.number(settings, "latency_s", 0.0),
         accuracy=options.number(settings, "accuracy", math.nan),
-        device_time_unit="ms" if told else "",
+        device_time_unit="ms" if has_telemetry else "",
         settings=facts,
     )
 
@@ -170,7 +170,7 @@ def run_shutter(source: FrameSource) -> None:
 
 
 def ask_scale(source: FrameSource) -> float:
-    """K per count by the extension unit, NaN if TLinear is off or nobody answers."""
+    """K per count by the extension unit, NaN if TLinear is off or there is no reply."""
     try:
         linear = int.from_bytes(source.get_control(*TLINEAR, 4), "little")
         resolution = int.from_bytes(source.get_control(*TLINEAR_RESOLUTION, 4), "little")
@@ -181,10 +181,10 @@ def ask_scale(source: FrameSource) -> float:
 
 def _ask_text(source: FrameSource, unit: int, selector: int, length: int) -> str:
     try:
-        answer = source.get_control(unit, selector, length)
+        reply = source.get_control(unit, selector, length)
     except DeviceError:
         return ""
-    return answer.split(b"\0")[0].decode("ascii", "replace").strip()
+    return reply.split(b"\0")[0].decode("ascii", "replace").strip()
 
 
 def _ask_serial(source: FrameSource) -> str:

@@ -1,4 +1,4 @@
-"""Find a camera by its USB identity and open its video node, by V4L2 or, said openly, by OpenCV.
+"""Find a camera by its USB identity and open its video node, by V4L2 or by OpenCV.
 
 The node is found through sysfs, never by number: index 0 of an interface is the frame, index 1 metadata.
 """
@@ -18,14 +18,14 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Buffer, DeviceSettings, DiscoveredDevice, FrameSource
 from fieldkit.model.errors import DeviceError, DeviceLostError, DeviceNotFoundError
 
-# --- OpenCV, where there is no Video4Linux or the configuration asks for it
+# --- OpenCV, where there is no Video4Linux or the configuration selects it
 
 
 class OpenCvSource:
     """A camera by OpenCV, raw; see `fieldkit.model.device.FrameSource`.
 
     `port` is a video node's path, or elsewhere than on Linux the camera's number. A frame is
-    taken by its byte count, never by the shape OpenCV reports: 4.11 returns raw frames as one row.
+    recognised by its byte count, never by the shape OpenCV reports: 4.11 returns raw frames as one row.
     OpenCV waits up to ten seconds by itself, whatever the timeout.
     """
 
@@ -46,7 +46,7 @@ class OpenCvSource:
         self.close()
         raise DeviceNotFoundError(
             f"OpenCV gets no raw {fourcc.strip()} frame from {port}",
-            fix="close other programs that use the camera; fieldkit devices shows what is plugged in",
+            fix="close other programs that use the camera; fieldkit devices shows what is connected",
         )
 
     def read(self, timeout_s: float) -> Buffer | None:
@@ -64,7 +64,7 @@ class OpenCvSource:
 
     def _lost(self) -> DeviceLostError:
         return DeviceLostError(
-            f"the camera at {self.port} sends no more frames",
+            f"the camera at {self.port} stopped sending frames",
             fix="plug it back in; it is opened again by identity",
         )
 
@@ -114,7 +114,7 @@ class OpenCvSource:
 
 @dataclass(frozen=True, slots=True)
 class CameraFormat:
-    """What a family's camera looks like: USB kinds, raw format, (width, height) by preference."""
+    """A family's USB kinds, raw format, (width, height) by preference."""
 
     kinds: tuple[tuple[int, int], ...]
     fourcc: str
@@ -123,7 +123,7 @@ class CameraFormat:
 
 @dataclass(frozen=True, slots=True)
 class OpenedSource:
-    """A source, and who it is."""
+    """A source and its identity."""
 
     source: FrameSource
     usb: UsbIdentity
@@ -143,7 +143,7 @@ def cameras(sysfs: Path = SYSFS) -> list[tuple[str, UsbIdentity]]:
 
 
 def find_cameras(driver: str, title: str, wanted: CameraFormat, caveat: str = "") -> list[DiscoveredDevice]:
-    """Plugged-in cameras of the wanted kinds."""
+    """Connected cameras of the wanted kinds."""
     present = cameras()
     return [
         DiscoveredDevice(
@@ -193,10 +193,10 @@ def _pick(
 
 
 def listing(present: Sequence[tuple[str, UsbIdentity]]) -> str:
-    """What is plugged in, in words."""
-    everybody = [usb for _, usb in present]
-    names = [f"{usb.as_text(everybody)} at {path} ({usb.title})" for path, usb in present]
-    return "plugged in: " + ", ".join(names) if names else "no USB camera is plugged in"
+    """The connected cameras as text."""
+    units = [usb for _, usb in present]
+    names = [f"{usb.as_text(units)} at {path} ({usb.title})" for path, usb in present]
+    return "connected: " + ", ".join(names) if names else "no USB camera is connected"
 
 
 def _index(node: Path) -> int:

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 from fieldkit.drivers import options
 from fieldkit.drivers.cameras import camera, p2pro
-from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, words
+from fieldkit.drivers.cameras.camera import DecodedFrame, decode_frames, extremes, pixel_view
 from fieldkit.drivers.cameras.source import CameraFormat, OpenedSource, cameras, find_cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
 from fieldkit.drivers.identity import UsbIdentity
@@ -49,7 +49,7 @@ PATIENCE_S = 2.0
 
 
 class Marker(NamedTuple):
-    """What a marker says."""
+    """One marker, parsed."""
 
     length: int
     sync: int
@@ -58,9 +58,9 @@ class Marker(NamedTuple):
     third: int
 
 
-def command(kind: bytes, subject: int, register: int = 0, answer: int = 0) -> bytes:
+def command(kind: bytes, subject: int, register: int = 0, reply: int = 0) -> bytes:
     """A command, ready to send."""
-    body = kind + struct.pack("<HH6xH2x", subject, register, answer)
+    body = kind + struct.pack("<HH6xH2x", subject, register, reply)
     return body + binascii.crc_hqx(body, 0).to_bytes(2, "little")
 
 
@@ -154,12 +154,12 @@ class BulkSource:
 
     def text(self, register: int) -> str:
         """A register of 64 characters."""
-        return self._ask(READ, register, 64).split(b"\0")[0].decode("ascii", "replace").strip()
+        return self._request(READ, register, 64).split(b"\0")[0].decode("ascii", "replace").strip()
 
     def gain(self) -> str:
         """``high``, or ``low``, which is for scenes above 150 °C alone."""
-        answer = self._ask(GAIN, 0, 1)
-        return GAINS.get(answer, f"unknown ({answer.hex()})")
+        reply = self._request(GAIN, 0, 1)
+        return GAINS.get(reply, f"unknown ({reply.hex()})")
 
     def run_shutter(self) -> None:
         """Close the shutter and calibrate."""
@@ -173,7 +173,7 @@ class BulkSource:
 
         usb.util.dispose_resources(self._unit)
 
-    def _ask(self, kind: bytes, register: int, length: int) -> bytes:
+    def _request(self, kind: bytes, register: int, length: int) -> bytes:
         with usb_errors(self.port):
             self._unit.ctrl_transfer(*SEND, 0, 0, command(kind, READ_SUBJECT, register, length))
             self._wait()
@@ -201,7 +201,7 @@ class BulkSource:
 
 
 def identity_of(source: Any) -> UsbIdentity:
-    """Who a source is; the simulated field's is nobody."""
+    """Identity of a source; empty for a simulated one."""
     found = getattr(source, "usb", None)
     return found if isinstance(found, UsbIdentity) else UsbIdentity(0, 0)
 
@@ -230,7 +230,7 @@ def decode(data: bytes) -> DecodedFrame | Rejected:
             return Rejected(len(data), f"markers disagree: frame {begin.counter} and {end.counter}")
         counter, data = begin.counter, data[MARKER.size : MARKER.size + bare]
     width, height = LENGTHS[bare]
-    pixels = words(data, (2 * height + 2, width))
+    pixels = pixel_view(data, (2 * height + 2, width))
     rows, counts = pixels[height : height + 2], pixels[height + 2 :]
     found = extremes(counts)
     return DecodedFrame(
@@ -250,7 +250,7 @@ class ThermalMaster:
     options = (*camera.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Cameras of the family that are plugged in, with and without a kernel driver."""
+        """Connected cameras of the family, with and without a kernel driver."""
         return find_cameras(self.name, self.title, WANTED) + find_usb(self.name, self.title, tuple(KINDS))
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -276,7 +276,7 @@ class ThermalMaster:
 
 
 def _has_video(settings: DeviceSettings) -> bool:
-    """Whether a member with a kernel driver is meant."""
+    """Whether a member with a kernel driver is wanted."""
     members = [usb for _, usb in cameras() if (usb.vendor, usb.product) in WANTED.kinds]
     return any(not settings.identity or usb.matches(settings.identity) for usb in members)
 

@@ -230,7 +230,7 @@ class V4l2Source:
                 self._call(QBUF, taken)
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
-        """Read a control of an extension unit, `length` bytes or what the camera says it has."""
+        """Read a control of an extension unit, `length` bytes or as many as the camera reports."""
         size = int.from_bytes(self._extension(unit, selector, GET_LEN, bytes(2)), "little")
         return self._extension(unit, selector, GET_CUR, bytes(size or length))
 
@@ -293,7 +293,7 @@ class V4l2Source:
         if not (caps.device_caps & CAP_CAPTURE and caps.device_caps & CAP_STREAMING):
             raise DeviceNotFoundError(
                 f"{self.port} is a metadata node, not the camera's frame",
-                fix="leave port out of the configuration: fieldkit finds the node by identity",
+                fix="omit port from the configuration: fieldkit finds the node by identity",
             )
 
     def _choose(self, fourcc: str, sizes: Sequence[tuple[int, int]]) -> tuple[int, int]:
@@ -302,7 +302,7 @@ class V4l2Source:
         if chosen is None:
             raise DeviceNotFoundError(
                 f"{self.port} offers no {fourcc.strip()} frame of {_list(sizes)}; it has {_list(offered)}",
-                fix="is it another camera, or in another mode? fieldkit devices shows what is plugged in",
+                fix="is it another camera, or in another mode? fieldkit devices shows what is connected",
             )
         wanted = Format(type=CAPTURE)
         wanted.fmt.pix = PixelFormat(width=chosen[0], height=chosen[1], pixelformat=_code(fourcc), field=1)
@@ -328,9 +328,9 @@ class V4l2Source:
             sizes.append((entry.width, entry.height))
 
     def _start(self) -> None:
-        wish = RequestBuffers(count=BUFFERS, type=CAPTURE, memory=MMAP)
-        fcntl.ioctl(self._fd, REQBUFS, wish)
-        for index in range(wish.count):
+        setting = RequestBuffers(count=BUFFERS, type=CAPTURE, memory=MMAP)
+        fcntl.ioctl(self._fd, REQBUFS, setting)
+        for index in range(setting.count):
             slot = VideoBuffer(index=index, type=CAPTURE, memory=MMAP)
             fcntl.ioctl(self._fd, QUERYBUF, slot)
             self._maps.append(mmap.mmap(self._fd, slot.length, offset=slot.m.offset))

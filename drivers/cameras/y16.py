@@ -1,6 +1,6 @@
-"""Any camera that delivers Y16: counts, and a temperature only if the user says how they become one.
+"""Any camera that delivers Y16: counts, and a temperature only if the scale is configured.
 
-Nothing is guessed: without `kelvin_per_count` the stream is counts and every frame says so.
+Nothing is guessed: without `kelvin_per_count` the stream is counts and every frame is flagged `no_value`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from fieldkit.drivers.cameras.camera import (
     DecodedFrame,
     decode_frames,
     extremes,
+    pixel_view,
     quality_flags,
-    words,
 )
 from fieldkit.drivers.cameras.source import CameraFormat, cameras, open_source
 from fieldkit.drivers.decoding import Decoded, Rejected
@@ -46,7 +46,7 @@ def decode(
     """A frame of width x height words."""
     if len(data) != 2 * width * height:
         return Rejected(len(data), f"{len(data)} bytes; a frame of {width}x{height} has {2 * width * height}")
-    counts = words(data, (height, width))
+    counts = pixel_view(data, (height, width))
     found = extremes(counts)
     quality = quality_flags(found, (0, 0xFFFF), scale, offset)
     return DecodedFrame(counts, found, scale=scale, offset=offset, quality=quality)
@@ -76,7 +76,7 @@ class Y16:
     options = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Nothing: every camera could be one, and a family's own driver knows more."""
+        """Nothing: every camera could be one, and a family's own driver does more."""
         return []
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -96,7 +96,7 @@ class Y16:
         if not (settings.identity or settings.port or settings.source):
             present = ", ".join(usb.as_text() for _, usb in cameras()) or "none"
             raise ConfigError(
-                f"{settings.name}: y16 takes any camera, so it must be told which; there is {present}",
+                f"{settings.name}: y16 reads any camera, so one must be named; connected: {present}",
                 fix='identity = "vendor:product"',
             )
         sizes = _sizes(settings)

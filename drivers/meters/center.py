@@ -83,7 +83,7 @@ DRIVERS = {
     **dict.fromkeys(("304", "309"), "center-309"),
     **dict.fromkeys(("305", "306"), ""),
 }
-"""The driver of each model that a thermometer may say it is; empty for the ten-byte record."""
+"""The driver of each model that a thermometer may report; empty for the ten-byte record."""
 
 LIMITS = {"°C": (-210.0, 1800.0), "°F": (-346.0, 3272.0)}  # widest of the vendor's thermocouple types
 _START = b"\x02"
@@ -91,7 +91,7 @@ _STATES = ((0x40, "low_battery"), (0x10, "relative"), (0x08, "difference"), (0x0
 _COUNTS = struct.Struct(">4h")
 _ALL_MEASURE = (False,) * 4
 _EXTREMES = {0x00: "", 0x02: "maximum", 0x04: "minimum", 0x06: "max_min_background"}
-_HINT = "switch the thermometer on and check its cable; it answers only while no menu is open"
+_HINT = "switch the thermometer on and check its cable; it replies only while no menu is open"
 
 
 def parse(buffer: bytes) -> Parsed:
@@ -120,35 +120,35 @@ def _no_record(buffer: bytes) -> Rejected | None:
 
 
 Meaning = tuple[tuple[Channel, ...], tuple[float, ...], float, float]
-"""What the flags say: the channels, the divisor of each count (NaN for no value), the limits of the unit."""
+"""The flags decoded: the channels, the divisor of each count (NaN for no value), the limits of the unit."""
 
 
 @lru_cache(maxsize=64)
 def _meaning(first: int, second: int, overload: int, whole: int, without: tuple[bool, ...]) -> Meaning:
-    """Of the four bytes of flags and the channels without a probe, which hardly ever change."""
+    """Decode the four bytes of flags and the channels without a probe; they rarely change."""
     unit = "°C" if first & 0x80 else "°F"
     quality = Quality.STALE if first & 0x20 else Quality.GOOD
-    words = _words(first, second)
+    states = _states(first, second)
     channels, divisors = [], []
     for place, name in enumerate(CHANNELS):
         if overload >> place & 1 or without[place]:
-            channels.append(Channel(name, unit, quality | Quality.NO_VALUE, ("overload", *words)))
+            channels.append(Channel(name, unit, quality | Quality.NO_VALUE, ("overload", *states)))
             divisors.append(math.nan)
         else:
-            channels.append(Channel(name, unit, quality, words))
+            channels.append(Channel(name, unit, quality, states))
             divisors.append(1.0 if whole >> place & 1 else 10.0)
     return tuple(channels), tuple(divisors), *LIMITS[unit]
 
 
-def _words(first: int, second: int) -> tuple[str, ...]:
-    words = [word for bit, word in _STATES if first & bit]
-    words += ["hold"] * bool(first & 0x20) + [_EXTREMES[first & 0x06]]
-    words += ["auto_power_off"] * bool(second & 0x80) + ["memory_full"] * bool(second & 0x01)
-    return tuple(word for word in words if word)
+def _states(first: int, second: int) -> tuple[str, ...]:
+    states = [word for bit, word in _STATES if first & bit]
+    states += ["hold"] * bool(first & 0x20) + [_EXTREMES[first & 0x06]]
+    states += ["auto_power_off"] * bool(second & 0x80) + ["memory_full"] * bool(second & 0x01)
+    return tuple(word for word in states if word)
 
 
 def parse_model(buffer: bytes) -> Parsed:
-    """The answer to ``K`` at the start of `buffer`: three digits and CR."""
+    """The reply to ``K`` at the start of `buffer`: three digits and CR."""
     if not buffer[:3].isdigit():
         return Rejected(1, "not three digits") if len(buffer) >= 3 or not buffer.isdigit() else None
     if len(buffer) < 4:
@@ -174,26 +174,26 @@ class Center309:
     options = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
+        """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only the meter's reply decides")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port, ask for the model, and wait for one record."""
+        """Open the port, request the model, and wait for one record."""
         return open_thermometer(settings, clock, (LAYOUT, CHANNELS))
 
 
 Kind = tuple[Layout, Sequence[str]]
-"""How the records of a model look, and the channels in them."""
+"""The layout of a model's records, and the channels in them."""
 
 
 def open_thermometer(
     settings: DeviceSettings, clock: Clock, usual: Kind, others: Mapping[str, Kind] = MappingProxyType({})
 ) -> meter.Meter:
-    """Open a thermometer that answers ``K`` and ``A``; a sibling of another driver is refused by its name.
+    """Open a thermometer that replies to ``K`` and ``A``; another driver's model is an error.
 
     `others` are models whose records are not the `usual` ones.
     """
@@ -204,7 +204,7 @@ def open_thermometer(
     if driver != settings.driver:
         port.close()
         raise DeviceNotFoundError(
-            f"{settings.name}: the meter at {port.path} says it is a Center {model}",
+            f"{settings.name}: the meter at {port.path} is a Center {model}",
             fix=f'driver = "{driver}"' if driver else "this model has no driver",
         )
     meter.first_reply(port, b"A", layout, settings.name, _HINT)
@@ -220,9 +220,9 @@ def configured_model(settings: DeviceSettings) -> str:
 
 
 def ask_model(port: SerialPort) -> str:
-    """The model by ``K``, empty for a sibling that does not know the question."""
-    answer = port.read(MODEL, meter.REPLY_TIMEOUT_S, b"K")
-    return answer.raw[:3].decode() if answer else ""
+    """The model by ``K``, empty for a sibling that does not support the request."""
+    reply = port.read(MODEL, meter.REPLY_TIMEOUT_S, b"K")
+    return reply.raw[:3].decode() if reply else ""
 
 
 # --- one or two probes: the 8-byte record
@@ -270,19 +270,19 @@ def _value(buffer: bytes, place: int, channel: str) -> Value | None:
     flags = buffer[2] >> 3 * place
     unit = "°C" if buffer[1] & 0x80 else "°F"
     quality = Quality.STALE if buffer[1] & (HOLD | EXTREME) else Quality.GOOD
-    words = _short_words(buffer[1])
+    states = _short_states(buffer[1])
     if flags & 1:
-        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *words))
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, ("overload", *states))
     digits = buffer[3 + 2 * place : 5 + 2 * place].hex().lstrip(_BLANK)
     if not digits.isdigit():
         return None
     if buffer[1] & RELATIVE:
-        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, words)
+        return Value(math.nan, unit, channel, quality | Quality.NO_VALUE, states)
     number = int(digits) / (1 if flags & 4 else 10)
-    return Value(-number if flags & 2 else number, unit, channel, quality, words)
+    return Value(-number if flags & 2 else number, unit, channel, quality, states)
 
 
-def _short_words(first: int) -> tuple[str, ...]:
+def _short_states(first: int) -> tuple[str, ...]:
     states = ((0x40, "low_battery"), (HOLD, "hold"), (RELATIVE, "relative"), (EXTREME, "max_min"))
     return tuple(word for bits, word in states if first & bits)
 
@@ -296,8 +296,8 @@ TWO_PROBE_LAYOUT, ONE_PROBE_LAYOUT = (
 class Center303:
     """Driver of the one- and two-channel thermometers with the 8-byte record.
 
-    Options: `labels` (names of T1, T2), `model` (of a meter that does not tell it) and those of every meter.
-    A difference T1-T2 on the display is not recorded, nor is a timer.
+    Options: `labels` (names of T1, T2), `model` (of a meter that does not report it) and those of every
+    meter. A difference T1-T2 on the display is not recorded, nor is a timer.
     """
 
     name = "center-303"
@@ -306,8 +306,8 @@ class Center303:
     options = (*meter.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; only asking ``K`` tells, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only the meter's answer tells")
+        """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only the meter's reply decides")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; option `model` for a 300 or 302. See `fieldkit.drivers.decoding.Decodes`."""
@@ -315,6 +315,6 @@ class Center303:
         return decode_records(data, ONE_PROBE_LAYOUT if is_one else TWO_PROBE_LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port, ask for the model, and wait for one record."""
+        """Open the port, request the model, and wait for one record."""
         others = dict.fromkeys(ONE_PROBE, (ONE_PROBE_LAYOUT, TWO_CHANNELS[:1]))
         return open_thermometer(settings, clock, (TWO_PROBE_LAYOUT, TWO_CHANNELS), others)

@@ -36,16 +36,16 @@ def parse(buffer: bytes) -> Parsed:
     """The line at the start of `buffer`."""
     end = buffer.find(b"\n")
     if end < 0:
-        return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end in sight")
+        return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end found")
     try:
         report = json.loads(buffer[:end])
         if not isinstance(report, dict):
-            return Rejected(end + 1, "no report of gpsd: JSON, but not an object")
+            return Rejected(end + 1, "not a gpsd report: JSON, but not an object")
         return _meaning(report, end + 1)
     except KeyError as error:
-        return Rejected(end + 1, f"no report of gpsd: {error} is missing")
+        return Rejected(end + 1, f"not a gpsd report: {error} is missing")
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, RecursionError) as error:
-        return Rejected(end + 1, f"no report of gpsd: {error}")
+        return Rejected(end + 1, f"not a gpsd report: {error}")
 
 
 def _meaning(report: dict[str, Any], length: int) -> Record:
@@ -112,7 +112,7 @@ class SocketPort:
             raise self._lost() from error
 
     def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`; the answer to a `request`."""
+        """The next record, or the reply to `request`; None if none is complete within `timeout_s`."""
         if request:
             self.framer.discard()
             self.write(request)
@@ -165,7 +165,7 @@ class Gpsd:
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Connect, ask to watch, and wait for the first report."""
+        """Connect, start watching, and wait for the first report."""
         host, _, number = (settings.port or "localhost").partition(":")
         port = SocketPort(host, int(number) if number.isdigit() else PORT, clock)
         port.write(WATCH)

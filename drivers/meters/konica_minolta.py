@@ -3,11 +3,11 @@
 9600 7E1. One framing: 02, head (2 digits), command (2 digits), 4 characters of parameters or status,
 three data fields of 6 characters in a long record, 03, check (2 hexadecimal characters), CR LF.
 The check is the XOR of every byte after 02 up to and including 03. Source: the communication
-manuals as several independent public drivers follow them; framing and data fields are sure,
-the CL-200 commands stand on one source.
+manuals as several independent public drivers follow them; framing and data fields are certain,
+the CL-200 commands rest on one source.
 
 Status: hold digit (odd: held, which is how a CL-200 measures), error (space or ``7`` none, ``1`` head off,
-``2`` ``3`` EEPROM, ``4`` not held, in the answer to 40 alone, ``5`` over range, ``6`` too dark for colour),
+``2`` ``3`` EEPROM, ``4`` not held, in the reply to 40 alone, ``5`` over range, ``6`` too dark for colour),
 range in use (CL-200: ``6`` outside of all), battery (``1`` ``3`` low). Data field: sign, four digits, padded
 by spaces, exponent e; value = digits x 10^(e-4). A field of spaces is a value the meter does not have.
 """
@@ -77,7 +77,7 @@ def check(body: bytes) -> bytes:
 
 
 def pack_request(head: int, command: str, parameters: str) -> bytes:
-    """A question to the meter, ready to send."""
+    """A request to the meter, ready to send."""
     body = f"{head:02d}{command}{parameters:4}".encode() + b"\x03"
     return _START + body + check(body) + b"\r\n"
 
@@ -126,41 +126,45 @@ def _long(buffer: bytes) -> Parsed:
         return Rejected(skip_to(_START, buffer), f"no status of a meter: {status.decode()!r}")
     if any(match is None and field.strip() for match, field in zip(matches, fields, strict=True)):
         return Rejected(skip_to(_START, buffer), "data fields are not sign, digits, exponent")
-    quality, words = _states(command, status)
+    quality, states = _states(command, status)
     where = "" if head == "00" else f" head {head}"
     values = [
         Value(
-            _number(match) if not quality & Quality.NO_VALUE else math.nan, unit, name + where, quality, words
+            _number(match) if not quality & Quality.NO_VALUE else math.nan,
+            unit,
+            name + where,
+            quality,
+            states,
         )
         for (name, unit), match in zip(names, matches, strict=True)
         if match
     ]
     if matches[0] is None:
-        values.insert(0, Value(math.nan, names[0][1], names[0][0] + where, Quality.NO_VALUE, words))
+        values.insert(0, Value(math.nan, names[0][1], names[0][0] + where, Quality.NO_VALUE, states))
     note = f"head {head}, command {command.decode()}, range {chr(status[2])}"
     return Record.of(LONG, values, note)
 
 
 def _states(command: bytes, status: bytes) -> tuple[Quality, tuple[str, ...]]:
-    """What the four status characters say of every value."""
+    """Quality and states from the four status characters."""
     hold, error, used, battery = status
     quality = Quality.GOOD
-    words = [ERRORS[error]] if error in ERRORS else []
-    if words:
+    states = [ERRORS[error]] if error in ERRORS else []
+    if states:
         quality |= Quality.NO_VALUE  # the digits are still sent, and mean nothing
     if used == OUT_OF_RANGE:
-        words.append("out_of_range")
+        states.append("out_of_range")
         quality |= Quality.NO_VALUE
     if error == ord("5") or used == OUT_OF_RANGE:
         quality |= Quality.OVERRANGE
     if error == ord("6"):
-        words.append("too_dark_for_colour")
+        states.append("too_dark_for_colour")
     if hold in b"13579" and command in FREE_RUNNING:
         quality |= Quality.STALE
-        words.append("hold")
+        states.append("hold")
     if battery in b"13":
-        words.append("low_battery")
-    return quality, tuple(words)
+        states.append("low_battery")
+    return quality, tuple(states)
 
 
 def _number(field: re.Match[bytes]) -> float:
@@ -185,7 +189,7 @@ class KonicaMinolta:
 
     def find(self) -> list[DiscoveredDevice]:
         """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""
-        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
+        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's reply decides")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
@@ -211,12 +215,12 @@ class KonicaMinolta:
 def _enter_pc_mode(port: Port, clock: Clock, name: str) -> None:
     """Command 54 must come first; the meter then needs half a second."""
     if port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(0, "54", "1")) is None:
-        raise DeviceTimeoutError(f"{name}: no answer to the PC mode command from {port.path}", fix=_HINT)
+        raise DeviceTimeoutError(f"{name}: no reply to the PC mode command from {port.path}", fix=_HINT)
     clock.sleep(0.5)
 
 
 def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) -> meter.PollSettings:
-    """Set the measuring conditions; what to ask for every reading."""
+    """Set the measuring conditions; returns how to poll each reading."""
     if model == "t-10":
         running = pack_request(head, "10", "0200")  # run, no colour correction, automatic range
         port.write(running)
@@ -228,13 +232,13 @@ def _prepare(port: Port, clock: Clock, model: str, head: int, every_s: float) ->
 
 
 def _hold(port: Port, clock: Clock, head: int) -> None:
-    """Hold the meter, so that each trigger takes one measurement; it may need to be told twice."""
+    """Hold the meter, so that each trigger takes one measurement; it may need the command twice."""
     refusal = ""
     for _ in range(2):
         port.write(pack_request(99, "55", "1  0"))
         clock.sleep(0.5)
-        answer = port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(head, "40", "10"))
-        refusal = BROKEN.get(answer.raw[6:7].decode(), "") if answer else "it does not answer"
+        reply = port.read(LAYOUT, meter.REPLY_TIMEOUT_S, pack_request(head, "40", "10"))
+        refusal = BROKEN.get(reply.raw[6:7].decode(), "") if reply else "it does not reply"
         if not refusal:
             return
     raise DeviceError(f"the meter at {port.path} cannot be triggered: {refusal}", fix=_HINT)

@@ -1,6 +1,6 @@
-"""Lutron, Extech and kin: the 16-character stream of light meters and thermometers.
+"""Lutron, Extech and relatives: the 16-character stream of light meters and thermometers.
 
-The meter talks on its own, about once or twice a second; a meter with several displays
+The meter sends on its own, about once or twice a second; a meter with several displays
 sends them in turn. Source: the vendor's manuals (YK-2005LX, TM-947SD, DS-2013SD and others)
 and two independent public readers. 9600 8N1; DTR powers the transmitter, so it stays asserted.
 
@@ -17,7 +17,7 @@ offset content
 15     0D
 ====== ======================================================
 
-Sure: the frame, codes 01 and 02. From one manual: the other codes. There is no checksum, so a
+Certain: the record, codes 01 and 02. From one manual: the other codes. There is no checksum, so a
 record must satisfy every line of the table. The mark of an overload or open probe (18) has one
 reader, and was captured on an SDL200 with its probe out.
 """
@@ -85,16 +85,16 @@ class Head(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _head(start: bytes) -> Head | None:
-    """The meaning of all but the digits, which hardly ever changes; None if it has none."""
+    """The meaning of all but the digits, which rarely changes; None if it is not valid."""
     found = _HEAD.fullmatch(start)
     if found is None:
         return None
     display, code, polarity, decimals = (part.decode() for part in found.groups())
     unit = UNITS.get(code, f"code {code}")
-    words = () if code in UNITS else ("unknown_unit",)
+    states = () if code in UNITS else ("unknown_unit",)
     divisor = 10 ** int(decimals) * (-1 if polarity == "1" else 1)
-    overload = Channel(display, unit, Quality.NO_VALUE, ("overload", *words))
-    return Head(divisor, (Channel(display, unit, Quality.GOOD, words),), (overload,))
+    overload = Channel(display, unit, Quality.NO_VALUE, ("overload", *states))
+    return Head(divisor, (Channel(display, unit, Quality.GOOD, states),), (overload,))
 
 
 LAYOUT = Layout(parse, LENGTH)
@@ -113,14 +113,14 @@ class Lutron:
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; the stream does not name its sender, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its stream tells")
+        return find_ports(self.name, self.title, (), "any adapter: only its stream decides")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""
         return decode_records(data, LAYOUT)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port and wait for the first record, which tells what the meter measures."""
+        """Open the port and wait for the first record, which shows what the meter measures."""
         port = open_port(settings, LINE, clock)
         first = meter.first_record(port, LAYOUT, settings.name, _HINT)
         unit = first.record.channels[0].unit

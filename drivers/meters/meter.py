@@ -1,6 +1,6 @@
-"""The device all meters share: ask if it must be asked, take a record, convert, flag.
+"""The device all meters share: poll, read a record, convert, flag.
 
-What a meter's bytes mean is said by its own module; here a record becomes a `Reading` of the stream.
+A meter's own module defines what its bytes mean; here a record becomes a `Reading` of the stream.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TO_SI = {
     ("fc", "lx"): (0.0, FOOT2_M2),
     ("W/m²", "W m-2"): (0.0, 1.0),
 }
-"""(shown, wanted): what to add to a value, and what to divide the sum by; numbers, because they are quick."""
+"""(shown, wanted): what to add to a value, and what to divide the sum by."""
 
 
 FIRST_RECORD_S = 5.0
@@ -45,9 +45,9 @@ OPTIONS = ("labels", "latency_s", "response_s", "accuracy", "range_max_lx")
 
 @dataclass(frozen=True, slots=True)
 class PollSettings:
-    """How to ask a meter that speaks only when spoken to.
+    """How to poll a meter that sends only on request.
 
-    Some must be told to measure (`trigger`, unanswered) and given `settle_s` before they are asked.
+    Some need a `trigger` (without a reply) and `settle_s` before the request.
     """
 
     request: bytes
@@ -60,8 +60,8 @@ class PollSettings:
 class Meter:
     """An opened meter; `keys` are its own names of the stream's channels, in order.
 
-    `units` are the channels' own where the stream has more than one. `words` are the states that the meter
-    said beside its last values: "hold", "relative", "low_battery".
+    `units` are the channels' own where the stream has more than one. `states` are the states that the meter
+    reported with its last values: "hold", "relative", "low_battery".
     """
 
     def __init__(
@@ -80,26 +80,26 @@ class Meter:
         self._layout = layout
         self._clock = clock
         self._keys, self._units = tuple(keys), tuple(units) or (info.unit,) * len(keys)
-        self.words: tuple[str, ...] = ()
+        self.states: tuple[str, ...] = ()
         self._channels: tuple[Channel, ...] = ()
         self._conversion: Conversion | None = None
         self._poll = poll
         self._every_ns = int(poll.every_s * 1e9) if poll else 0
         self._range_max = info.settings.get("range_max_lx") if info.unit == "lx" else None
         self._due_ns = clock.mono_ns()
-        self._foreign = 0
+        self._other_quantity = 0
 
     @property
     def rejected(self) -> int:
         """Records dropped so far: unreadable, or of another quantity than the stream's."""
-        return self._port.framer.rejected + self._foreign
+        return self._port.framer.rejected + self._other_quantity
 
     def read(self, timeout_s: float) -> Reading | None:
         """The next reading, or None; see `fieldkit.model.device.Device`."""
         poll = self._poll
         if poll is None:
             found = self._port.read(self._layout, timeout_s)
-        elif self._turn(poll, timeout_s):
+        elif self._wait_for_poll(poll, timeout_s):
             timeout_s = poll.reply_timeout_s
             found = self._port.read(self._layout, timeout_s, poll.request)
         else:
@@ -107,14 +107,14 @@ class Meter:
         if found is None:
             return None
         reading = self._reading(found)
-        return self._behind(found, timeout_s) if reading is None else reading
+        return self._next_after(found, timeout_s) if reading is None else reading
 
     def close(self) -> None:
         """Release the port; a second call does nothing."""
         self._port.close()
 
-    def _behind(self, found: Stamped, timeout_s: float) -> Reading | None:
-        """The next reading behind a record that is none, such as a line that only says OK; as long again."""
+    def _next_after(self, found: Stamped, timeout_s: float) -> Reading | None:
+        """The next reading after a record without values, such as an OK line; waits `timeout_s` again."""
         deadline_ns = found.mono_ns + int(timeout_s * 1e9)
         while (left_ns := deadline_ns - self._clock.mono_ns()) > 0:
             behind = self._port.read(self._layout, left_ns / 1e9)
@@ -124,8 +124,8 @@ class Meter:
                 return reading
         return None
 
-    def _turn(self, poll: PollSettings, timeout_s: float) -> bool:
-        """Wait until it is time to ask; False if that is not within `timeout_s`."""
+    def _wait_for_poll(self, poll: PollSettings, timeout_s: float) -> bool:
+        """Wait until the next poll is due; False if that is not within `timeout_s`."""
         now_ns = self._clock.mono_ns()
         if now_ns < self._due_ns:
             wait_s = (self._due_ns - now_ns) / 1e9
@@ -145,9 +145,9 @@ class Meter:
         numbers, channels = found.record.numbers, found.record.channels
         if channels is not self._channels:
             self._channels, self._conversion = channels, conversion(channels, self._keys, self._units)
-            self.words = tuple(dict.fromkeys(word for one in channels for word in one.words))
+            self.states = tuple(dict.fromkeys(word for one in channels for word in one.states))
         if self._conversion is None:
-            self._foreign += bool(numbers)  # a line without values is not wrong
+            self._other_quantity += bool(numbers)  # a line without values is not an error
             return None
         steps, quality = self._conversion
         values = tuple([(numbers[place] + add) / by for place, add, by in steps]) if steps else numbers
@@ -177,9 +177,9 @@ class Conversion(NamedTuple):
 
 
 def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence[str]) -> Conversion | None:
-    """From what a record says of its numbers; None if none of them is a channel of the stream.
+    """From the channels of a record; None if none of them is a channel of the stream.
 
-    A channel that the record has not is NaN; only if all are without a value, the reading is.
+    Missing channels are NaN; the reading is flagged `no_value` only if all are.
     """
     steps, quality_flags = [], []
     for key, unit in zip(keys, units, strict=True):
@@ -199,14 +199,14 @@ def conversion(channels: Sequence[Channel], keys: Sequence[str], units: Sequence
 
 
 def first_reply(port: Port, request: bytes, layout: Layout, name: str, hint: str) -> Stamped:
-    """The first answer of a meter that has just been opened and must be asked; raises as `first_record`."""
+    """The first reply of a meter that has just been opened; raises as `first_record`."""
     return _require(port.read(layout, REPLY_TIMEOUT_S, request), port, name, hint, REPLY_TIMEOUT_S)
 
 
 def first_record(port: Port, layout: Layout, name: str, hint: str) -> Stamped:
     """The first record of a meter that has just been opened, within `FIRST_RECORD_S`.
 
-    Raises `DeviceTimeoutError` if nothing is heard, `DecodeError` if what is heard is no record;
+    Raises `DeviceTimeoutError` if nothing arrives, `DecodeError` if what arrives is not a record;
     the port is closed then.
     """
     return _require(port.read(layout, FIRST_RECORD_S), port, name, hint, FIRST_RECORD_S)
@@ -220,9 +220,9 @@ def _require(found: Stamped | None, port: Port, name: str, hint: str, timeout_s:
         raise DecodeError(
             f"{name}: {port.framer.received} bytes from {port.path}, none of them a record",
             raw=port.framer.unread,
-            fix="check driver and line settings; fieldkit decode DRIVER HEX says what bytes mean",
+            fix="check driver and line settings; fieldkit decode DRIVER HEX explains bytes",
         )
-    raise DeviceTimeoutError(f"{name}: nothing heard from {port.path} in {timeout_s:g} s", fix=hint)
+    raise DeviceTimeoutError(f"{name}: nothing received from {port.path} within {timeout_s:g} s", fix=hint)
 
 
 def describe(
@@ -235,7 +235,7 @@ def describe(
     model: str = "",
     latency_s: float = 0.0,
 ) -> StreamInfo:
-    """The stream of a meter, with what configuration and port say about it."""
+    """The stream of a meter, from its configuration and port."""
     facts = dict(port.facts)
     if "range_max_lx" in settings.options:
         facts["range_max_lx"] = options.number(settings, "range_max_lx", math.inf)

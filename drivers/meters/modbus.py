@@ -1,7 +1,7 @@
 """Modbus RTU instruments: pyranometers, pyrheliometers, RTD modules, by a register map.
 
-The engine reads one block of registers in one request and stamps the answer; what the registers mean
-is said by a map (`fieldkit.drivers.meters.modbus`), ours or the user's own TOML file. Frames:
+The engine reads one block of registers in one request and stamps the answer; a register map
+defines what the registers mean (`RegisterMap`), packaged or the user's own TOML file. Frames:
 unit, function, byte count, registers big-endian, CRC-16 low byte first (Modbus over Serial Line 1.02).
 """
 
@@ -74,7 +74,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class StatusBit:
-    """One bit of the status register, as a word and, where it spoils the values, a quality."""
+    """One bit of the status register, as a state and, where it invalidates the values, a quality."""
 
     bit: int
     word: str
@@ -105,9 +105,9 @@ class RegisterMap:
     status_bits: tuple[StatusBit, ...] = ()
 
     def values(self, registers: Sequence[int]) -> tuple[Value, ...]:
-        """What a block of `count` registers (unsigned) says."""
-        quality, words = self._status(registers)
-        return tuple(self._value(channel, registers, quality, words) for channel in self.channels)
+        """Values of a block of `count` registers (unsigned)."""
+        quality, states = self._status(registers)
+        return tuple(self._value(channel, registers, quality, states) for channel in self.channels)
 
     def _status(self, registers: Sequence[int]) -> tuple[Quality, tuple[str, ...]]:
         if self.status_register is None:
@@ -120,7 +120,7 @@ class RegisterMap:
         return quality, tuple(entry.word for entry in present)
 
     def _value(
-        self, channel: Channel, registers: Sequence[int], quality: Quality, words: tuple[str, ...]
+        self, channel: Channel, registers: Sequence[int], quality: Quality, states: tuple[str, ...]
     ) -> Value:
         place = channel.register - self.first
         raw = list(registers[place : place + channel.width])
@@ -136,12 +136,12 @@ class RegisterMap:
         value = number / (1 / channel.scale) / 10.0 ** max(-9, min(decimals, 9)) + channel.offset
         low, high = self.limits
         if not math.isfinite(value):
-            words = ("not_a_number", *words)
+            states = ("not_a_number", *states)
         elif raw[0] in self.no_value or not low <= value <= high:
-            words = ("open", *words)
+            states = ("open", *states)
         else:
-            return Value(value, channel.unit, channel.name, quality, words)
-        return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, words)
+            return Value(value, channel.unit, channel.name, quality, states)
+        return Value(math.nan, channel.unit, channel.name, quality | Quality.NO_VALUE, states)
 
 
 def packaged() -> list[str]:
@@ -196,14 +196,14 @@ def _read_map(table: Mapping[str, Any]) -> RegisterMap:
     return found
 
 
-def _measures(said: str | Mapping[str, Any]) -> dict[str, Any]:
+def _measures(given: str | Mapping[str, Any]) -> dict[str, Any]:
     """What the instrument measures: one component, or the types of instruments that measure each."""
-    if isinstance(said, str):
-        by_type: dict[int | str, str] = {"": said}
+    if isinstance(given, str):
+        by_type: dict[int | str, str] = {"": given}
         register = None
     else:
-        register = said.get("type_register")
-        types = {component: given for component, given in said.items() if component != "type_register"}
+        register = given.get("type_register")
+        types = {component: given for component, given in given.items() if component != "type_register"}
         by_type = {int(one): component for component, given in types.items() for one in given}
     if wrong := set(by_type.values()) - set(COMPONENTS):
         raise ValueError(f"measures {wrong.pop()!r} is none of {', '.join(COMPONENTS)}")
@@ -270,11 +270,11 @@ REFUSALS = {
     2: "illegal address",
     3: "illegal value",
     4: "device failure",
-    5: "it has begun, ask later",
+    5: "accepted, poll again later",
     6: "busy",
     8: "memory parity error",
     10: "no path through the gateway",
-    11: "nobody answers behind the gateway",
+    11: "no reply behind the gateway",
 }
 _CRC_TABLE: list[int] = []
 _HINT = "check A and B of the wiring, the unit number and the line settings of the instrument"
@@ -297,18 +297,18 @@ def _crc_of_byte(crc: int) -> int:
 
 
 def pack_request(unit: int, function: int, first: int, count: int) -> bytes:
-    """A question for `count` registers from `first`, ready to send."""
+    """A request for `count` registers from `first`, ready to send."""
     body = struct.pack(">BBHH", unit, function, first, count)
     return body + crc16(body).to_bytes(2, "little")
 
 
 def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
-    """The answer (or a question) at the start of `buffer`; without a map its registers as they are."""
+    """The reply (or a request) at the start of `buffer`; without a map its registers as they are."""
     if len(buffer) < 2:
         return None
     unit, function = buffer[0], buffer[1]
     if unit > HIGHEST_UNIT or function & 0x7F not in (3, 4):
-        return Rejected(1, "no answer with registers: unit and function do not fit")
+        return Rejected(1, "not a reply with registers: unit and function do not fit")
     if function & 0x80:
         return _refusal(buffer)
     if len(buffer) < 3:
@@ -316,11 +316,11 @@ def parse(buffer: bytes, register_map: RegisterMap | None = None) -> Parsed:
     length = 5 + buffer[2]
     if buffer[2] and buffer[2] % 2 == 0:
         if len(buffer) >= length and _is_whole(buffer[:length]):
-            return _answer(buffer[:length], register_map)
+            return _reply(buffer[:length], register_map)
     else:
         length = 0
     if len(buffer) >= REQUEST_LENGTH and _is_whole(buffer[:REQUEST_LENGTH]):
-        return _question(buffer)
+        return _request(buffer)
     waits = len(buffer) < max(length, REQUEST_LENGTH)
     return None if waits else Rejected(1, "the CRC does not fit")
 
@@ -337,16 +337,16 @@ def _refusal(buffer: bytes) -> Parsed:
     return Rejected(5, f"the instrument refuses: {REFUSALS.get(buffer[2], f'code {buffer[2]}')}")
 
 
-def _question(buffer: bytes) -> Record:
+def _request(buffer: bytes) -> Record:
     unit, function, first, count = struct.unpack_from(">BBHH", buffer)
     return Record(
-        REQUEST_LENGTH, note=f"question to unit {unit}, function {function}: {count} registers from {first}"
+        REQUEST_LENGTH, note=f"request to unit {unit}, function {function}: {count} registers from {first}"
     )
 
 
-def _answer(frame: bytes, register_map: RegisterMap | None) -> Parsed:
+def _reply(frame: bytes, register_map: RegisterMap | None) -> Parsed:
     registers = struct.unpack(f">{frame[2] // 2}H", frame[3:-2])
-    note = f"answer of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
+    note = f"reply of unit {frame[0]}, function {frame[1]}, {len(registers)} registers"
     if register_map is None:
         values = (Value(float(count), "", f"register {place}") for place, count in enumerate(registers))
         return Record.of(len(frame), values, note)
@@ -358,7 +358,7 @@ def _answer(frame: bytes, register_map: RegisterMap | None) -> Parsed:
 
 
 def layout(register_map: RegisterMap | None) -> Layout:
-    """How answers look on the wire; with a map, what they mean."""
+    """The layout of replies; with a map, what they mean."""
     return Layout(partial(parse, register_map=register_map), LONGEST)
 
 
@@ -375,7 +375,7 @@ class Modbus:
     options = (*meter.OPTIONS, "map", "unit", "baud", "parity")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Serial adapters; an RS-485 adapter does not tell what hangs on it."""
+        """Serial adapters; an RS-485 adapter does not show what is connected to it."""
         return find_ports(self.name, self.title, (), f"any adapter; needs map = {' | '.join(packaged())}")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
@@ -385,12 +385,12 @@ class Modbus:
         rest = data[len(data) - decoded.rest :]
         if len(rest) < 7 or rest[2] % 2 or len(rest) != 5 + rest[2]:
             return decoded
-        # as long as an answer says it is, and shorter than the question that a port would wait for
+        # as long as a reply declares, and shorter than the request that a port would wait for
         damaged = Rejected(len(rest), "the CRC does not fit", len(data) - len(rest))
         return replace(decoded, rejected=(*decoded.rejected, damaged), rest=0)
 
     def open(self, settings: DeviceSettings, clock: Clock) -> meter.Meter:
-        """Open the port and wait for the first answer."""
+        """Open the port and wait for the first reply."""
         name = options.text(settings, "map", "")
         if not name:
             raise ConfigError(
@@ -399,16 +399,16 @@ class Modbus:
         register_map = load_map(name)
         request = pack_request(_unit(settings), register_map.function, register_map.first, register_map.count)
         port = open_port(settings, _line(settings, register_map), clock)
-        answers = layout(register_map)
-        meter.first_reply(port, request, answers, settings.name, _HINT)
+        replies = layout(register_map)
+        meter.first_reply(port, request, replies, settings.name, _HINT)
         keys = [channel.name for channel in register_map.channels if channel.unit == register_map.unit]
         names = options.labels(settings, keys)
         unit = STREAM_UNITS.get(register_map.unit, register_map.unit)
-        info = meter.describe(settings, port, answers, register_map.quantity, unit, names, register_map.title)
+        info = meter.describe(settings, port, replies, register_map.quantity, unit, names, register_map.title)
         if component := _component(settings, port, register_map):
             info = replace(info, measures=(component,) * len(names))
         poll = meter.PollSettings(request, settings.every_s)
-        return meter.Meter(info, port, answers, clock, keys[: len(names)], poll=poll)
+        return meter.Meter(info, port, replies, clock, keys[: len(names)], poll=poll)
 
 
 def _unit(settings: DeviceSettings) -> int:
@@ -417,12 +417,12 @@ def _unit(settings: DeviceSettings) -> int:
 
 
 def _component(settings: DeviceSettings, port: Port, register_map: RegisterMap) -> str:
-    """What the instrument measures, by its map or its type; empty where neither says."""
+    """What the instrument measures, by its map or its type; empty where neither is known."""
     if register_map.type_register is None:
         return register_map.measures.get("", "")
     request = pack_request(_unit(settings), register_map.function, register_map.type_register, 1)
     found = port.read(layout(None), meter.REPLY_TIMEOUT_S, request)
-    while found is not None and not found.record.numbers:  # some adapters echo the question
+    while found is not None and not found.record.numbers:  # some adapters echo the request
         found = port.read(layout(None), meter.REPLY_TIMEOUT_S)
     return "" if found is None else register_map.measures.get(int(found.record.numbers[0]), "")
 

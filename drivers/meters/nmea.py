@@ -58,10 +58,10 @@ def _unfinished(buffer: bytes) -> Parsed:
 
 
 def _checked(sentence: re.Match[bytes], length: int) -> Parsed:
-    body, told = sentence.groups()
+    body, given = sentence.groups()
     check = reduce(xor, body, 0)
-    if check != int(told, 16):
-        return Rejected(length, f"check is {told.decode()}, should be {check:02X}")
+    if check != int(given, 16):
+        return Rejected(length, f"check is {given.decode()}, should be {check:02X}")
     name = body.split(b",")[0].decode()
     if name[2:] not in READ or name.startswith("P"):  # P: a maker's own, such as $PGRMC
         return Record(length, note=f"{name}: not read")
@@ -147,8 +147,8 @@ class Nmea:
     options = (*meter.OPTIONS, "baud")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Serial ports; only the sentences tell, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its sentences tell")
+        """Serial ports; only the sentences decide, so each is a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only its sentences decide")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The last sentence needs no line end."""

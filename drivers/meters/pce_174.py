@@ -1,6 +1,6 @@
 """PCE-174, Extech HD450 and HD400 light meters.
 
-9600 8N1 behind a CP2102 adapter; ``87 83 11`` asks for the live record of 18 bytes. All of it stands on one
+9600 8N1 behind a CP2102 adapter; ``87 83 11`` requests the live record of 18 bytes. All of it rests on one
 public description, the maker's paper corrected by trying.
 
 ====== ==========================================================================
@@ -17,7 +17,7 @@ offset content
 ====== ==========================================================================
 
 In relative mode the public program takes bytes 10-11 for the light, its author's later description bytes
-12-13: neither is taken, the mode has no value. There is neither a check nor an overload flag; a value at
+12-13: neither is used, the mode has no value. There is neither a check nor an overload flag; a value at
 the end of the largest range is flagged.
 """
 
@@ -78,14 +78,14 @@ def _value(buffer: bytes) -> Value:
     unit = "fc" if state & 0x04 else "lx"
     full_scale = FULL_SCALE[unit][state & 3]
     value = (100 * buffer[10] + buffer[11]) * full_scale / STEPS
-    quality = Quality.STALE if state & 0x40 or mode in EXTREMES else Quality.GOOD  # not the light of now
+    quality = Quality.STALE if state & 0x40 or mode in EXTREMES else Quality.GOOD  # not the current value
     if mode == RELATIVE:
         value, quality = math.nan, quality | Quality.NO_VALUE
     elif value >= full_scale - full_scale / STEPS:
         quality |= Quality.OVERRANGE
-    states = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))
-    words = tuple(word for present, word in states if present)
-    return Value(-value if second & 0x10 else value, unit, "illuminance", quality, words)
+    possible = ((state & 0x40, "hold"), (mode, MODES[mode]), (second & 0x20, "low_battery"))
+    states = tuple(word for present, word in possible if present)
+    return Value(-value if second & 0x10 else value, unit, "illuminance", quality, states)
 
 
 LAYOUT = Layout(parse, LENGTH)
@@ -101,7 +101,7 @@ class Pce174:
 
     def find(self) -> list[DiscoveredDevice]:
         """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""
-        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's answer tells")
+        return find_ports(self.name, self.title, KINDS, "a common adapter: only the meter's reply decides")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`."""

@@ -1,6 +1,6 @@
-r"""Lines of text from a board of one's own (Arduino, ESP32, ...).
+r"""Lines of text from a microcontroller board (Arduino, ESP32, ...).
 
-There is no standard, so this is ours. A line ends with LF or CR LF and is one of
+There is no standard; this is fieldkit's. A line ends with LF or CR LF and is one of
 
 * ``name=value unit`` pairs, separated by commas or semicolons: ``T1=21.56 C, lux=98760 lx``
 * numbers separated by commas, semicolons or tabs, named by a header line (``ms,temp_c,lux``) or by
@@ -66,7 +66,7 @@ _HINT = "does the board print lines? boards restart when the port opens and need
 
 @dataclass(frozen=True, slots=True)
 class Grammar:
-    """How a board's lines are to be read: names of bare numbers, their unit, numbers that are no value."""
+    """How to read a board's lines: names of bare numbers, their unit, numbers that are no value."""
 
     columns: tuple[str, ...] = ()
     unit: str = ""
@@ -76,7 +76,7 @@ class Grammar:
         """The line at the start of `buffer`."""
         end = buffer.find(b"\n")
         if end < 0:
-            return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end in sight")
+            return None if len(buffer) < LONGEST else Rejected(len(buffer), "no line end found")
         try:
             line = buffer[:end].decode("utf-8").strip()
         except UnicodeDecodeError:
@@ -108,11 +108,11 @@ class Grammar:
             return Rejected(length, f"{len(fields)} fields, {len(names)} columns")
         wrong = [field for field in fields if not _is_number(field)]
         if wrong:
-            return Rejected(length, f"{wrong[0][:20]!r} is no number")
+            return Rejected(length, f"{wrong[0][:20]!r} is not a number")
         row = dict(zip(names, fields, strict=True))
         clock = row.pop("ms", "")
         if len(clock) > _LONGEST_CLOCK:
-            return Rejected(length, f"{clock[:20]!r} is no time in milliseconds")
+            return Rejected(length, f"{clock[:20]!r} is not a time in milliseconds")
         values = tuple(self._value(name, field, _unit_of(name)) for name, field in row.items())
         return Record.of(length, values, device_time=int(clock) if clock.isdecimal() else NO_COUNTER)
 
@@ -151,13 +151,13 @@ class Text:
     """
 
     name = "text"
-    title = "lines of text from a board of one's own"
+    title = "lines of text from a microcontroller board"
     quantity = "temperature"
     options = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
 
     def find(self) -> list[DiscoveredDevice]:
-        """Serial ports; only the lines tell, so each is only a candidate."""
-        return find_ports(self.name, self.title, (), "any adapter: only its lines tell")
+        """Serial ports; only the lines decide, so each is a candidate."""
+        return find_ports(self.name, self.title, (), "any adapter: only its lines decide")
 
     def decode(self, data: bytes, options: Mapping[str, Any]) -> Decoded:
         """Explain bytes; see `fieldkit.drivers.decoding.Decodes`. The header may stand anywhere in them."""

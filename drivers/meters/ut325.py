@@ -1,4 +1,4 @@
-"""UNI-T UT325 (UT32x) thermometer: 19 characters through a USB HID bridge that is no serial port.
+"""UNI-T UT325 (UT32x) thermometer: 19 characters through a USB HID bridge that is not a serial port.
 
 A CH9325 bridge (1a86:e008) with 2400 8N1 behind it. Sending 01 starts the live stream, two or three records
 a second. Source: sigrok's description of meter and bridge, one source.
@@ -97,7 +97,7 @@ class HidBridge:
             self._unit.write(0x02, bytes([len(data)]) + data.ljust(7, b"\0"))
 
     def read(self, layout: Layout, timeout_s: float, request: bytes = b"") -> Stamped | None:
-        """The next record, or None if none is complete within `timeout_s`; the answer to a `request`."""
+        """The next record, or the reply to `request`; None if none is complete within `timeout_s`."""
         if request:
             self.framer.discard()
             self.write(request)

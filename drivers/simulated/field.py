@@ -1,4 +1,4 @@
-"""All simulated instruments of one scene, and where to plug the drivers in."""
+"""All simulated instruments of one scene, and the ports that drivers open."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class SimulatedField:
     """The instruments of a scene, running by a clock; a context manager.
 
     The drivers are the real ones: a meter's gets the path of a pseudo-terminal, a camera's
-    a source of buffers, and neither can tell.
+    a source of buffers.
     """
 
     def __init__(self, scene: Scene, clock: SimulatedClock) -> None:

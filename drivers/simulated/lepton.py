@@ -1,4 +1,4 @@
-"""The far end of the PureThermal camera: a Lepton 3.5 that looks at the scene.
+"""The far end of the PureThermal camera: a Lepton 3.5 that images the scene.
 
 A `fieldkit.model.device.FrameSource`: 160x122 words of Y16 a frame, telemetry rows included, with the
 kernel's stamp and sequence number, and the controls of the board. Written from the same published layout as
@@ -34,7 +34,7 @@ _ANNOUNCED_NS = 2_000_000_000
 
 
 class ShutterState(enum.IntEnum):
-    """The camera's word for it, as in the telemetry."""
+    """As in the telemetry."""
 
     NEVER = 0
     IMMINENT = 1

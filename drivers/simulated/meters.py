@@ -1,4 +1,4 @@
-"""The far ends of the serial meters: what they measure, and the bytes in which they say it.
+"""The far ends of the serial meters: what they measure, and the bytes they send.
 
 Written from the same protocol sheets as the drivers (see `fieldkit.drivers.meters`), in
 the other direction, and sharing nothing with them but the line's speed.
@@ -29,7 +29,7 @@ class Meter(ABC):
 
     `latency_s` is how old the value is that the first byte of a record announces, and
     `response_s` the time constant of the sensor: the truth, which `declared` puts into the
-    options unless somebody declared something else.
+    options unless others are given.
     """
 
     latency_s = 0.0
@@ -54,7 +54,7 @@ class Meter(ABC):
 
     @abstractmethod
     def _start(self) -> None:
-        """Begin to talk or to listen."""
+        """Begin to send or to receive."""
 
     def _measured_ns(self, first_byte_ns: int) -> int:
         """UTC of the value that a record beginning at this monotonic time announces."""
@@ -76,7 +76,7 @@ class Meter(ABC):
 
 
 class SimulatedLutron(Meter):
-    """A light meter that lies flat and sends a record every `every_s`, asked or not."""
+    """A light meter that lies flat and sends a record every `every_s`, unrequested."""
 
     latency_s = 0.2
 
@@ -93,7 +93,7 @@ class SimulatedLutron(Meter):
 
 
 class SimulatedCenter309(Meter):
-    """A thermometer with its four probes in the first four beds; it answers `A` and `K`."""
+    """A thermometer with its four probes in the first four regions; it replies to `A` and `K`."""
 
     latency_s = 0.1
     _THINKS_NS = 20_000_000
@@ -103,10 +103,10 @@ class SimulatedCenter309(Meter):
         super().__init__(scene, clock, settings)
 
     def _start(self) -> None:
-        self._terminal.listen(self._hear)
+        self._terminal.listen(self._receive)
 
-    def _hear(self, letters: bytes) -> None:
-        """Answer each letter in turn; the others are key presses without an answer."""
+    def _receive(self, letters: bytes) -> None:
+        """Reply to each letter in turn; the others are key presses without a reply."""
         free_ns = self._clock.mono_ns()
         for letter in letters:
             first_byte_ns = free_ns + self._THINKS_NS
@@ -141,7 +141,7 @@ def center_309_record(celsius: ArrayLike) -> bytes:
 
 
 def garbled(record: bytes, random: np.random.Generator) -> bytes:
-    """A record as a bad contact leaves it: mostly with bytes lost and others changed."""
+    """A record after a bad contact: mostly with bytes lost and others changed."""
     if random.random() > _SPOILT_SHARE:
         return record
     kept = bytearray(record)

@@ -2,7 +2,7 @@
 
 The driver opens `path` with pyserial like any serial port. Bytes pass through the kernel's
 terminal driver and arrive a little later in real time, so `send` waits until they are
-there: simulated time must not move on with bytes under way. Baud rates mean nothing here;
+there: simulated time must not advance while bytes are in transit. Baud rates have no effect here;
 an instrument sends a record when its last byte would have left a real wire.
 """
 
@@ -23,7 +23,7 @@ from fieldkit.simulation.simulated_clock import SimulatedClock
 
 log = logging.getLogger(__name__)
 
-_MOST_UNREAD = 2048  # then nobody listens, and like a wire it forgets what is sent
+_MOST_UNREAD = 2048  # then nothing reads, and bytes are lost as on a wire
 _ARRIVES_S = 1.0
 
 
@@ -39,13 +39,13 @@ class PseudoTerminal:
         self._watched = False
         self._open = threading.Lock()  # held while the descriptors are in use
 
-    def listen(self, heard: Callable[[bytes], None]) -> None:
-        """Call `heard` with what the driver sends."""
-        self._clock.watch(self._master, lambda: heard(self._received()))
+    def listen(self, receive: Callable[[bytes], None]) -> None:
+        """Call `receive` with what the driver sends."""
+        self._clock.watch(self._master, lambda: receive(self._received()))
         self._watched = True
 
     def send(self, data: bytes) -> None:
-        """Deliver bytes to the driver; they are lost if nobody has read for long."""
+        """Deliver bytes to the driver; they are lost if nothing has been read for long."""
         with self._open:
             unread = self._unread()
             if not data or unread > _MOST_UNREAD:
@@ -71,7 +71,7 @@ class PseudoTerminal:
         arrival.register(self._slave, select.POLLIN)
         deadline = time.monotonic() + _ARRIVES_S
         while time.monotonic() < deadline:
-            arrival.poll(0)  # makes Linux hand over at once what is under way
+            arrival.poll(0)  # makes Linux deliver pending bytes at once
             if self._unread() >= count:
                 return True
             time.sleep(20e-6)

@@ -2,7 +2,7 @@
 
 A `Driver` knows one kind of instrument and finds and opens it; a `Device` is one that has
 been opened. Before its first sample a device declares its stream in a `StreamInfo`.
-Foreign exceptions (pyserial, V4L2, libusb) end inside the driver: a device raises only
+Exceptions of libraries (pyserial, V4L2, libusb) end inside the driver: a device raises only
 `fieldkit.model.errors.DeviceError` and its children.
 """
 
@@ -18,7 +18,7 @@ from fieldkit.model.samples import Frame, Reading
 
 @dataclass(frozen=True, slots=True)
 class StreamInfo:
-    """What a device will deliver, declared before its first sample.
+    """What a device delivers, declared before its first sample.
 
     `shape` is (rows, cols) of a camera, (channels,) of a meter. A camera's kelvin are
     ``counts * scale + offset``; `scale` is NaN where no temperature is known or the law is
@@ -57,7 +57,7 @@ class StreamInfo:
 
     @property
     def is_camera(self) -> bool:
-        """Whether the stream is frames."""
+        """Whether the stream consists of frames."""
         return len(self.shape) == 2
 
     def has_the_columns_of(self, other: StreamInfo) -> bool:
@@ -74,11 +74,11 @@ class StreamInfo:
 
 @dataclass(frozen=True, slots=True)
 class Buffer:
-    """One frame as the video driver handed it over.
+    """One frame as the video driver delivered it.
 
     `mono_ns` is the kernel's stamp where there is one; `sequence` counts the frames the
-    kernel saw (a gap is a loss on this computer), -1 where the backend does not tell;
-    `error` is the driver's own doubt about the bytes.
+    kernel saw (a gap is a loss on this computer), -1 where the backend does not report it;
+    `error`: the video driver marked the bytes as damaged.
     """
 
     data: bytes
@@ -97,7 +97,7 @@ class FrameSource(Protocol):
         """The next frame, or None; raises `DeviceLostError`."""
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let frames go by until a monotonic time, keeping the stream alive."""
+        """Skip frames until a monotonic time, keeping the stream alive."""
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:
         """Read a control of a UVC extension unit; raises `DeviceError` if there is none."""
@@ -111,7 +111,7 @@ class FrameSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class DeviceSettings:
-    """What the configuration says about one device; `options` are the driver's own.
+    """Configuration of one device; `options` are the driver's own.
 
     `source` stands in for the camera's port when the field is simulated.
     """
@@ -127,10 +127,10 @@ class DeviceSettings:
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredDevice:
-    """One instrument that is plugged in and that a driver takes for its own.
+    """One connected instrument that a driver recognises.
 
     `identity` is what to write into the configuration: ``vendor:product[:serial]`` or a USB
-    path, never an index. `caveat` says why the driver is not sure, or is empty.
+    path, never an index. `caveat` explains why the driver is not certain, or is empty.
     """
 
     driver: str
@@ -163,7 +163,7 @@ class Device(Protocol):
 
 @runtime_checkable
 class Camera(Device, Protocol):
-    """A camera: frames, and a shutter that can be run."""
+    """A camera: frames, and a shutter."""
 
     def read(self, timeout_s: float) -> Frame | None:
         """The next frame; see `Device.read`."""
@@ -172,13 +172,13 @@ class Camera(Device, Protocol):
         """Start a shutter correction; False if this camera cannot."""
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let frames go by undecoded until a monotonic time, keeping the stream alive."""
+        """Skip frames undecoded until a monotonic time, keeping the stream alive."""
 
 
 class Driver(Protocol):
     """The code that knows one kind of instrument.
 
-    A driver may say the names of its `options` in the configuration; any others are then refused for it.
+    A driver may declare the names of its `options`; any others are then rejected.
     """
 
     name: str
@@ -186,7 +186,7 @@ class Driver(Protocol):
     quantity: str
 
     def find(self) -> list[DiscoveredDevice]:
-        """Instruments of this kind that are plugged in; never raises for absent libraries."""
+        """Connected instruments of this kind; never raises for absent libraries."""
 
     def open(self, settings: DeviceSettings, clock: Clock) -> Device:
         """Open the instrument that `settings` names.

@@ -2,7 +2,7 @@
 
 Two clocks stamp each sample: `mono_ns` (host monotonic nanoseconds, never steps) and
 `time_ns` (UTC nanoseconds since 1970, the monotonic stamp plus the one anchor taken at
-the start). Values are stored as they came; doubts travel beside them as `Quality` flags.
+the start). Values are stored as they came; `Quality` flags travel beside them.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ NO_COUNTER = -(2**63)
 """Stands for "the device has no clock or counter of its own" in int64 columns."""
 
 UNNUMBERED = -1
-"""`seq` of a sample that the recorder has not taken yet."""
+"""`seq` of a sample that is not recorded yet."""
 
 
 class Quality(enum.IntFlag):
     """Why a sample, a bin or an estimate should be trusted less; 16 bits in the session file."""
 
     GOOD = 0
-    STALE = 1  # a value of another moment: held, a maximum, a minimum, or void by the device's own word
+    STALE = 1  # a value of another moment: held, a maximum, a minimum, or declared void by the device
     FROZEN = 2  # identical frames for longer than a shutter correction lasts
     DUPLICATE = 4  # the same frame once more (frame counter or pixels)
     DROPPED_BEFORE = 8  # samples were lost between the previous one and this
@@ -37,13 +37,13 @@ class Quality(enum.IntFlag):
     OVERRANGE = 64  # at the end of the meter's range
     CLOCK_STEP = 128  # the system clock was stepped since the previous sample
     BAD_CRC = 256  # stored bytes do not match their checksum
-    INTERPOLATED = 512  # the value is sound, its time was not measured: it waited and arrived in a bunch
+    INTERPOLATED = 512  # sound value, time not measured: it was delayed and arrived with others
     LOW_SUN = 1024  # sun too low for the estimate to mean anything
-    SHADED = 2048  # this region alone lost its sun
-    CLOUD = 4096  # the light changed faster than the sun can
+    SHADED = 2048  # this region alone is shaded
+    CLOUD = 4096  # irradiance changed faster than the sun can
     UNRESOLVED = 8192  # data fit more than one slope
     NO_VALUE = 16384  # open probe, overload, or no temperature scale known
-    MOVED = 32768  # the frame moved: regions may be off their beds
+    MOVED = 32768  # the frame moved: regions may no longer fit
 
 
 UNUSABLE = (
@@ -56,7 +56,7 @@ UNUSABLE = (
     | Quality.BAD_CRC
     | Quality.NO_VALUE
 )
-"""Flags of samples whose numbers enter no result; the one definition, for frames and readings alike."""
+"""Flags of samples whose numbers enter no result, frames and readings alike."""
 _UNUSABLE_BITS = int(UNUSABLE)
 _UNSHOWABLE_BITS = int(UNUSABLE & ~(Quality.SATURATED | Quality.NO_VALUE))
 
@@ -88,7 +88,7 @@ def is_showable(flags: int) -> bool:
 
 
 class Severity(NumberedEnum):
-    """How loudly an event should be told."""
+    """How serious an event is."""
 
     INFO = 0
     WARNING = 1
@@ -127,7 +127,7 @@ class Frame(NamedTuple):
 
     `counts` has shape (rows, cols), uint16; `metadata_rows` (extra rows, cols), uint16, is
     what the camera sent with it (telemetry), possibly of zero rows. `fpa_temperature_k` is
-    NaN where the camera does not tell. `seq` is given by the recorder.
+    NaN where the camera does not report it. `seq` is given by the recorder.
     """
 
     stream: str
@@ -161,7 +161,7 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that happened, in words, with machine-readable details in `data`."""
+    """One thing that happened, as text with machine-readable details in `data`."""
 
     kind: EventKind
     mono_ns: int

@@ -181,7 +181,7 @@ class DeviceReader:
 
     def _report_indicators(self, sample: Sample) -> None:
         """Report a change of the meter's indicators (hold, low battery ...), at most once a minute."""
-        indicators = getattr(self._device, "words", ())  # cameras have none
+        indicators = getattr(self._device, "states", ())  # cameras have none
         if indicators == self._indicators or sample.mono_ns < self._indicators_until_ns:
             return
         self._indicators, self._indicators_until_ns = indicators, sample.mono_ns + INDICATORS_EVERY_NS

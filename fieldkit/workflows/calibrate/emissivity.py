@@ -15,7 +15,7 @@ from fieldkit.calibration.steady_pairs import (
     pairs_of,
     refuse_other_bed,
     refuse_shifted_clocks,
-    steady_stretches,
+    steady_intervals,
 )
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.sessions.reader import Session
@@ -112,7 +112,7 @@ def emissivity(
     for one in session.samples():
         collector.add(one)
     notify_damage(session, notify)
-    pairs, remarks = pairs_of(steady_stretches(_checked_readings(collector)))
+    pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
     found = _fitted(pairs, setup, options)
     found = replace(found, remarks=(*remarks, *found.remarks))
     record = CalibrationRecord(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldkit.calibration.emissivity import MIN_SPAN_K
-from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_stretches
+from fieldkit.calibration.steady_pairs import STEADY_K_MIN, Readings, drift_k_min, steady_intervals
 from fieldkit.config import Config, find_campaign, load_config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.durations import parse_duration
@@ -150,7 +150,7 @@ class SteadyView:
         except CalibrationError as error:
             self.on_minute(f"   {error.message}" + (f"; {error.fix}" if error.fix else ""))
             return
-        steady_k = [stretch.contact_k for stretch in steady_stretches(readings)]
+        steady_k = [stretch.contact_k for stretch in steady_intervals(readings)]
         count, span_k = len(apart(steady_k)), max(steady_k, default=0.0) - min(steady_k, default=0.0)
         progress = f"temperatures {count} of {self.wanted}, span {span_k:.0f} K"
         self.on_minute(f"   {_state(readings)}   {progress}")

@@ -14,7 +14,7 @@ from fieldkit.calibration.steady_pairs import (
     pairs_of,
     refuse_other_bed,
     refuse_shifted_clocks,
-    steady_stretches,
+    steady_intervals,
 )
 from fieldkit.model.errors import CalibrationError
 
@@ -51,7 +51,7 @@ def swing(minute):
 
 
 def test_only_the_plateaus_give_pairs():
-    found = steady_stretches(day(80, steps))
+    found = steady_intervals(day(80, steps))
     kelvin = [stretch.contact_k for stretch in found]
     assert {round(one, -1) for one in kelvin} == {300.0, 310.0, 320.0}
     np.testing.assert_allclose(kelvin, np.round(kelvin, -1), atol=0.1)
@@ -63,20 +63,20 @@ def test_only_the_plateaus_give_pairs():
 
 def test_a_surface_that_moves_under_a_still_probe_is_left_out_and_told():
     readings = day(40, lambda m: 300.0 + 0 * m, apparent=lambda m: 295.0 + 0.5 * m)
-    pairs, remarks = pairs_of(steady_stretches(readings))
+    pairs, remarks = pairs_of(steady_intervals(readings))
     assert len(pairs) == 0
     assert "the probe stood still, the surface seen by the camera did not" in remarks[0]
 
 
 def test_a_small_span_is_told():
-    assert "spans only" in pairs_of(steady_stretches(day(30, lambda m: 300.0 + 0 * m)))[1][0]
+    assert "spans only" in pairs_of(steady_intervals(day(30, lambda m: 300.0 + 0 * m)))[1][0]
 
 
 def test_a_gap_ends_a_stretch():
     readings = day(10, lambda m: 300.0 + 0 * m)
     kept = (readings.contact_ns < 4 * MINUTE) | (readings.contact_ns >= 7 * MINUTE)
     holed = replace(readings, contact_ns=readings.contact_ns[kept], contact_k=readings.contact_k[kept])
-    assert [(s.start_ns // MINUTE, s.end_ns // MINUTE) for s in steady_stretches(holed)] == [(0, 4), (7, 10)]
+    assert [(s.start_ns // MINUTE, s.end_ns // MINUTE) for s in steady_intervals(holed)] == [(0, 4), (7, 10)]
 
 
 @pytest.mark.parametrize("late_min", [-12, -3, 4, 15])
@@ -124,5 +124,5 @@ def test_a_short_plateau_is_steady_whatever_was_before():
     def short(minute):
         return np.interp(minute, [0, 20, 30, 36, 46, 66], [300.0, 300.0, 310.0, 310.0, 320.0, 320.0])
 
-    kelvin = {round(one.contact_k, -1) for one in steady_stretches(day(66, short))}
+    kelvin = {round(one.contact_k, -1) for one in steady_intervals(day(66, short))}
     assert kelvin == {300.0, 310.0, 320.0}

@@ -54,7 +54,7 @@ class Wire:
     def hear(self, length):
         return os.read(self.far, length)
 
-    def answer(self, replies):
+    def reply(self, replies):
         """Reply from `replies` (question: answer) until the wire is cut."""
         self._start(self._answer, replies)
 

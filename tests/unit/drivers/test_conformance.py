@@ -38,7 +38,7 @@ def test_meter_that_talks_conforms_on_its_port(wire):
 
 
 def test_meter_that_answers_conforms_on_its_port(wire):
-    wire.answer({b"K": b"309\r", b"A": TEMPERATURES})
+    wire.reply({b"K": b"309\r", b"A": TEMPERATURES})
     settings = DeviceSettings("t", "center-309", port=wire.path, every_s=0.05)
     outcomes = list(check_driver(Center309(), HostClock(), settings, wire))
     assert set(levels(outcomes).values()) == {"ok"}, outcomes
@@ -91,10 +91,10 @@ class Vanishing(Lutron):
 def test_driver_that_breaks_the_rules_is_caught():
     found = levels(check_driver(Vanishing(), HostClock(), DeviceSettings("t", "lutron", port="x")))
     assert found == {
-        "it says what it is": "ok",
-        "it looks for instruments": "fail",
+        "it describes itself": "ok",
+        "it finds instruments": "fail",
         "any bytes give values or reasons": "fail",
-        "an instrument that is not there is said to be missing": "fail",
+        "a missing instrument is reported as missing": "fail",
         "it opens and declares its stream": "fail",
     }
 
@@ -135,8 +135,8 @@ def test_driver_that_does_not_tell_a_pulled_cable_is_caught(wire, monkeypatch):
     wire.talk(LUX)
     settings = DeviceSettings("t", "lutron", port=wire.path)
     found = levels(check_driver(Clinging(), HostClock(), settings, wire))
-    assert found["it tells when it is unplugged"] == "fail"
-    assert found["it comes back as the same instrument"] == "ok"
+    assert found["it reports being unplugged"] == "fail"
+    assert found["it returns as the same instrument"] == "ok"
 
 
 def test_without_somebody_to_pull_it_the_cable_is_left_out(wire):

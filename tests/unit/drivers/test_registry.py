@@ -81,5 +81,5 @@ def test_listing_the_names_loads_no_driver():
         "heavy = ('cv2', 'serial', 'usb', 'fieldkit.drivers.meters', 'fieldkit.drivers.cameras');"
         "print([name for name in heavy if name in sys.modules])"
     )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout.strip() == "[]"
+    reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert reply.stdout.strip() == "[]"

@@ -43,7 +43,7 @@ class Announced:
     env: dict[str, str] = field(default_factory=dict)
     set_to: dict[str, str] = field(default_factory=dict)
     links: list[str] = field(default_factory=list)
-    as_text: dict[str, str] = field(default_factory=dict)
+    text: dict[str, str] = field(default_factory=dict)
 
     def holds(self, key: str, name: str, op: str, wanted: str) -> bool:
         if key == "TEST":
@@ -57,7 +57,7 @@ class Announced:
         if key == "SYMLINK":
             self.links.append(value)
         elif key in ("ENV", "ATTR"):
-            (self.env if key == "ENV" else self.as_text)[name] = value
+            (self.env if key == "ENV" else self.text)[name] = value
         else:
             self.set_to[key] = value
 
@@ -104,7 +104,7 @@ def test_every_instrument_may_be_used_is_left_alone_and_stays_awake(kind: tuple[
     device = usb_device(kind)
     assert device.set_to == {"TAG": "uaccess", "GROUP": "plugdev", "MODE": "0660"}
     assert device.env["ID_MM_DEVICE_IGNORE"] == "1"
-    assert device.as_text == {"power/control": "on"}
+    assert device.text == {"power/control": "on"}
 
 
 @pytest.mark.parametrize("kind", sorted(VIDEO), ids=str)
@@ -132,14 +132,14 @@ def test_ftdi_adapters_hand_over_bytes_within_a_millisecond() -> None:
     port = announced(
         words={"SUBSYSTEM": "usb-serial", "DRIVER": "ftdi_sio"}, attributes={"latency_timer": "16"}
     )
-    assert port.as_text == {"latency_timer": "1"}
+    assert port.text == {"latency_timer": "1"}
 
 
 @pytest.mark.parametrize("made", [usb_device, tty, lambda kind: frame_node(kind, 0)])
 def test_webcams_keyboards_and_devices_that_leave_are_left_as_they_are(made) -> None:
     for kind in ((0x046D, 0x0825), (0x0403, 0x6002), (0x1D6B, 0x0002)):
         device = made(kind)
-        assert (device.set_to, device.links, device.as_text) == ({}, [], {})
+        assert (device.set_to, device.links, device.text) == ({}, [], {})
     gone = announced(words={"ACTION": "remove", "SUBSYSTEM": "usb"}, attributes=ids((0x1E4E, 0x0100)))
     assert gone.set_to == {}
 

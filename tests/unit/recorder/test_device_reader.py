@@ -291,13 +291,13 @@ class Showing(Meter):
     """A meter whose display changes at 5 s, 20 s and 90 s."""
 
     @property
-    def words(self) -> tuple[str, ...]:
+    def states(self) -> tuple[str, ...]:
         second = (self.clock.mono_ns() - self.start_ns) / S
         return () if second < 5 else ("hold",) if second < 20 else ("low_battery",) if second < 90 else ()
 
     def read(self, timeout_s: float) -> Reading | None:
         reading = super().read(timeout_s)
-        held = self.words == ("hold",)
+        held = self.states == ("hold",)
         return reading._replace(quality=Quality.STALE) if reading is not None and held else reading
 
 

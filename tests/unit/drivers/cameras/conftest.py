@@ -7,7 +7,7 @@ from fieldkit.model.errors import DeviceError
 
 
 class Reel:
-    """A `FrameSource` that plays buffers and answers controls; `as_text` keeps what it was told."""
+    """A `FrameSource` that plays buffers and answers controls; `written` keeps what it was told."""
 
     backend = "reel"
     port = "reel"
@@ -15,7 +15,7 @@ class Reel:
     def __init__(self, buffers, controls=None):
         self.buffers = list(buffers)
         self.controls = controls or {}
-        self.as_text = []
+        self.written = []
         self.closed = 0
 
     def read(self, timeout_s):
@@ -31,10 +31,10 @@ class Reel:
         return self.controls[unit, selector]
 
     def set_control(self, unit, selector, data):
-        self.as_text.append((unit, selector, data))
+        self.written.append((unit, selector, data))
 
     def set_zoom(self, value):
-        self.as_text.append(("zoom", value))
+        self.written.append(("zoom", value))
 
     def close(self):
         self.closed += 1

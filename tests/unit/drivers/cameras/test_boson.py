@@ -46,18 +46,18 @@ def answering(function, payload, sequence=1, status=0):
 def test_answer_belongs_to_its_question(wire):
     request = pack(1, 0x00050030)
     late = answering(0x00050030, (999).to_bytes(2, "big"), sequence=77)
-    wire.answer({request: late + answering(0x00050030, (251).to_bytes(2, "big"))})
+    wire.reply({request: late + answering(0x00050030, (251).to_bytes(2, "big"))})
     serial = BosonSerial(wire.path, HostClock())
     assert serial.fpa_temperature_k() == pytest.approx(298.25)
     serial.close()
 
 
 def test_refusal_and_silence_are_errors(wire):
-    wire.answer({pack(1, 0x0005000C): answering(0x0005000C, b"", status=0x0161)})
+    wire.reply({pack(1, 0x0005000C): answering(0x0005000C, b"", status=0x0161)})
     serial = BosonSerial(wire.path, HostClock())
     with pytest.raises(DeviceError, match="unknown command"):
         serial.is_shutter_running()
-    with pytest.raises(DeviceTimeoutError, match="does not answer"):
+    with pytest.raises(DeviceTimeoutError, match="does not reply"):
         serial.is_shutter_running()
     serial.close()
 
@@ -99,7 +99,7 @@ class Serial:
     def is_shutter_running(self):
         return self.running
 
-    def ask(self, function):
+    def request(self, function):
         self.asked.append(function)
 
     def close(self):
@@ -139,7 +139,7 @@ def test_low_gain_needs_its_scale_told(reel, serial, monkeypatch):
 def test_silent_commands_do_not_cost_the_frames(reel, wire, monkeypatch):
     monkeypatch.setattr(boson, "serial_side", lambda *_: BosonSerial(wire.path, HostClock()))
     camera = opened(reel(frame(), frame(seed=1)), kelvin_per_count=0.01)
-    assert "does not answer" in camera.info.settings["commands"]
+    assert "does not reply" in camera.info.settings["commands"]
     assert camera.read(1.0).quality == Quality.GOOD
 
 
@@ -150,7 +150,7 @@ def test_commands_that_fall_silent_are_not_asked_again(reel, serial, monkeypatch
 
     def silent():
         asked.append(1)
-        raise DeviceTimeoutError("the Boson does not answer")
+        raise DeviceTimeoutError("the Boson does not reply")
 
     monkeypatch.setattr(serial, "fpa_temperature_k", silent)
     later = [camera.read(1.0) for _ in range(30)]

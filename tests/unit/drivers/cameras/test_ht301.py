@@ -84,7 +84,7 @@ def test_other_byte_counts_are_rejected(size):
 def test_camera_is_switched_to_temperatures_and_declared(reel):
     source = reel(frame(np.full((288, 384), 0x8040)), frame(flat(5000)), frame(flat(5001)))
     camera = opened(source)
-    assert source.as_text == [("zoom", 0x8020), ("zoom", 0x8004)]
+    assert source.written == [("zoom", 0x8020), ("zoom", 0x8004)]
     info = camera.info
     assert (info.law, info.unit, info.shape, info.metadata_shape) == ("ht301", "K", (288, 384), (4, 384))
     assert (info.serial_number, info.firmware) == ("HT301-00042", "HT301 V1.0")
@@ -93,13 +93,13 @@ def test_camera_is_switched_to_temperatures_and_declared(reel):
     frame_read = camera.read(1.0)
     assert frame_read.quality == Quality.GOOD
     assert camera.run_shutter() is True
-    assert source.as_text[-1] == ("zoom", 0x8000)
+    assert source.written[-1] == ("zoom", 0x8000)
 
 
 def test_upper_range_is_counts_because_its_law_is_disputed(reel):
     source = reel(frame(flat(5000)), frame(flat(5001)))
     camera = opened(source, range="high")
-    assert source.as_text[0] == ("zoom", 0x8021)
+    assert source.written[0] == ("zoom", 0x8021)
     assert (camera.info.unit, camera.info.law) == ("counts", "linear")
     assert camera.read(1.0).quality == Quality.NO_VALUE
 
@@ -135,7 +135,7 @@ def test_the_camera_is_given_its_first_command_after_it_has_settled(reel):
 
     class Clock(HostClock):
         def sleep(self, seconds):
-            waited.append((seconds, list(source.as_text)))
+            waited.append((seconds, list(source.written)))
 
     Ht301().open(DeviceSettings("ir", "ht301", source=source), Clock())
     assert waited == [(pytest.approx(0.3), [])]

@@ -80,9 +80,9 @@ class Camera:
     """The far end of the control endpoint, as the public program drives it."""
 
     def __init__(self):
-        self.as_text, self.statuses, self.tables = [], [], {0x8514: {5: 1}, 0x8214: {0: 1}}
+        self.written, self.statuses, self.tables = [], [], {0x8514: {5: 1}, 0x8214: {0: 1}}
         self.refuses = ()
-        self.answer = b""
+        self.reply = b""
 
     @property
     def properties(self):
@@ -93,15 +93,15 @@ class Camera:
         if (kind, request) == (0xC1, 0x44):
             if index == 0x0200:
                 return [self.statuses.pop(0) if self.statuses else 0]
-            return list(self.answer[:data])
+            return list(self.reply[:data])
         assert (kind, request) == (0x41, 0x45)
-        self.as_text.append((index, bytes(data)))
+        self.written.append((index, bytes(data)))
         if index == 0x9D00:
             code, item, number = struct.unpack("<H", data[:2]) + struct.unpack(">HI", data[2:])
             table = self.tables.get(code & ~0x4000, {})
             if code & 0x4000 and item not in self.refuses:
                 table[item] = number
-            self.answer = table.get(item, 0).to_bytes(2, "big")
+            self.reply = table.get(item, 0).to_bytes(2, "big")
         return None
 
 
@@ -117,22 +117,22 @@ def commands(far):
 
 def test_shutter_command_is_a_short_one(far, commands):
     commands.calibrate()
-    assert far.as_text == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
+    assert far.written == [(0x1D00, bytes.fromhex("0dc1 00000000 0000"))]
 
 
 def test_information_is_asked_with_a_big_endian_length(far, commands):
-    far.answer = b"20220808"
+    far.reply = b"20220808"
     assert commands.information(1, 8) == b"20220808"
-    assert far.as_text == [(0x1D00, bytes.fromhex("0584 01000000 0008"))]
+    assert far.written == [(0x1D00, bytes.fromhex("0584 01000000 0008"))]
 
 
 def test_property_is_written_and_read_back(far, commands):
     assert commands.set(p2pro.PROPERTIES, p2pro.GAIN, 0) == 0
-    assert far.as_text[:2] == [
+    assert far.written[:2] == [
         (0x9D00, bytes.fromhex("14c5 0005 00000000")),
         (0x1D08, bytes.fromhex("00000000 00000000")),
     ]
-    assert far.as_text[3] == (0x1D08, bytes.fromhex("00000000 00000002"))
+    assert far.written[3] == (0x1D08, bytes.fromhex("00000000 00000002"))
 
 
 def test_busy_camera_is_waited_for_and_a_refusal_is_an_error(far, commands):
@@ -173,19 +173,19 @@ def test_camera_tells_what_it_is_and_takes_a_gain(far, monkeypatch):
 )
 def test_settings_are_written_as_the_public_program_does(far, monkeypatch, options, sent):
     connected(far, monkeypatch, **options)
-    assert far.as_text[:2] == [(0x9D00, bytes.fromhex(sent)), (0x1D08, bytes(8))]
+    assert far.written[:2] == [(0x9D00, bytes.fromhex(sent)), (0x1D08, bytes(8))]
 
 
 def test_camera_whose_shutter_must_not_run_by_itself_is_calibrated_once(far, monkeypatch):
     _, facts = connected(far, monkeypatch, auto_shutter=False)
-    assert far.as_text[0] == (0x9D00, bytes.fromhex("14c2 0000 00000000"))
-    assert (0x1D00, bytes.fromhex("0dc1 00000000 0000")) in far.as_text
+    assert far.written[0] == (0x9D00, bytes.fromhex("14c2 0000 00000000"))
+    assert (0x1D00, bytes.fromhex("0dc1 00000000 0000")) in far.written
     assert facts["auto_shutter"] == 0
 
 
 def test_setting_the_firmware_ignores_is_an_error(far, monkeypatch):
     far.refuses = (0,)
-    with pytest.raises(DeviceError, match=r"did not take distance_m = 3\.0: it was sent 384 and says 0"):
+    with pytest.raises(DeviceError, match=r"did not accept distance_m = 3\.0: sent 384, read back 0"):
         connected(far, monkeypatch, distance_m=3)
 
 

@@ -205,7 +205,7 @@ def test_shutter_runs_through_the_extension_unit_and_flags_what_follows(reel):
     source = reel(frame())
     camera = opened(source)
     assert camera.run_shutter() is True
-    assert source.as_text == [(6, 17, b"\x01")]
+    assert source.written == [(6, 17, b"\x01")]
     source.buffers.append(Buffer(frame(w20=30, w1=61_000), HostClock().mono_ns(), 1))
     assert camera.read(1.0).quality == Quality.SHUTTER
 

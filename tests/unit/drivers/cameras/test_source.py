@@ -90,7 +90,7 @@ def test_other_camera_is_an_error_never_a_fallback(present, identity):
 
 def test_with_nothing_plugged_in_the_advice_is_to_plug_it_in(monkeypatch):
     monkeypatch.setattr(source, "cameras", list)
-    with pytest.raises(DeviceNotFoundError, match="no USB camera is plugged in") as caught:
+    with pytest.raises(DeviceNotFoundError, match="no USB camera is connected") as caught:
         open_source(DeviceSettings("ir", "purethermal"), WANTED, HostClock())
     assert "plug it in" in caught.value.fix
 

@@ -26,7 +26,7 @@ class P3(Instrument):
     def __init__(self, port=2):
         super().__init__(port)
         self.streams, self.number, self.lost, self.shutters, self.busy = False, 0, 0, 0, 0
-        self.answer, self.stream, self.gain, self.status = b"", b"", 1, 3
+        self.reply, self.stream, self.gain, self.status = b"", b"", 1, 3
 
     def control(self, kind, request, value, index, data):
         if (kind, request, index) == (0x40, 0xEE, 1):
@@ -40,16 +40,16 @@ class P3(Instrument):
             return b"\1" if self.busy >= 0 else bytes([self.status])
         if (kind, request) == (0xC1, 0x21) and self.status == 2:
             self.status = 3
-            return self.answer[:data]
+            return self.reply[:data]
         return None
 
     def command(self, data):
         self.busy, self.status = 2, 3
         register, length = data[4], struct.unpack_from("<H", data, 12)[0]
         if data[:3] == b"\x01\x01\x81":
-            self.answer, self.status = TEXTS[register].ljust(length, b"\0"), 2
+            self.reply, self.status = TEXTS[register].ljust(length, b"\0"), 2
         if data == bytes.fromhex("012f81000000000000000000010000004930"):
-            self.answer, self.status = bytes([self.gain]), 2
+            self.reply, self.status = bytes([self.gain]), 2
         self.shutters += data[:5] == b"\x01\x36\x43\0\0"
 
     def pending(self, endpoint):
@@ -135,9 +135,9 @@ def test_camera_without_permission_says_what_to_type(camera):
     assert "doctor --udev" in caught.value.fix
 
 
-@pytest.mark.parametrize(("answer", "gain"), [(0, "low"), (0x35, "unknown (35)")])
-def test_gain_is_told_as_the_camera_has_it(camera, answer, gain):
-    camera.gain = answer
+@pytest.mark.parametrize(("reply", "gain"), [(0, "low"), (0x35, "unknown (35)")])
+def test_gain_is_told_as_the_camera_has_it(camera, reply, gain):
+    camera.gain = reply
     device = opened()
     assert device.info.settings["gain"] == gain
     device.close()

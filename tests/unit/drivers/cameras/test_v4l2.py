@@ -56,8 +56,8 @@ class Kernel:
     def s_fmt(self, wanted):
         wanted.fmt.pix.sizeimage = 2 * WIDTH * HEIGHT
 
-    def reqbufs(self, wish):
-        wish.count = v4l2.BUFFERS
+    def reqbufs(self, setting):
+        setting.count = v4l2.BUFFERS
 
     def querybuf(self, slot):
         slot.length, slot.m.offset = SLOT, slot.index * SLOT
@@ -211,16 +211,16 @@ def test_metadata_node_is_refused(kernel):
 
 
 @pytest.mark.parametrize(
-    ("code", "error", "words"),
+    ("code", "error", "text"),
     [
         (errno.EBUSY, DeviceAccessError, "used by another program"),
         (errno.ENOSPC, DeviceAccessError, "no USB bandwidth"),
         (errno.EIO, DeviceAccessError, "does not start"),
     ],
 )
-def test_refused_start_is_explained(kernel, code, error, words):
+def test_refused_start_is_explained(kernel, code, error, text):
     kernel.refuse[v4l2.STREAMON] = code
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=text):
         opened(kernel)
 
 

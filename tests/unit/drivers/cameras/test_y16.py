@@ -31,7 +31,7 @@ def test_scale_is_what_the_user_says(reel):
 
 
 def test_it_must_be_told_which_camera():
-    with pytest.raises(ConfigError, match="must be told which"):
+    with pytest.raises(ConfigError, match="one must be named"):
         Y16().open(DeviceSettings("ir", "y16"), HostClock())
 
 
@@ -47,11 +47,11 @@ def test_recorded_frame_of_unknown_scale_stays_counts():
 
 @pytest.mark.parametrize("name", ["face_raw", "face_cal", "floor_raw", "floor_cal"])
 def test_seek_words_are_counts_only(name):
-    words = np.load(shared(f"data/frames/seek_compact/{name}.npy")).astype("<u2")
-    decoded = Y16().decode(words.tobytes(), {"width": 208, "height": 156})
+    counts = np.load(shared(f"data/frames/seek_compact/{name}.npy")).astype("<u2")
+    decoded = Y16().decode(counts.tobytes(), {"width": 208, "height": 156})
     assert {value.unit for value in decoded.values} == {"counts"}
     assert decoded.values[0].value == 0
-    assert (words == 0).sum() == 2296
+    assert (counts == 0).sum() == 2296
 
 
 def test_bytes_of_no_usual_size_are_not_cut_into_one():

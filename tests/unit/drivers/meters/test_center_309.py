@@ -20,7 +20,7 @@ def settings(wire, **given):
 
 @pytest.fixture
 def device(wire):
-    wire.answer({b"K": b"309\r", b"A": RECORD})
+    wire.reply({b"K": b"309\r", b"A": RECORD})
     device = Center309().open(settings(wire, options={"labels": ["reference", "b05", "b15"]}), HostClock())
     yield device
     device.close()
@@ -57,7 +57,7 @@ class Sleepy(HostClock):
 
 
 def test_late_wakings_do_not_add_up_and_missed_turns_are_not_made_up_for(wire):
-    wire.answer({b"K": b"309\r", b"A": RECORD})
+    wire.reply({b"K": b"309\r", b"A": RECORD})
     clock = Sleepy()
     device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=1.0), clock)
     asked_s = []
@@ -70,7 +70,7 @@ def test_late_wakings_do_not_add_up_and_missed_turns_are_not_made_up_for(wire):
 
 
 def test_turn_that_is_not_due_is_none(wire):
-    wire.answer({b"K": b"309\r", b"A": RECORD})
+    wire.reply({b"K": b"309\r", b"A": RECORD})
     device = Center309().open(DeviceSettings("t", "center-309", port=wire.path, every_s=60), HostClock())
     assert device.read(1.0) is not None
     assert device.read(0.01) is None
@@ -78,7 +78,7 @@ def test_turn_that_is_not_due_is_none(wire):
 
 
 def test_open_probe_leaves_the_others_good(wire):
-    wire.answer({b"K": b"309\r", b"A": RECORD})
+    wire.reply({b"K": b"309\r", b"A": RECORD})
     device = Center309().open(settings(wire), HostClock())
     reading = device.read(1.0)
     assert math.isnan(reading.values[3])
@@ -94,7 +94,7 @@ def test_lowest_number_is_no_temperature():
 
 
 def test_held_display_is_stale(wire):
-    wire.answer({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
+    wire.reply({b"K": b"309\r", b"A": RECORD[:1] + b"\xa0" + RECORD[2:]})
     device = Center309().open(settings(wire), HostClock())
     assert device.read(1.0).quality == Quality.STALE
     device.close()
@@ -103,17 +103,17 @@ def test_held_display_is_stale(wire):
 @pytest.mark.parametrize(("state", "word"), [(0x10, "relative"), (0x02, "maximum"), (0x04, "minimum")])
 def test_what_the_display_shows_does_not_change_the_temperatures_of_now(wire, state, word):
     """The record has those of REL, MIN and MAX apart, at offsets 15-38."""
-    wire.answer({b"K": b"309\r", b"A": RECORD[:1] + bytes([0x80 | state]) + RECORD[2:]})
+    wire.reply({b"K": b"309\r", b"A": RECORD[:1] + bytes([0x80 | state]) + RECORD[2:]})
     device = Center309().open(settings(wire), HostClock())
     reading = device.read(1.0)
     assert reading.values[0] == pytest.approx(25.3 + 273.15)
     assert reading.quality == Quality.GOOD
-    assert word in device.words
+    assert word in device.states
     device.close()
 
 
 def test_sibling_of_another_record_is_named(wire):
-    wire.answer({b"K": b"303\r"})
+    wire.reply({b"K": b"303\r"})
     with pytest.raises(DeviceNotFoundError, match="Center 303") as caught:
         Center309().open(settings(wire), HostClock())
     assert caught.value.fix == 'driver = "center-303"'
@@ -121,7 +121,7 @@ def test_sibling_of_another_record_is_named(wire):
 
 def test_silent_thermometer_says_what_to_do(wire, monkeypatch):
     monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
-    with pytest.raises(DeviceTimeoutError, match="nothing heard"):
+    with pytest.raises(DeviceTimeoutError, match="nothing received"):
         Center309().open(settings(wire), HostClock())
 
 

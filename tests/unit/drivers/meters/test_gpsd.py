@@ -78,11 +78,11 @@ def test_position_with_a_time_that_cannot_be_held_is_still_one(time):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        (b"{\n", "no report"),
+        (b"{\n", "not a gpsd report"),
         (b"[]\n", "not an object"),
         (b"17\n", "not an object"),
         (b'{"class":"PPS"}\n', "'clock_sec' is missing"),
-        (b'{"class":"TPV","mode":3,"lat":"x"}\n', "no report"),
+        (b'{"class":"TPV","mode":3,"lat":"x"}\n', "not a gpsd report"),
         (b'{"class":"TPV","mode":3,"lat":95.0,"lon":7.0}\n', "not on the Earth"),
     ],
 )

@@ -43,7 +43,7 @@ def test_requests_are_those_of_the_manual(packed, sent):
 
 
 def test_t10_is_put_into_pc_mode_and_polled(wire):
-    wire.answer({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "10", "0200"): LUX})
+    wire.reply({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "10", "0200"): LUX})
     device = KonicaMinolta().open(settings(wire), HurriedClock())
     assert (device.info.unit, device.info.latency_s, device.info.settings["line"]) == ("lx", 0.25, "9600 7E1")
     reading = device.read(1.0)
@@ -53,7 +53,7 @@ def test_t10_is_put_into_pc_mode_and_polled(wire):
 
 def test_cl200_is_triggered_before_it_is_asked(wire):
     colour = signed(b"00020 50+98765+03124+03294\x03")
-    wire.answer(
+    wire.reply(
         {
             pack_request(0, "54", "1"): PC_MODE,
             pack_request(0, "40", "10"): PC_MODE,
@@ -66,12 +66,12 @@ def test_cl200_is_triggered_before_it_is_asked(wire):
 
 
 @pytest.mark.parametrize(
-    ("refusal", "words"), [(b"4", "it is not held"), (b"1", "its head is off"), (b"3", "its EEPROM fails")]
+    ("refusal", "states"), [(b"4", "it is not held"), (b"1", "its head is off"), (b"3", "its EEPROM fails")]
 )
-def test_cl200_that_refuses_the_trigger_says_why(wire, refusal, words):
-    answer = signed(b"00401" + refusal + b"  \x03")
-    wire.answer({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "40", "10"): answer})
-    with pytest.raises(DeviceError, match=words):
+def test_cl200_that_refuses_the_trigger_says_why(wire, refusal, states):
+    reply = signed(b"00401" + refusal + b"  \x03")
+    wire.reply({pack_request(0, "54", "1"): PC_MODE, pack_request(0, "40", "10"): reply})
+    with pytest.raises(DeviceError, match=states):
         KonicaMinolta().open(settings(wire, model="cl-200"), HurriedClock())
 
 
@@ -96,7 +96,7 @@ def test_unknown_status_is_named():
 
 def test_silent_meter_says_what_to_do(wire, monkeypatch):
     monkeypatch.setattr("fieldkit.drivers.meters.meter.REPLY_TIMEOUT_S", 0.05)
-    with pytest.raises(DeviceTimeoutError, match="no answer to the PC mode command"):
+    with pytest.raises(DeviceTimeoutError, match="no reply to the PC mode command"):
         KonicaMinolta().open(settings(wire), HurriedClock())
 
 

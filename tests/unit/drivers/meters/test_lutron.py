@@ -82,7 +82,7 @@ def test_record_of_another_quantity_is_rejected(opened):
 
 def test_silent_meter_says_what_to_do(wire, monkeypatch):
     monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
-    with pytest.raises(DeviceTimeoutError, match="nothing heard") as caught:
+    with pytest.raises(DeviceTimeoutError, match="nothing received") as caught:
         Lutron().open(settings(wire), HostClock())
     assert "DTR" in caught.value.fix
 

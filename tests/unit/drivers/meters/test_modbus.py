@@ -48,7 +48,7 @@ def test_refusal_of_the_instrument_is_said_in_words():
 
 
 def test_pyranometer_is_polled_by_its_map(wire):
-    wire.answer({pack_request(1, 4, 2, 8): SMP})
+    wire.reply({pack_request(1, 4, 2, 8): SMP})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert (device.info.quantity, device.info.unit) == ("irradiance", "W m-2")
     assert device.info.settings["line"] == "19200 8E1"
@@ -65,14 +65,14 @@ def test_type_register_tells_a_pyrheliometer_from_a_pyranometer(wire, type_numbe
     """Types by the manuals of the SMP and the SHP1; what no manual names is not guessed."""
     body = bytes.fromhex("01 04 02") + type_number.to_bytes(2, "big")
     typed = echo + body + crc16(body).to_bytes(2, "little")
-    wire.answer({pack_request(1, 4, 2, 8): SMP, pack_request(1, 4, 0, 1): typed})
+    wire.reply({pack_request(1, 4, 2, 8): SMP, pack_request(1, 4, 0, 1): typed})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert device.info.measures == ((component, component) if component else ())
     device.close()
 
 
 def test_instrument_that_does_not_answer_for_its_type_is_not_guessed(wire):
-    wire.answer({pack_request(1, 4, 2, 8): SMP})
+    wire.reply({pack_request(1, 4, 2, 8): SMP})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     assert device.info.measures == ()
     assert device.read(1.0).values == (997.0, 997.0)
@@ -85,24 +85,24 @@ def test_maps_of_pyranometers_say_so(name, component):
 
 
 @pytest.mark.parametrize(
-    ("said", "complaint"),
+    ("given", "complaint"),
     [
         ('measures = "sun"', "measures 'sun' is none of dni"),
         ("measures = { ghi = [601] }", "by type: type_register"),
         ("measures = { type_register = 0 }", "by type: type_register"),
     ],
 )
-def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, said, complaint):
+def test_map_that_says_badly_what_it_measures_is_refused(tmp_path, given, complaint):
     from fieldkit.drivers.meters.modbus import FOLDER
 
     mine = tmp_path / "mine.toml"
-    mine.write_text(f"{said}\n{(FOLDER / 'renke.toml').read_text().replace('measures =', '# measures =')}")
+    mine.write_text(f"{given}\n{(FOLDER / 'renke.toml').read_text().replace('measures =', '# measures =')}")
     with pytest.raises(ConfigError, match=complaint):
         load_map(str(mine))
 
 
 def test_void_data_are_stale(wire):
-    wire.answer({pack_request(1, 4, 2, 8): VOID})
+    wire.reply({pack_request(1, 4, 2, 8): VOID})
     device = Modbus().open(settings(wire, map="kipp-smp"), HostClock())
     reading = device.read(1.0)
     assert (reading.values, reading.quality) == (pytest.approx((843.7, 839.1)), Quality.STALE)
@@ -111,7 +111,7 @@ def test_void_data_are_stale(wire):
 
 def test_adapter_that_echoes_the_question_is_understood(wire):
     request = pack_request(1, 3, 0, 8)
-    wire.answer({request: request + RTD})
+    wire.reply({request: request + RTD})
     device = Modbus().open(settings(wire, map="rtd-8"), HostClock())
     reading = device.read(1.0)
     assert reading.values[:4] == pytest.approx((298.15, 298.45, 267.95, 373.65))
@@ -177,9 +177,9 @@ def test_what_is_no_number_is_no_value(number):
 
 
 def test_short_answer_with_a_wrong_check_is_named():
-    told = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
-    assert told.rejected == (Rejected(7, "the CRC does not fit", len(RTD)),)
-    assert (len(told.values), told.rest) == (8, 0)
+    given = Modbus().decode(RTD + bytes.fromhex("01 03 02 00 FA B8 45"), {})
+    assert given.rejected == (Rejected(7, "the CRC does not fit", len(RTD)),)
+    assert (len(given.values), given.rest) == (8, 0)
 
 
 @pytest.mark.parametrize("unit", [0, 248, 256, 300, -1])
@@ -211,4 +211,4 @@ def test_a_register_that_stands_for_no_value_has_none():
     (found,) = one_register().values([32_767, 0])
     assert math.isnan(found.value)
     assert found.quality == Quality.NO_VALUE
-    assert "open" in found.words
+    assert "open" in found.states

@@ -75,8 +75,8 @@ def test_a_fix_without_height_has_no_height():
 
 @pytest.mark.parametrize("cut", [b"*", b"*7", b"$GPRMC*00", b"$GPGGA,1*"])
 def test_the_missing_line_end_of_the_last_sentence_is_not_counted(cut):
-    told = Nmea().decode(cut, {})
-    assert (sum(one.length for one in told.rejected), told.rest) == (len(cut), 0)
+    given = Nmea().decode(cut, {})
+    assert (sum(one.length for one in given.rejected), given.rest) == (len(cut), 0)
 
 
 def test_other_sentences_are_let_by():
@@ -91,8 +91,8 @@ def test_without_the_extra_the_fix_says_what_to_install():
         f"try: Nmea().decode({GGA!r}, {{}})\n"
         "except ConfigError as error: print(error.fix)"
     )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout.strip() == 'pip install "fieldkit[gps]"'
+    reply = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert reply.stdout.strip() == 'pip install "fieldkit[gps]"'
 
 
 def test_a_receiver_that_still_shows_its_last_place_without_a_fix_gives_no_value():

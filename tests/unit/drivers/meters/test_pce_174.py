@@ -77,7 +77,7 @@ def test_what_the_layout_forbids_is_rejected(wrong):
 
 
 def test_meter_is_polled(wire):
-    wire.answer({ASK_LIVE: RECORD})
+    wire.reply({ASK_LIVE: RECORD})
     device = Pce174().open(DeviceSettings("lux", "pce-174", port=wire.path, every_s=0.02), HostClock())
     assert device.read(1.0).values == (98700.0,)
     device.close()

@@ -46,8 +46,8 @@ class Ch9325(Instrument):
         if not self.characters:
             self.characters = (T1, T2)[self.turn % 2]
             self.turn += 1
-        said, self.characters = self.characters[:7], self.characters[7:]
-        return bytes([0xF0 + len(said)]) + said.ljust(7, b"\0")
+        given, self.characters = self.characters[:7], self.characters[7:]
+        return bytes([0xF0 + len(given)]) + given.ljust(7, b"\0")
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_bridge_without_permission_says_what_to_type(bridge):
 def test_silent_meter_is_a_timeout(bridge, monkeypatch):
     monkeypatch.setattr(meter, "FIRST_RECORD_S", 0.05)
     monkeypatch.setattr(Ch9325, "pending", lambda self, endpoint: b"")
-    with pytest.raises(DeviceTimeoutError, match="nothing heard"):
+    with pytest.raises(DeviceTimeoutError, match="nothing received"):
         opened()
 
 
