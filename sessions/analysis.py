@@ -77,10 +77,10 @@ def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
 
 
 def _to_kelvin(info: StreamInfo, calibration: Calibration | None) -> Callable[[FrameBlock], FloatArray]:
-    """Kelvin of pictures, or of a part of them, in their shape."""
+    """Kelvin of frames, or of a part of them, in their shape."""
     if calibration is not None:
-        return lambda pictures: calibration(pictures.counts)
-    return lambda pictures: frames_k(info, pictures.counts, pictures.metadata_rows)
+        return lambda frames: calibration(frames.counts)
+    return lambda frames: frames_k(info, frames.counts, frames.metadata_rows)
 
 
 def kelvin(
@@ -116,12 +116,12 @@ def kelvin(
     """
     info = camera_of(session, stream)
     convert, parts = _to_kelvin(info, calibration), [np.empty((0, *info.shape))]
-    for pictures in session.stream(info.name).pictures(start, stop):
-        values = convert(pictures)
-        bad = is_damaged(pictures.flags)
+    for frames in session.stream(info.name).frame_blocks(start, stop):
+        values = convert(frames)
+        bad = is_damaged(frames.flags)
         if bad.any():
             if damaged == "raise":
-                row = pictures.start + int(np.argmax(bad))
+                row = frames.start + int(np.argmax(bad))
                 raise IntegrityError(
                     f"{session.path}: frame {row} of {info.name} does not match its checksum",
                     fix='damaged="nan" returns NaN in its place; fieldkit check lists what is damaged',
@@ -209,7 +209,7 @@ def minute_means(
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Middle (UTC ns) and mean of every minute of a meter's first channel, of its usable readings.
 
-    `recorded` takes the times as recorded, without a time map in force.
+    `recorded` takes the times as recorded, without the active time map.
     """
     readings = session.readings(meter, recorded=recorded)
     values = readings.values[:, 0]

@@ -1,7 +1,7 @@
 """Checking a session: nothing is changed, everything that can be known from the file is looked at.
 
 Damage and lost samples are failures; what happened in the field (clouds, lost cables,
-stepped clocks) is a warning; the rest is told as it is.
+stepped clocks) is a warning; the rest is reported as it is.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _QUIET = {EventKind.START, EventKind.STOP, EventKind.CLOCK_CHECK, EventKind.REGI
 
 
 def check(path: str | Path) -> list[Finding]:
-    """Everything there is to say about a session file; never raises for what is in it."""
+    """All findings on a session file; never raises for what is in it."""
     path = Path(path)
     try:
         session = open_session(path)
@@ -98,7 +98,9 @@ def _state(session: Session) -> Iterator[Finding]:
         case "recording":
             yield Finding("warn", "state", "still being recorded; checked as far as it is")
         case _ if journal_path(session.path).exists():
-            yield Finding("fail", "state", "interrupted: the journal has samples that the file has not", fix)
+            yield Finding(
+                "fail", "state", "interrupted: the journal holds samples missing from the file", fix
+            )
         case _:
             yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
 
@@ -176,7 +178,7 @@ _LOOK_EVERY = 32
 
 
 def stream_findings(session: Session, name: str) -> Iterator[Finding]:
-    """What there is to say about one stream; reads all of its samples once."""
+    """Findings on one stream; reads all of its samples once."""
     reader = session.stream(name)
     if not len(reader):
         yield Finding("warn", name, "no samples", "was it plugged in?")
@@ -184,7 +186,7 @@ def stream_findings(session: Session, name: str) -> Iterator[Finding]:
     bad, lowest, highest = _contents(reader)
     if bad:
         runs = f"first number {bad[0]}"
-        fix = "these samples are left out of every estimate; a copy made earlier may have them"
+        fix = "these samples are excluded from every estimate; a copy made earlier may have them"
         yield Finding(
             "fail", name, f"{len(bad)} of {len(reader)} samples do not match their checksum, {runs}", fix
         )
@@ -241,7 +243,7 @@ def _numbers(name: str, reader: StreamReader) -> Iterator[Finding]:
 
 
 def _lost_before(reader: StreamReader) -> int:
-    """Samples lost between device and computer: only where a flag says so, for bursts skip on purpose."""
+    """Samples lost between device and computer: only where flagged, because bursts skip on purpose."""
     device_seq = reader.column("device_seq")
     flagged = (reader.column("flags") & int(Quality.DROPPED_BEFORE)) != 0
     known = device_seq != NO_COUNTER
@@ -312,7 +314,7 @@ def _flags(name: str, flags: NDArray[np.uint16]) -> Iterator[Finding]:
 
 
 def clock_findings(session: Session) -> Iterator[Finding]:
-    """Steps and drift of the system clock against the monotonic one, sleep, and the map in force."""
+    """Steps and drift of the system clock against the monotonic one, sleep, and the active time map."""
     checks, in_force = session.clock_checks(), session.time_map()
     if checks:
         proposed = propose_time_map(session)
@@ -323,7 +325,7 @@ def clock_findings(session: Session) -> Iterator[Finding]:
         yield Finding("ok", "clock", "the clocks were not compared while recording")
     if in_force:
         text = "; ".join(f"{step.add_ns / 1e9:+.3f} s ({step.reason})" for step in in_force)
-        yield Finding("ok", "clock", f"a time map is in force: {text}")
+        yield Finding("ok", "clock", f"a time map is active: {text}")
 
 
 def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
@@ -335,7 +337,7 @@ def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
 def _at_the_end(
     session: Session, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
 ) -> Finding:
-    """How far the system clock had come from the recorded times, and what to do if nobody has done it."""
+    """How far the system clock had come from the recorded times, and the fix if it is not corrected."""
     away_ns = last.utc_minus_mono_ns - session.anchor_ns
     is_open = bool(proposed or abs(away_ns) >= TOLERANCE_NS) and not in_force
     text = (
@@ -352,7 +354,7 @@ def _sleep(checks: Sequence[ClockCheck], is_corrected: bool) -> Iterator[Finding
         return
     slept = f"the computer slept {slept_ns / 1e9:.0f} s"
     if is_corrected:
-        yield Finding("ok", "clock", f"{slept}, which the time map in force adds to its times after that")
+        yield Finding("ok", "clock", f"{slept}, which the active time map adds to its times after that")
     else:
         yield Finding("warn", "clock", f"{slept}: its times after that are late")
 
@@ -407,7 +409,7 @@ def sun_findings(session: Session) -> Iterator[Finding]:
 def best_shift_min(time_ns: NDArray[np.int64], lux: FloatArray, site: Site) -> int | None:
     """Minutes to add to the times so that the light fits the sun; 0 where they fit, None where unclear.
 
-    Another shift must fit at least three times better than none; the smallest such is told.
+    Another shift must fit at least three times better than none; the smallest such is returned.
     """
     lit = lux > _LIT_LX
     if not lit.any() or np.ptp(time_ns[lit]) < MIN_SPAN_S * 1e9:

@@ -113,7 +113,7 @@ class FrameWriter:
         self.length += 1
 
     def write(self) -> list[Chunk]:
-        """Write the block as it is, filled up to its depth, and say where its chunks lie."""
+        """Write the block as it is, filled up to its depth, and return where its chunks lie."""
         start = (self.length - 1) // self.depth * self.depth
         self._chunks[:, :, self.length - start :] = self._fill
         down, across = self._chunks.shape[:2]
@@ -148,8 +148,8 @@ class FrameWriter:
         """Where a chunk just written lies: nearly always at what was the `end` of the file.
 
         The library itself looks through all chunks there are to answer that, longer and longer. That the file
-        has grown by just the chunk is enough to know, or that the chunk ends there: whoever reads it
-        there compares its checksum.
+        has grown by just the chunk is enough to know, or that the chunk ends there: a reader compares its
+        checksum.
         """
         tail = bytes(data[-_TAIL:])
         if (
@@ -216,6 +216,6 @@ class TableWriter:
             writer.append(np.array([row[name] for row in rows], dtype).reshape(len(rows), *shape))
 
     def write(self) -> None:
-        """Hand everything over to the file."""
+        """Write everything to the file."""
         for writer in self._writers.values():
             writer.write()

@@ -63,7 +63,7 @@ def propose_time_map(session: Session) -> list[TimeStep]:
 
 
 def _best(checks: Sequence[ClockCheck], anchor_ns: int) -> int | None:
-    """The comparison that tells how far the recorded times are out, by its place."""
+    """Index of the comparison that gives how far the recorded times are off."""
     trusted = [place for place, check in enumerate(checks) if check.source in _TRUSTED]
     if trusted:
         return min(trusted, key=lambda place: checks[place].error_ns)

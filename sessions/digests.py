@@ -2,7 +2,7 @@
 
 An object is a group or a dataset. Its digest is SHA-256 over what a reader gets of it (names of members,
 type, shape, values, scales, attributes), not over how HDF5 lays it out. Three kinds of values are excluded:
-pictures, each of which has a checksum of its own; the corrections of the clock, which are added after the
+frames, each of which has a checksum of its own; the corrections of the clock, which are added after the
 seal and have a checksum per row; and what sealing itself writes last.
 """
 

@@ -1,7 +1,7 @@
 """How entries lie in the tables of the session file: each to its row, and back.
 
 Numbers are stored as they are; text is cut to the width of its field. An event's text that its field would
-cut stands whole among its details; details that do not fit are omitted, and the entry says so.
+cut stands whole among its details; details that do not fit are omitted, and the entry is marked.
 """
 
 from __future__ import annotations

@@ -131,7 +131,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
         put_scale(group, "y", np.arange(rows, dtype="<i4"), units="1", long_name="row, downwards")
         put_scale(group, "x", np.arange(cols, dtype="<i4"), units="1", long_name="column, to the right")
         put_columns(group, stream_columns(info))
-        _pictures(group, info)
+        _frames(group, info)
         return
     columns = stream_columns(info)
     for column in columns:
@@ -144,7 +144,7 @@ def _stream_group(file: h5py.File, info: StreamInfo) -> None:
     put_columns(group, columns)
 
 
-def _pictures(group: h5py.Group, info: StreamInfo) -> None:
+def _frames(group: h5py.Group, info: StreamInfo) -> None:
     counts = put_frames(group, "counts", chunk_shape(info), info.shape, FILL_COUNT)
     attach(group, counts, "time", "y", "x")
     linear = info.law == "linear" and np.isfinite(info.scale)
@@ -351,7 +351,7 @@ def attach(group: h5py.Group, dataset: h5py.Dataset, *names: str) -> None:
 
 
 def set_attributes(node: h5py.Group | h5py.Dataset, attributes: Mapping[str, Any]) -> None:
-    """Attributes, text as fixed-length UTF-8 because every reader knows that kind."""
+    """Attributes, text as fixed-length UTF-8 because every reader supports it."""
     for name, value in attributes.items():
         if isinstance(value, str):
             data = value.encode(errors="replace") or b" "

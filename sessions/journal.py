@@ -5,7 +5,7 @@ that delivers the sample, before anything else happens to it, so a killed proces
 nothing; the write-ahead log is synced each second, so a power cut loses what came after.
 Databases are filled one after the other (``000001.sqlite``, ``000002.sqlite`` ...), so that
 the oldest can go once the session file has its samples safely. What must stay of those (all
-but the pictures) and where each picture's chunks lie in the file moves to
+but the frames) and where each frame's chunks lie in the file moves to
 ``000000.sqlite`` before.
 """
 
@@ -38,7 +38,7 @@ PART_BYTES = 256_000_000
 KEPT_NAME = "000000.sqlite"
 
 LARGE_PIXELS = 150_000
-"""A picture of so many and more is large: its camera alone can keep a computer busy."""
+"""A frame of so many and more is large: its camera alone can keep a computer busy."""
 
 TABLES = """
 CREATE TABLE session(schema_version INTEGER, session_id TEXT, start_ns INTEGER, anchor_ns INTEGER,
@@ -125,7 +125,7 @@ class Journal:
             size, crc32 = self._insert(record)
         except sqlite3.Error as error:
             raise StorageError(
-                f"the journal {self.folder} did not take a record: {error}",
+                f"the journal {self.folder} could not store a record: {error}",
                 fix="free some space; everything recorded until now is safe",
             ) from error
         self.bytes_written += size
@@ -169,7 +169,7 @@ class Journal:
             self._database, self._number, self._part_start = following, self._number + 1, self.bytes_written
 
     def close(self) -> None:
-        """Let go of the database; a second call does nothing."""
+        """Close the database; a second call does nothing."""
         with self._next_lock:
             if not self.is_closed:
                 self.is_closed = True
@@ -197,7 +197,7 @@ def create_part(path: Path, identity: SessionIdentity) -> sqlite3.Connection:
 
 
 def _page_size(header: SessionHeader) -> int:
-    """Large pages halve the cost of a large picture, but each reading of a meter costs one of them."""
+    """Large pages halve the cost of a large frame, but each reading of a meter costs one of them."""
     largest = max((info.shape[0] * info.shape[1] for info in header.streams if info.is_camera), default=0)
     return 65_536 if largest >= LARGE_PIXELS else 4096
 
@@ -251,9 +251,9 @@ class RetainedPart:
         self._database.execute("COMMIT")
 
     def retire(self, part: Path) -> None:
-        """Keep all but the pictures of a full part, then delete it.
+        """Keep all but the frames of a full part, then delete it.
 
-        Only for parts whose pictures are in the session file, on the disk.
+        Only for parts whose frames are in the session file, on the disk.
         """
         self._database.execute("ATTACH ? AS part", (f"{part.absolute().as_uri()}?mode=ro",))
         self._database.execute("BEGIN")
@@ -272,7 +272,7 @@ class RetainedPart:
         return f"CASE WHEN stream IN ({self._cameras}) THEN NULL ELSE {column} END"
 
     def close(self) -> None:
-        """Let go of the database."""
+        """Close the database."""
         close_uncopied(self._database, self._path)
 
 
@@ -286,7 +286,7 @@ SYNC_EVERY_S = 1.0
 class SyncThread(threading.Thread):
     """Syncs the journal once a second, and has the disk begin in between when much is written.
 
-    `failed` is told when the disk did not confirm; `took_ms` is how long the last sync took.
+    `failed` is called when the disk did not confirm; `took_ms` is how long the last sync took.
     """
 
     def __init__(self, journal: Journal, failed: Callable[[str], None]) -> None:
@@ -330,7 +330,7 @@ class SyncThread(threading.Thread):
         try:
             descriptor = os.open(wal_of(self._journal.part_path(number)), os.O_RDONLY)
         except OSError:
-            return  # nothing was promised; the sync will tell
+            return  # nothing was promised; the sync will report it
         try:
             end = os.fstat(descriptor).st_size
             begin_sync(descriptor, start, end - start)
@@ -347,7 +347,7 @@ class SyncThread(threading.Thread):
                 sync_data(wal_of(self._journal.part_path(number)))
             self._first = last
         except (OSError, sqlite3.Error) as error:
-            # A sync tells of a failure once only: what came since the last one may be gone.
+            # A sync reports a failure once only: what came since the last one may be gone.
             text = f"the disk did not confirm the last second: {error}"
             log.error(text)
             self._failed(text)

@@ -39,7 +39,7 @@ _SAMPLE = (
 
 @dataclass(frozen=True, slots=True)
 class SampleRow:
-    """One sample as the journal keeps it; `data` is None once only the session file has the picture."""
+    """One sample as the journal keeps it; `data` is None once only the session file has the frame."""
 
     number: int
     stream: int
@@ -74,7 +74,7 @@ class SampleRow:
         }  # fmt: skip
 
     def with_bytes(self, data: bytes, more: bytes) -> SampleRow:
-        """The same row with its picture found elsewhere."""
+        """The same row with its frame found elsewhere."""
         return replace(self, data=data, more=more)
 
     def _build(self, info: StreamInfo, data: bytes, more: bytes) -> Sample:
@@ -109,13 +109,13 @@ class JournalReader:
         self.close()
 
     def close(self) -> None:
-        """Let go of the databases."""
+        """Close the databases."""
         for part in self._parts.values():
             part.close()
         self._parts.clear()
 
     def rows(self, after: int = -1, before: int | None = None) -> Iterator[SampleRow | Entry]:
-        """Records with numbers between two, both left out; those of damaged places are missing."""
+        """Records with numbers between two, both excluded; those of damaged places are missing."""
         limit = 2**62 if before is None else before
         between = " WHERE id > ? AND id < ? ORDER BY id"
         samples = self._merged(_SAMPLE + between, after, limit)
@@ -124,10 +124,10 @@ class JournalReader:
             yield decode_entry(row[1], row[2]) if len(row) == 3 else SampleRow(*row)
 
     def stream_rows(
-        self, stream: int, first: int = 0, last: int = 2**62, *, pictures: bool = True
+        self, stream: int, first: int = 0, last: int = 2**62, *, frames: bool = True
     ) -> Iterator[SampleRow]:
-        """The samples of a stream in records `first` to `last`, in order; without `pictures` no bytes."""
-        columns = _SAMPLE if pictures else _SAMPLE.replace("data, more", "NULL, NULL")
+        """The samples of a stream in records `first` to `last`, in order; without `frames` no bytes."""
+        columns = _SAMPLE if frames else _SAMPLE.replace("data, more", "NULL, NULL")
         statement = columns + " WHERE stream = ? AND id BETWEEN ? AND ? ORDER BY id"
         for row in self._merged(statement, stream, first, last):
             yield SampleRow(*row)
@@ -143,7 +143,7 @@ class JournalReader:
         return (crc32 for _, crc32 in self._merged(statement, stream))
 
     def entries(self) -> Iterator[Entry]:
-        """Everything that is no sample, in order."""
+        """Everything but samples, in order."""
         for _, kind, body in self._merged("SELECT id, kind, body FROM entry ORDER BY id"):
             try:
                 yield decode_entry(kind, body)

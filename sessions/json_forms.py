@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 def build(kind: type[T], plain: Any) -> T:
-    """The dataclass whose fields a mapping has; what only a newer version knows is not looked at.
+    """The dataclass whose fields a mapping has; fields of a newer version are skipped.
 
     Raises `ValueError` where a value is not of its field's type, `TypeError` where one is missing that has
     no default.

@@ -1,6 +1,6 @@
 """The session file on paper: names, tables, and how frames are cut into chunks.
 
-Here is what the format says, not how it is written or read. Every table is one HDF5
+The format itself, not how it is written or read. Every table is one HDF5
 group, every `Column` one dataset in it; all numbers little-endian, all text UTF-8 of a
 fixed width, no compound types. `time` counts microseconds since 1970, UTC; `mono_ns` is
 the host's monotonic clock.
@@ -41,7 +41,7 @@ RESERVED_NAMES = frozenset(
 class SessionHeader:
     """What is known about a session before its first sample.
 
-    `config_toml` is the configuration as it was used; `license` and `references` say how
+    `config_toml` is the configuration as it was used; `license` and `references` state how
     the data may be used and cited.
     """
 
@@ -226,12 +226,12 @@ def _stamps(info: StreamInfo) -> list[Column]:
 
 
 def raw_width(info: StreamInfo) -> int:
-    """Room for the bytes of one reading; 64 where the driver does not say."""
+    """Room for the bytes of one reading; 64 where the driver declares none."""
     return info.raw_bytes or 64
 
 
 def stream_columns(info: StreamInfo) -> list[Column]:
-    """The columns of a stream beside its pictures."""
+    """The columns of a stream beside its frames."""
     if info.is_camera:
         fpa = {"units": "K", "long_name": "temperature of the camera's sensor"}
         return [*_stamps(info), Column("fpa_temperature", "<f8", fill=np.nan, attributes=fpa)]
@@ -250,7 +250,7 @@ def stream_columns(info: StreamInfo) -> list[Column]:
 
 
 def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
-    """The tables of everything that is no sample, by group."""
+    """The tables of everything but samples, by group."""
     regions, streams = max(1, len(header.region_names)), len(header.streams)
     return {
         "irradiance": [
@@ -378,7 +378,7 @@ def _divisor_near(length: int, wanted: int) -> int:
 
 
 def encode_text(text: str, width: int) -> bytes:
-    """UTF-8 of at most `width` bytes, cut between characters; what is no character becomes ``?``."""
+    """UTF-8 of at most `width` bytes, cut between characters; bytes that are not a character become ``?``."""
     data = text.encode(errors="replace")
     return data if len(data) <= width else data[: width - 3].decode(errors="ignore").encode() + "…".encode()
 

@@ -1,6 +1,6 @@
 """Who is writing a session: a lock that the kernel lets go of when its process dies.
 
-So there are no stale locks to be recognised; the file's text only says whom to look for.
+So a lock is never stale; the file's text names the process that holds it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def is_locked(folder: Path) -> bool:
 
 
 def owner(folder: Path) -> int | None:
-    """The process that holds the lock of a journal folder, or None if nobody does."""
+    """The process that holds the lock of a journal folder, or None if it is free."""
     if not is_locked(folder):
         return None
     try:

@@ -1,7 +1,7 @@
 """Opening a session: sealed, recovered, interrupted, or while it is being recorded.
 
 Nothing is changed and nothing is read before it is asked for; samples come a block of frames at a
-time. Times are as they were recorded, or as the time map in force corrects them; estimates
+time. Times are as they were recorded, or as the active time map corrects them; estimates
 stay as they were computed.
 """
 
@@ -81,7 +81,7 @@ def explained(path: Path, error: Exception) -> SessionError:
 
 
 def check_format(path: Path, file: h5py.File) -> None:
-    """Raise `SessionError` where the file is no session, or one of a newer version."""
+    """Raise `SessionError` where the file is not a session, or one of a newer version."""
     if attribute(file, "fieldkit_format") != FORMAT_NAME:
         raise SessionError(f"{path} is an HDF5 file, but not a fieldkit session", fix=CHECK_PATH)
     version = str(attribute(file, "fieldkit_format_version"))
@@ -113,10 +113,10 @@ def header_of(file: h5py.File) -> SessionHeader:
 
 
 def _texts(dataset: h5py.Dataset) -> list[str]:
-    """The texts of a dataset; raises `SessionError` where it is none of texts."""
+    """The texts of a dataset; raises `SessionError` where it does not hold texts."""
     check_size(dataset)
     if dataset.dtype.kind != "S" or dataset.ndim != 1:
-        raise SessionError(f"{dataset.name} holds no texts")
+        raise SessionError(f"{dataset.name} does not hold texts")
     return [decode_text(text) for text in dataset[:].tolist()]
 
 
@@ -239,7 +239,7 @@ class Session:
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
         """The samples of the streams named (all if none is), by monotonic time, a block of frames at a time.
 
-        Their `time_ns` is as the time map in force corrects it, if there is one and not as `recorded`.
+        Their `time_ns` is as the active time map corrects it, if there is one and not as `recorded`.
         """
         names = streams or tuple(self.streams)
         if not recorded and (steps := self.time_map()):
@@ -252,12 +252,12 @@ class Session:
 
     @property
     def start_ns(self) -> int:
-        """UTC of the first sample, corrected by the time map in force; 0 where there is none."""
+        """UTC of the first sample, corrected by the active time map; 0 where there is none."""
         return min((int(self._span_ns(reader, 0, 1)[0]) for reader in self._filled()), default=0)
 
     @property
     def end_ns(self) -> int:
-        """UTC of the last sample, corrected by the time map in force; 0 where there is none."""
+        """UTC of the last sample, corrected by the active time map; 0 where there is none."""
         return max((int(self._span_ns(reader, len(reader) - 1)[0]) for reader in self._filled()), default=0)
 
     def _filled(self) -> list[StreamReader]:
@@ -276,7 +276,7 @@ class Session:
     # --- samples as arrays and tables
 
     def times_ns(self, stream: str) -> NDArray[np.int64]:
-        """UTC of a stream's samples, corrected by the time map in force."""
+        """UTC of a stream's samples, corrected by the active time map."""
         return self._span_ns(self._reader(stream))
 
     def flags(self, stream: str) -> NDArray[np.uint16]:
@@ -302,7 +302,7 @@ class Session:
         return {name: len(reader.damaged) for name, reader in self._readers.items() if reader.damaged}
 
     def columns_are_sealed(self, stream: str) -> bool:
-        """Whether a stream's columns, all but its pictures, are those that were sealed.
+        """Whether a stream's columns, all but its frames, are those that were sealed.
 
         False also of a session sealed by a version that kept no checksum of them, or whose seal is damaged.
         """
@@ -344,7 +344,7 @@ class Session:
         """A stream as a lazy xarray dataset; see `fieldkit.sessions.analysis.to_xarray`."""
         return analysis.to_xarray(self, stream)
 
-    # --- tables: all that is no sample
+    # --- tables: everything but samples
 
     def events(self, *, recorded: bool = False) -> list[Event]:
         """What happened, in the order it was noticed."""
@@ -386,7 +386,7 @@ class Session:
         }
 
     def time_map(self) -> list[TimeStep]:
-        """The corrections of the clock in force, written afterwards; usually none."""
+        """The active corrections of the clock, written afterwards; usually none."""
         with self._explaining():
             datasets = columns_of(self.group("time_map"), TIME_MAP_COLUMNS)
             columns = {name: dataset[:] for name, dataset in datasets.items()}
@@ -436,10 +436,10 @@ class Session:
         return object_digest(self._file, path)
 
     def minutes(self) -> list[MinuteRecord]:
-        """What the estimator said while recording, minute by minute."""
-        table, said = self.table("irradiance"), self.estimates()
+        """The estimates made while recording, minute by minute."""
+        table, estimates = self.table("irradiance"), self.estimates()
         by_time: dict[int, list[SlopeEstimate]] = {}
-        for estimate in said:
+        for estimate in estimates:
             by_time.setdefault(estimate.time_ns, []).append(estimate)
         rows = zip(table["time"], table["value"], table["model"], table["flags"], strict=True)
         return [
@@ -451,9 +451,9 @@ class Session:
         ]  # fmt: skip
 
     def entries(self) -> list[Entry]:
-        """Everything that is no sample, as recorded: regions, events, clock comparisons, health, minutes."""
-        told, health = self.events(recorded=True), self.health(recorded=True)
-        return [*self.region_history(), *told, *self.clock_checks(), *health, *self.minutes()]
+        """Everything but samples, as recorded: regions, events, clock comparisons, health, minutes."""
+        events, health = self.events(recorded=True), self.health(recorded=True)
+        return [*self.region_history(), *events, *self.clock_checks(), *health, *self.minutes()]
 
     def group(self, name: str) -> h5py.Group:
         """The HDF5 group of a stream or table, as it is."""
@@ -529,10 +529,12 @@ def open_session(path: str | Path) -> Session:
     """Open a session for reading.
 
     Raises `SessionError` where the path holds no session, one of a newer version, or one
-    too damaged to read; `fix` says what to do.
+    too damaged to read; the error's `fix` is the next step.
     """
     path = Path(path)
-    is_written = is_locked(journal_path(path))  # asked first: who lets go after that has sealed it
+    is_written = is_locked(
+        journal_path(path)
+    )  # asked first: a writer that releases it after that has sealed it
     if _is_closed(path):
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
         return _session(path, lambda: h5py.File(path, "r"), unfinished=unfinished)
@@ -550,7 +552,7 @@ def _is_closed(path: Path) -> bool:
 
 
 def open_interrupted(path: Path, *, salvage: bool = False) -> Session:
-    """Open a session that nobody writes any more, whatever state its writer left it in.
+    """Open a session that is no longer written, whatever state its writer left it in.
 
     Never in SWMR mode, in which HDF5 would wait for the writer to mend what is torn. With `salvage`
     also where a part of the file is gone.
@@ -562,7 +564,7 @@ def _session(
     path: Path, opened: Callable[[], h5py.File], state: str | None = None, *,
     unfinished: str = "interrupted", salvage: bool = False,
 ) -> Session:  # fmt: skip
-    """A session in a given `state`, or as the file says it is: complete, or else `unfinished`."""
+    """A session in a given `state`, or that of the file: complete, or else `unfinished`."""
     file = None
     try:
         file = opened()

@@ -38,7 +38,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class MinuteRecord:
-    """What the estimator said when a minute closed."""
+    """The estimates made when a minute closed."""
 
     time_ns: int
     estimates: tuple[SlopeEstimate, ...]

@@ -111,7 +111,7 @@ def rebuild(path: Path, state: int) -> SealReport:
     """Make a session's file again from its journal and itself, when it could not be completed.
 
     Raises `IntegrityError` where something is lost, the file and the journal being as they were: only
-    recovery may finish such a session, because it says what is missing.
+    recovery may finish such a session, because it reports what is missing.
     """
     report, _ = _rebuild(path, state, None, ())
     return report
@@ -163,14 +163,14 @@ def _made_before(fresh: Path, path: Path) -> RecoveryReport | None:
             if not (session.state == "recovered" and is_this and is_sound):
                 return None
             crc32s = {name: session.stream(name).column("crc32") for name in session.streams}
-            report = _told_by(session)
+            report = _report_of(session)
         return replace(report, bytes=seal(fresh, crc32s, RECOVERED).bytes)
     except (SessionError, RuntimeError, ValueError, KeyError, TypeError):
         return None
 
 
 def _session_ids(path: Path) -> set[str]:
-    """Which session it is, as far as its file and its journal still say."""
+    """Which session it is, as far as its file and its journal still show."""
     ids = set()
     with suppress(SessionError), open_interrupted(path) as session:
         ids.add(session.session_id)
@@ -179,8 +179,8 @@ def _session_ids(path: Path) -> set[str]:
     return ids
 
 
-def _told_by(session: Session) -> RecoveryReport:
-    """What a recovered session says of its recovery, in the events that `_told` wrote."""
+def _report_of(session: Session) -> RecoveryReport:
+    """The report of a recovery, from the events that `_recovery_events` wrote."""
     events = [one for one in session.events(recorded=True) if one.kind is EventKind.RECOVERED]
     counts = {name: session.count(name) for name in session.streams}
     summary = events[-1].data if events else {}
@@ -242,7 +242,7 @@ def _verified(
     fresh.unlink(missing_ok=True)
     try:
         with Salvage(path, packed=packed) as salvage:
-            _write(fresh, salvage, notes, tell=state == RECOVERED)
+            _write(fresh, salvage, notes, report=state == RECOVERED)
         if state == SEALED and salvage.losses:
             raise IntegrityError(f"{path} is not whole: {'; '.join(dict.fromkeys(salvage.losses))}")
         return seal(fresh, {name: stats.crc32s for name, stats in salvage.statistics.items()}, state), salvage
@@ -252,7 +252,7 @@ def _verified(
         raise
 
 
-def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool) -> None:
+def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, report: bool) -> None:
     with ThreadPoolExecutor(COMPRESSORS) as pool:
         file = SessionFile(fresh, salvage.identity, pool, swmr=False)
         try:
@@ -266,7 +266,7 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
                 file.put(entry)
             end_ns = max((stats.last_ns for stats in salvage.statistics.values()), default=0)
             end_ns = end_ns or salvage.identity.start_ns
-            for event in _told(salvage, notes, end_ns, tell=tell):
+            for event in _recovery_events(salvage, notes, end_ns, report=report):
                 file.put(event)
             file.finish(end_ns)
         finally:
@@ -276,13 +276,15 @@ def _write(fresh: Path, salvage: Salvage, notes: Sequence[Event], *, tell: bool)
             put_rows(opened["time_map"], time_map)
 
 
-def _told(salvage: Salvage, notes: Sequence[Event], end_ns: int, *, tell: bool) -> Iterator[Event]:
-    """Events of the recovery itself: marks nobody had taken, every run of lost samples, the summary."""
+def _recovery_events(
+    salvage: Salvage, notes: Sequence[Event], end_ns: int, *, report: bool
+) -> Iterator[Event]:
+    """Events of the recovery itself: marks not yet taken, every range of lost samples, the summary."""
     start_ns, anchor_ns = salvage.identity.start_ns, salvage.identity.anchor_ns
     for note in notes:
         time_ns = min(max(note.time_ns, start_ns), end_ns)
         yield replace(note, time_ns=time_ns, mono_ns=time_ns - anchor_ns)
-    if not tell:
+    if not report:
         return
     for stats in salvage.statistics.values():
         for run in stats.lost:

@@ -1,6 +1,6 @@
 """What can still be read of an interrupted session: its journal, its file, and the file's loose chunks.
 
-A block of pictures that the file has whole is taken as it is, packed; of everything else, each
+A block of frames that the file has whole is taken as it is, packed; of everything else, each
 sample is looked for in the journal, then in the session file, then in the chunks whose places the
 journal remembers (they survive even a file whose own index is destroyed). A sample counts only if
 its checksum matches.
@@ -86,7 +86,7 @@ class Salvage:
     def _try_journal(self) -> JournalReader | None:
         folder = journal_path(self._path)
         if not any(folder.glob("*.sqlite")):
-            gone = "there is no journal any more: only what the file itself has comes back"
+            gone = "the journal is gone: only what the file itself holds is recovered"
             self._journal_damage.append(gone)
             return None
         try:
@@ -109,7 +109,7 @@ class Salvage:
         )
 
     def samples(self, stream: str) -> Iterator[Sample | PackedBlock]:
-        """Every sample of a stream that can be had, by number; whole blocks of pictures in one piece."""
+        """Every sample of a stream that can be had, by number; whole blocks of frames in one piece."""
         place = [info.name for info in self.identity.header.streams].index(stream)
         info, stats = self.identity.header.streams[place], self.statistics[stream]
         stored = StoredSamples(self._session, info, self._file_damage)
@@ -151,7 +151,7 @@ class Salvage:
         whole = info.is_camera and len(wanted) == len(ids) == chunk_shape(info)[0]
         if not (self._packed and whole and wanted[0] == stats.kept and self._journal is not None):
             return None
-        rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), pictures=False))
+        rows = list(self._journal.stream_rows(place, int(ids[0]), int(ids[-1]), frames=False))
         if [row.seq for row in rows] != wanted.tolist():
             return None
         chunks = loose.packed(int(wanted[0]))
@@ -268,13 +268,13 @@ def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
 
 
 def _lost_rows(session: Session) -> Iterator[str]:
-    """In words, the rows of tables that the file says it has and has not."""
+    """Rows of tables that the file claims but does not hold, in words."""
     for name, columns in entry_columns(session.header).items():
         try:
             claimed = int(session.group(name)[columns[0].name].shape[0])
             there = len(session.table(name)[columns[0].name])
         except (SessionError, OSError, RuntimeError, ValueError, KeyError):
-            continue  # told when its entries were read
+            continue  # reported when its entries were read
         if there < claimed:
             yield f"{name}: rows {there} to {claimed - 1} are lost ({claimed - there} of {claimed})"
 
@@ -324,7 +324,7 @@ class RecoveryStatistics:
         self.keep(sample.seq, sample.mono_ns, sample.time_ns, crc32)
 
     def finish(self, total: int) -> None:
-        """Say how many numbers were given: those after the last kept one are lost."""
+        """Set how many numbers were given: those after the last kept one are lost."""
         self._lose(total, 0)
 
     def _lose(self, until: int, before_ns: int) -> None:
@@ -339,7 +339,7 @@ class RecoveryStatistics:
 # --- what the session's file still has: samples by its own index, chunks by the journal's
 
 Index = dict[tuple[int, ...], tuple[int, int]]
-"""Offset and size of chunks by the first row, and row and column of the picture."""
+"""Offset and size of chunks by the first row, and row and column of the frame."""
 
 
 class StoredSamples:
@@ -405,7 +405,7 @@ def _runs(rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 class LooseChunks:
-    """Chunks of pictures at the places the journal remembers, whatever became of the file's own index."""
+    """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
     def __init__(
         self, path: Path, session: Session | None, journal: JournalReader | None, info: StreamInfo
@@ -439,24 +439,24 @@ class LooseChunks:
         return chunks
 
     def get(self, row: SampleRow) -> Sample | None:
-        """The picture of a row, put together from the chunks that can be read."""
+        """The frame of a row, put together from the chunks that can be read."""
         if not self._info.is_camera:
             return None
-        counts = self._picture("counts", row.seq, chunk_shape(self._info), self._info.shape)
+        counts = self._frame("counts", row.seq, chunk_shape(self._info), self._info.shape)
         depth = chunk_shape(self._info)[0]
         shape = self._info.metadata_shape
-        more = self._picture("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
+        more = self._frame("metadata_rows", row.seq, (depth, *shape), shape) if shape[0] else b""
         return row.with_bytes(counts, more).sample(self._info)
 
-    def _picture(self, name: str, seq: int, cut: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
+    def _frame(self, name: str, seq: int, cut: tuple[int, int, int], shape: tuple[int, ...]) -> bytes:
         start = seq - seq % cut[0]
         if self._blocks.get(name, (-1, None))[0] != start:
             self._blocks[name] = (
                 start,
                 self._block(f"/{self._info.name}/{name}", start, cut, shape),
             )
-        picture: bytes = self._blocks[name][1][seq - start].tobytes()
-        return picture
+        frame: bytes = self._blocks[name][1][seq - start].tobytes()
+        return frame
 
     def _block(
         self, dataset: str, start: int, cut: tuple[int, int, int], shape: tuple[int, ...]

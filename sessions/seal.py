@@ -97,7 +97,7 @@ def table_crc32(session: Session, name: str) -> int:
 
 
 def _digests(path: Path) -> list[str]:
-    """The digests of the objects that a session file says it has."""
+    """The digests of the objects that a session file lists."""
     with open_session(path) as session:
         return [session.object_digest(name) for name in session.sealed_objects()]
 

@@ -1,7 +1,7 @@
 """The HDF5 side of a session, for the one thread that owns it: records in, blocks and rows out.
 
 Everything exists before the first record (see `schema`). In SWMR mode another process may
-read what `flush` has handed over.
+read what `flush` has written.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class SessionFile:
 
     @property
     def bytes_written(self) -> int:
-        """Compressed bytes of pictures so far."""
+        """Compressed bytes of frames so far."""
         return sum(stream.bytes_written for stream in self._streams.values())
 
     @property
@@ -78,7 +78,7 @@ class SessionFile:
         return {name: stream.count for name, stream in self._streams.items()}
 
     def put(self, record: Record, crc32: int | None = None) -> list[Chunk]:
-        """Take a record, with its checksum where that is known; says which chunks were written for it."""
+        """Take a record, with its checksum where that is known; returns the chunks written for it."""
         if isinstance(record, Frame | Reading):
             known = sample_crc32(record, *sample_bytes(record)) if crc32 is None else crc32
             return self._streams[record.stream].put(record, known)
@@ -93,7 +93,7 @@ class SessionFile:
         self._streams[block.stream].put_packed(block)
 
     def flush(self, *, everything: bool = False) -> list[Chunk]:
-        """Hand over to the kernel what is due: all rows, and blocks that have waited long (or all)."""
+        """Write what is due: all rows, and blocks that have waited long (or all)."""
         chunks = [chunk for stream in self._streams.values() for chunk in stream.write(force=everything)]
         for table in self._tables.values():
             table.write()
@@ -208,7 +208,7 @@ _LOOK_AGAIN_S = 0.01  # what is behind is so by seconds
 
 
 class FileThread(threading.Thread):
-    """Writes the session file from what `offer` hands over.
+    """Writes the session file from the records that `offer` queues.
 
     `failed` is called once, with the error, when the file cannot be written any more.
     """
@@ -232,7 +232,7 @@ class FileThread(threading.Thread):
         self._flushed_at = self._synced_at = time.monotonic()
 
     def offer(self, number: int, record: Record, crc32: int | None) -> None:
-        """Hand over a record (a sample with its checksum), unless too much is waiting.
+        """Queue a record (a sample with its checksum), unless too much is waiting.
 
         Then the journal will give it later.
         """
@@ -251,7 +251,7 @@ class FileThread(threading.Thread):
         return not self.is_behind()
 
     def stop(self, *, at_once: bool = False) -> None:
-        """Let the thread take everything up to now from hand-over and journal (or leave that), and end."""
+        """Let the thread take everything up to now from queue and journal (or leave that), and end."""
         self._at_once = at_once
         self._offers.put(None)
 
@@ -272,7 +272,7 @@ class FileThread(threading.Thread):
         self.file.finish(end_ns)
 
     def close(self) -> None:
-        """Let go of everything, whatever state it is in."""
+        """Close everything, whatever state it is in."""
         if self.error is None:
             try:
                 self.file.close()
@@ -301,7 +301,7 @@ class FileThread(threading.Thread):
         return True
 
     def _catch_up(self, number: int) -> None:
-        """Read from the journal what was not handed over."""
+        """Read from the journal what was not queued."""
         if self._next_id >= number:
             return
         with JournalReader(self._journal.folder) as reader:

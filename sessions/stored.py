@@ -116,7 +116,7 @@ def check_inflation(dataset: h5py.Dataset) -> None:
     whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
     for offset in largest:
         _, packed = dataset.id.read_direct_chunk(offset)
-        with contextlib.suppress(zlib.error):  # damage is for the checksums to tell
+        with contextlib.suppress(zlib.error):  # damage is found by the checksums
             squeezer = zlib.decompressobj()
             if len(squeezer.decompress(packed, whole)) == whole and squeezer.decompress(
                 squeezer.unconsumed_tail, 1

@@ -94,11 +94,11 @@ class StreamReader:
         self._group = group
         self._declared = {column.name: column for column in stream_columns(info)}
         self._columns = columns_of(group, self._declared.values(), salvage=salvage)
-        self._pictures = self._open_pictures() if info.is_camera else []
+        self._stored_frames = self._open_frames() if info.is_camera else []
         self._depth = chunk_shape(info)[0] if info.is_camera else _BLOCK_ROWS
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
 
-    def _open_pictures(self) -> list[h5py.Dataset]:
+    def _open_frames(self) -> list[h5py.Dataset]:
         shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
         return [self._frame_dataset(name, shape) for name, shape in shapes.items() if shape[0]]
 
@@ -106,7 +106,7 @@ class StreamReader:
         dataset = dataset_of(self._group, name, shape, "u2")
         block = (chunk_shape(self.info)[0], *shape)
         if 2 * math.prod(block) > MOST_BLOCK_BYTES:
-            raise SessionError(f"{dataset.name} has pictures of {shape}, larger than any camera's")
+            raise SessionError(f"{dataset.name} has frames of {shape}, larger than any camera's")
         chunks = dataset.chunks or (math.inf,)
         if any(side > most for side, most in zip(chunks, block, strict=False)):
             raise SessionError(f"{dataset.name} is cut into chunks of {dataset.chunks}")
@@ -118,15 +118,15 @@ class StreamReader:
 
     def _datasets(self) -> Iterator[h5py.Dataset]:
         yield from self._columns.values()
-        yield from self._pictures
+        yield from self._stored_frames
 
     @property
     def claimed(self) -> int:
-        """Samples that the longest dataset of the stream is said to have."""
+        """Samples that the longest dataset of the stream claims to have."""
         return max(int(dataset.shape[0]) for dataset in self._datasets())
 
     def whole_rows(self, end: int) -> NDArray[np.int64]:
-        """Rows of which everything but the picture lies in the first `end` bytes of the file."""
+        """Rows of which everything but the frame lies in the first `end` bytes of the file."""
         rows = np.arange(0)
         for place, (name, dataset) in enumerate(self._columns.items()):
             there = whole_rows(dataset, self._declared[name].row_bytes, end)
@@ -141,7 +141,7 @@ class StreamReader:
     def column(self, name: str, start: int = 0, stop: int | None = None) -> NDArray[Any]:
         """Values of a column as stored, compared with no checksum; raises `SessionError` where unreadable.
 
-        What enters a result comes from `samples`, `readings`, `pictures` or `flags`.
+        What enters a result comes from `samples`, `readings`, `frame_blocks` or `flags`.
         """
         end = len(self) if stop is None else min(stop, len(self))
         if name in self._columns:
@@ -149,7 +149,7 @@ class StreamReader:
         return self._declared[name].unknown(max(0, end - start))
 
     def columns_crc32(self) -> int:
-        """One checksum over all columns as stored, in their order: everything but pictures."""
+        """One checksum over all columns as stored, in their order: everything but frames."""
         crc = 0
         for dataset in self._columns.values():
             for start, stop in _spans(0, len(self), self._block_rows):
@@ -164,7 +164,7 @@ class StreamReader:
 
     @property
     def counts(self) -> h5py.Dataset:
-        """The pictures as stored; raises `SessionError` where the stream has none."""
+        """The frames as stored; raises `SessionError` where the stream has none."""
         if not self.info.is_camera:
             raise SessionError(f"stream {self.info.name!r} is not a camera")
         return self.frame_datasets[0]
@@ -173,11 +173,11 @@ class StreamReader:
     def frame_datasets(self) -> list[h5py.Dataset]:
         """The datasets of frames: of a camera its counts and metadata rows, else none.
 
-        Raises `SessionError` where a block is not as large as it is said to be.
+        Raises `SessionError` where a block is larger than declared.
         """
-        for dataset in self._pictures:
+        for dataset in self._stored_frames:
             check_inflation(dataset)
-        return self._pictures
+        return self._stored_frames
 
     def samples(self, start: int = 0, stop: int | None = None) -> Iterator[Sample]:
         """The samples from row `start` up to `stop`, in the order they were recorded."""
@@ -186,7 +186,7 @@ class StreamReader:
             yield from build(part)
 
     def frame(self, row: int) -> Frame:
-        """One picture."""
+        """One frame."""
         (frame,) = self.samples(row, row + 1)
         assert isinstance(frame, Frame)
         return frame
@@ -208,7 +208,7 @@ class StreamReader:
             np.concatenate([np.empty(0, np.uint16), *(part["flags"] for part in parts)]),
         )
 
-    def pictures(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
+    def frame_blocks(self, start: int = 0, stop: int | None = None) -> Iterator[FrameBlock]:
         """The frames of a camera as arrays, a chunk at a time."""
         for part in self._parts(start, stop):
             counts, *more = part.frames
@@ -252,14 +252,14 @@ class StreamReader:
     def _read(
         self, dataset: h5py.Dataset, start: int, stop: int, box: tuple[slice, ...] = ()
     ) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
-        """Pictures, or a `box` of them, and which cannot be read: those are the fill value."""
+        """Frames, or a `box` of them, and which cannot be read: those are the fill value."""
         try:
             return dataset[(slice(start, stop), *box)], np.zeros(stop - start, np.bool_)
         except (OSError, RuntimeError):
             if stop - start > self._depth:
                 parts = [self._read(dataset, *span, box) for span in _spans(start, stop, self._depth)]
-                pictures, lost = zip(*parts, strict=True)
-                return np.concatenate(pictures), np.concatenate(lost)
+                frames, lost = zip(*parts, strict=True)
+                return np.concatenate(frames), np.concatenate(lost)
         missing = np.broadcast_to(np.uint16(FILL_COUNT), (stop - start, *dataset.shape[1:]))
         return missing[(slice(None), *box)].copy(), np.ones(stop - start, np.bool_)
 

@@ -19,11 +19,11 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _SIZE, _VERSION, _FLAGS, _END, _CHECKSUM = 48, 8, 11, 28, 44
 _MASK = 0xFFFFFFFF
 CHECK_PATH = "check the path; fieldkit ls shows the sessions of a campaign"
-_LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may say so
+_LONGEST = 2**46  # bytes; no disk is larger, a damaged or hostile file may claim more
 
 
 def is_clean(path: Path) -> bool:
-    """Whether the file was closed by its writer; raises `SessionError` if it is no such HDF5 file."""
+    """Whether the file was closed by its writer; raises `SessionError` if it is not such an HDF5 file."""
     return _superblock(path)[_FLAGS] == 0
 
 
@@ -41,7 +41,7 @@ def _superblock(path: Path) -> bytes:
 
 
 def mended(superblock: bytes, length: int) -> bytes:
-    """The superblock of a file of `length` bytes that nobody is writing."""
+    """The superblock of a file of `length` bytes that is not being written."""
     head = bytearray(superblock)
     head[_FLAGS] = 0
     struct.pack_into("<Q", head, _END, length)

@@ -1,6 +1,6 @@
 """Correcting the times of a session, as data: recorded times are never rewritten.
 
-A time map says from which monotonic time on how much is to be added to the recorded UTC;
+A time map gives what is to be added to the recorded UTC from a monotonic time on;
 of several versions in a file the newest holds.
 """
 
@@ -22,7 +22,7 @@ _FOREVER_NS = 2**63 - 1
 
 @dataclass(frozen=True, slots=True)
 class TimeStep:
-    """From monotonic time `mono_ns` on, add `add_ns` to the recorded UTC; `reason` says why."""
+    """From monotonic time `mono_ns` on, add `add_ns` to the recorded UTC, for a `reason`."""
 
     mono_ns: int
     add_ns: int

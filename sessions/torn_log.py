@@ -131,7 +131,7 @@ class _Pages:
         self._bytes = len(self._database) + len(log)
 
     def _page_size(self) -> int:
-        """As the log says, or the database, whose first page is another one; 4096 where neither can."""
+        """From the header of the log, or of the database (another page); 4096 where neither has it."""
         in_log = int.from_bytes(self._header[8:12].tobytes(), "big")
         in_database = int.from_bytes(self._database[16:18].tobytes(), "big")
         for size in (in_log, 65536 if in_database == 1 else in_database):

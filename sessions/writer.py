@@ -3,7 +3,7 @@
 ::
 
     append -> journal row -> (returns)
-                 '-> hand-over -> file thread -> compress pool -> session.h5
+                 '-> queue -> file thread -> compress pool -> session.h5
     each second, on its own thread: fdatasync of the journal
 
 `close` completes the file, compares every sample with the journal, and only then lets the
@@ -144,10 +144,10 @@ class SessionWriter:
         irradiance_model: str = "",
         flags: Quality = Quality.GOOD,
     ) -> None:
-        """Store what the estimator said when a minute closed."""
+        """Store the estimates made when a minute closed."""
         unknown = {estimate.region for estimate in estimates} - set(self.header.region_names)
         if unknown:
-            raise ValueError(f"estimates for regions the session does not know: {', '.join(sorted(unknown))}")
+            raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
         self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags))
 
     def clock_check(self, check: ClockCheck) -> None:
@@ -259,7 +259,7 @@ class SessionWriter:
         self._tell(text, Severity.ERROR)
 
     def _tell(self, text: str, severity: Severity) -> None:
-        """An event of the writer's own; where even the journal is full there is nobody to tell."""
+        """An event of the writer's own; dropped where even the journal is full."""
         now = self._clock.mono_ns()
         event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)
         with contextlib.suppress(StorageError, SessionError):
@@ -308,11 +308,11 @@ class SampleCheck:
         if shape != declared:
             raise ValueError(f"stream {sample.stream!r} was declared as {declared}, the sample has {shape}")
         if isinstance(sample, Frame):
-            self._check_picture(sample)
+            self._check_frame(sample)
         elif len(sample.raw) > self._raw_widths[sample.stream]:
             raise ValueError(f"stream {sample.stream!r}: {len(sample.raw)} raw bytes, more than declared")
 
-    def _check_picture(self, frame: Frame) -> None:
+    def _check_frame(self, frame: Frame) -> None:
         declared, shape = self._row_shapes[frame.stream], frame.metadata_rows.shape
         if shape != declared and (frame.metadata_rows.size or math.prod(declared)):
             raise ValueError(

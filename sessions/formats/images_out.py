@@ -1,4 +1,4 @@
-"""The pictures of a session: as radiometric TIFF, or to look at as PNG and MP4 with scale and regions."""
+"""The frames of a session: as radiometric TIFF, or to look at as PNG and MP4 with scale and regions."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _tiff_counts(frame: Frame, info: StreamInfo) -> NDArray[np.uint16]:
 
 
 def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
-    """Coloured pictures with the temperature scale, the regions and the time. Raises `StorageError`."""
+    """Coloured images with the temperature scale, the regions and the time. Raises `StorageError`."""
     import cv2
 
     paths = []
@@ -69,7 +69,7 @@ def export_pngs(session: Session, folder: Path, *, stream: str | None = None, ev
 
 
 def export_mp4(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
-    """The same as a film, 25 pictures a second. Raises `StorageError`."""
+    """The same as a video, 25 frames a second. Raises `StorageError`."""
     import cv2
 
     info = _camera(session, stream)
@@ -82,7 +82,7 @@ def export_mp4(session: Session, folder: Path, *, stream: str | None = None, eve
                 raise StorageError(f"cannot write {path}", fix="export --to png, and make a film of them")
         film.write(image)
     if film is None:
-        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
     film.release()
     return [path]
 
@@ -91,10 +91,10 @@ def _camera(session: Session, stream: str | None) -> StreamInfo:
     """The camera named, or the only one; raises `ConfigError`."""
     names = _cameras(session)
     if not names:
-        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
     if stream is None and len(names) > 1:
         raise ConfigError(
-            f"{session.path} has pictures of {len(names)} cameras",
+            f"{session.path} has frames of {len(names)} cameras",
             fix=f"--stream with one of {', '.join(names)}",
         )
     if stream is not None and stream not in names:
@@ -115,7 +115,7 @@ def _stem(session: Session, info: StreamInfo) -> str:
 
 
 def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
-    """The times of these pictures, beside those that other exports wrote into the same folder."""
+    """The times of these frames, beside those that other exports wrote into the same folder."""
     known: dict[str, str] = {}
     if table.exists():
         with table.open(newline="", encoding="utf-8") as file:
@@ -127,7 +127,7 @@ def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
 
 
 def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
-    """The frames to be written; damaged ones are not among them, as a picture shows no flags."""
+    """The frames to be written; damaged ones are not among them, as an image shows no flags."""
     for sample in session.samples(camera):
         if isinstance(sample, Frame) and sample.seq % every == 0 and not is_damaged(sample.quality):
             yield sample
@@ -142,14 +142,14 @@ def _drawn(session: Session, info: StreamInfo, every: int) -> Iterator[tuple[Fra
 
 
 def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
-    """What a picture shows, (rows, cols): °C, or counts where the camera's scale is not known."""
+    """What an image shows, (rows, cols): °C, or counts where the camera's scale is not known."""
     if not has_temperatures(info):
         return frame.counts.astype(np.float32)
     return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(CELSIUS_ZERO_K)
 
 
 def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
-    """One colour scale for the whole session: it holds the middle 98 % of each of about fifty pictures.
+    """One colour scale for the whole session: it holds the middle 98 % of each of about fifty frames.
 
     Of each, not of all together: a bed that is warm for an hour only must not lie beyond the end.
     """
@@ -158,7 +158,7 @@ def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
     shown = [_shown(frame, info) for frame in frames if not is_damaged(frame.quality)]
     ends = np.array([np.nanpercentile(one, (1, 99)) for one in shown if np.isfinite(one).any()])
     if not len(ends):
-        raise ConfigError(f"{session.path} has no pictures", fix=_TABLES)
+        raise ConfigError(f"{session.path} has no frames", fix=_TABLES)
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     return low, max(high, low + (0.01 if has_temperatures(info) else 1))
 

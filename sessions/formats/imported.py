@@ -1,7 +1,7 @@
-"""Writing what was recorded elsewhere as a session; where it came from is told in an event.
+"""Writing what was recorded elsewhere as a session; an event says where it came from.
 
 Imported recordings have no monotonic clock, so their UTC stands for it. Stamps are kept as
-they came: pictures that waited somewhere and arrived in bunches are flagged, not moved.
+they came: frames that waited somewhere and arrived in bunches are flagged, not moved.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fieldkit.sessions.writer import SessionWriter
 class ImportedRecording:
     """A recording of another program: its streams, its samples in order of time, remarks on it.
 
-    `site` is where it was made, if the recording itself knows.
+    `site` is where it was made, if the recording has it.
     """
 
     streams: tuple[StreamInfo, ...]
@@ -64,7 +64,7 @@ class StampedClock:
         return ClockCheck(self.now_ns, 0, 0, "imported")
 
     def sleep(self, seconds: float) -> None:
-        """Nobody waits."""
+        """Nothing waits for this clock."""
 
     def wait_readable(self, fd: int, timeout_s: float) -> bool:
         """Whether there is something to read now."""
@@ -75,7 +75,7 @@ class StampedClock:
         return nullcontext()
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:
-        """Nothing to do: the writer reads back what it was not handed."""
+        """Nothing to do: the writer reads back from the journal what it missed."""
 
 
 def write_imported(path: Path, header: SessionHeader, imported: ImportedRecording, source: str) -> SealReport:
@@ -119,7 +119,7 @@ def usual_rate_hz(time_ns: Sequence[int] | NDArray[np.int64]) -> float:
 
 
 def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which pictures came together, having waited: half the usual interval apart or less."""
+    """Which frames came together, having waited: half the usual interval apart or less."""
     intervals = np.diff(time_ns)
     late = np.zeros(len(time_ns), np.bool_)
     if intervals.size >= 3:
@@ -131,29 +131,27 @@ def bunched(time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True)
 class _Flagged:
-    """Pictures that are read again whenever they are asked for, the late ones flagged."""
+    """Frames that are read again whenever they are asked for, the late ones flagged."""
 
     read: Callable[[], Iterable[Frame]]
     late: NDArray[np.bool_]
 
     def __iter__(self) -> Iterator[Frame]:
-        for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was left out
+        for is_late, frame in zip(self.late, self.read(), strict=False):  # what came after was excluded
             yield frame._replace(quality=frame.quality | Quality.INTERPOLATED) if is_late else frame
 
 
 def flag_bunched(
     read: Callable[[], Iterable[Frame]], time_ns: Sequence[int]
 ) -> tuple[Iterable[Frame], tuple[tuple[Severity, str], ...]]:
-    """The pictures that `read` gives, never all in memory; those that came in bunches flagged `INTERPOLATED`.
+    """The frames that `read` gives, never all in memory; those that came in bunches flagged `INTERPOLATED`.
 
-    `time_ns` are their stamps, known from a look before; also what to say about bunches.
+    `time_ns` are their stamps, known from a first pass; also a note on bunches.
     """
     late = bunched(np.array(time_ns, np.int64))
     if not late.any():
         return _Flagged(read, late), ()
-    text = (
-        f"{int(late.sum())} of {late.size} pictures came in bunches: stamps of arrival, flagged interpolated"
-    )
+    text = f"{int(late.sum())} of {late.size} frames came in bunches: stamps of arrival, flagged interpolated"
     return _Flagged(read, late), ((Severity.WARNING, text),)
 
 
@@ -170,12 +168,12 @@ _WORDS = {"yyyy": "%Y", "mm": "%m", "dd": "%d", "HH": "%H", "MM": "%M", "SS": "%
 def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str | None = None) -> list[int]:
     """UTC nanoseconds of the times of a log in the order of its rows.
 
-    They are ISO 8601, Unix seconds, or as `time_format` says: written for strptime (``%Y-%m-%d``) or in plain
-    letters (``yyyy/mm/dd HH:MM:SS``). Of the hour that comes twice at the end of summer time, the rows up to
-    where the clock goes back belong to the first.
+    They are ISO 8601, Unix seconds, or as `time_format` describes: written for strptime (``%Y-%m-%d``) or in
+    plain letters (``yyyy/mm/dd HH:MM:SS``). Of the hour that comes twice at the end of summer time, the rows
+    up to where the clock goes back belong to the first.
 
-    Raises `ConfigError` where a text is no such time, has no offset and no `zone` is given, names an hour
-    that was skipped, or one that came twice and the order of the rows does not tell which.
+    Raises `ConfigError` where a text is not such a time, has no offset and no `zone` is given, names an hour
+    that was skipped, or one that came twice and the order of the rows leaves open which.
     """
     exact = [None if time_format else _unix_ns(text) for text in texts]
     moments = {
@@ -183,7 +181,7 @@ def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str |
     }
     for row, moment in moments.items():
         if _hours_back(moment) < 0:
-            said = f"{texts[row]!r} never was in {moment.tzinfo}: clocks were put forward over it"
+            said = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
             raise ConfigError(said, fix=_fixed_offset(moment))
     for row in _second_times(moments, texts):
         moments[row] = moments[row].replace(fold=1)
@@ -202,7 +200,7 @@ def _moment(text: str, zone: tzinfo | None, time_format: str | None) -> datetime
     if moment.tzinfo is not None:
         return moment
     if zone is None:
-        raise ConfigError(f"the time {text!r} has no zone", fix="say which: --zone Asia/Tokyo, or --zone UTC")
+        raise ConfigError(f"the time {text!r} has no zone", fix="give it: --zone Asia/Tokyo, or --zone UTC")
     return moment.replace(tzinfo=zone)
 
 
@@ -233,7 +231,7 @@ def _second_times(moments: Mapping[int, datetime], texts: Sequence[str]) -> Iter
         if len(back) != 1:
             raise ConfigError(
                 f"{texts[rows[0]]!r} came twice in {moments[rows[0]].tzinfo}, at the end of summer time, "
-                "and the order of the rows does not tell which it was",
+                "and the order of the rows leaves open which it was",
                 fix=_fixed_offset(moments[rows[0]]),
             )
         yield from rows[back[0] :]
@@ -274,7 +272,7 @@ def _parsed(text: str, time_format: str | None) -> datetime:
         example = "%m/%d/%y %I:%M:%S %p" if text.endswith(("AM", "PM")) else "%d.%m.%Y %H:%M:%S"
         raise ConfigError(
             f"{text!r} is not a time as expected: {expected}",
-            fix=f'say how times are written, such as --time-format "{example}"',
+            fix=f'give the format of the times, such as --time-format "{example}"',
         ) from error
 
 

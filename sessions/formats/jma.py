@@ -115,7 +115,7 @@ def read_obsdl(path: Path, name: str) -> ImportedRecording:
     """A download as streams ``NAME-global``, ``NAME-air``, ``NAME-wind``, ``NAME-pressure`` (of the station),
     ``NAME-sea-level-pressure``.
 
-    Raises `ConfigError` where the file is not laid out as the agency says.
+    Raises `ConfigError` where the file does not follow the agency's layout.
     """
     try:
         rows = [row for row in csv.reader(japanese_text(path).splitlines()) if row]
@@ -192,7 +192,7 @@ def _remarks(
     for item in items:
         doubtful = sum(1 for _, row in body if _cell(row, item.value) and not _is_normal(item, row))
         if doubtful:
-            yield Severity.WARNING, f"{item.label}: {doubtful} values whose quality is not 8 were left out"
+            yield Severity.WARNING, f"{item.label}: {doubtful} values whose quality is not 8 were excluded"
         if len({_cell(row, item.homogeneity) for _, row in body if item.homogeneity >= 0}) > 1:
             yield Severity.WARNING, f"{item.label}: station or instrument changed within the file (均質番号)"
 
@@ -238,7 +238,7 @@ def _kind(cell: str) -> _Kind | None:
 
 
 def _companions(items: Sequence[str], below: Sequence[Sequence[str]], place: int) -> dict[str, int]:
-    """Where the columns stand that tell of the value at `place`: up to the next value but a direction."""
+    """Where the columns stand that qualify the value at `place`: up to the next value but a direction."""
     found: dict[str, int] = {}
     for column in range(place + 1, len(items)):
         words = {_cell(row, column) for row in below} - {""}
@@ -307,11 +307,11 @@ def is_radiation_table(path: Path) -> bool:
 def read_radiation_table(path: Path, name: str) -> ImportedRecording:
     """A table as a stream ``NAME-direct``, ``NAME-diffuse`` or ``NAME-longwave-down`` in W/m².
 
-    Raises `ConfigError` where the file is not laid out as the agency says.
+    Raises `ConfigError` where the file does not follow the agency's layout.
     """
     named = _NAME.fullmatch(path.name)
     if named is None:
-        raise not_understood(path, "its name does not say which quantity and month, like DR202406_tat.txt")
+        raise not_understood(path, "its name does not give quantity and month, like DR202406_tat.txt")
     word, quantity, component = _QUANTITIES[named[1].upper()]
     try:
         first = datetime(int(named[2]), int(named[3]), 1, tzinfo=JST)
@@ -349,7 +349,7 @@ def _day(path: Path, line: str) -> tuple[int, list[float]] | None:
     if not words or not re.fullmatch(r"[1-9]|[0-3]\d", words[0]) or words[:24] == _HOURS:
         return None
     if len(words) != 26 or not all(re.fullmatch(r"\d+|X+", word) for word in words[1:]):
-        raise not_understood(path, f"the row {line.strip()[:40]!r} has not 24 hours and their sum")
+        raise not_understood(path, f"the row {line.strip()[:40]!r} does not have 24 hours and their sum")
     hours = [float("nan") if "X" in word else float(word) for word in words[1:25]]
     known = [hour for hour in hours if hour == hour]
     if "X" not in words[25] and abs(sum(known) - float(words[25])) > 0.5 * len(known) + 1:
@@ -372,7 +372,7 @@ def japanese_text(path: Path) -> str:
 
 def _decoded(content: bytes) -> str:
     try:
-        return content.decode("utf-8-sig")  # Japanese in Shift_JIS is no UTF-8, so this comes first
+        return content.decode("utf-8-sig")  # Japanese in Shift_JIS is not valid UTF-8, so this comes first
     except UnicodeDecodeError:
         return content.decode("cp932")
 

@@ -1,7 +1,7 @@
 """Tables of loggers and spreadsheets (CSV) as streams: thermometers, light, anything with a time and numbers.
 
-Zone and clock offset of the logger are said by the user, never guessed; the unit stands in
-the column's header (``T1 [C]``, ``lux (lx)``) or is said.
+Zone and clock offset of the logger are given by the user, never guessed; the unit stands in
+the column's header (``T1 [C]``, ``lux (lx)``) or is given.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ def read_log(
     """A table as a stream for each quantity in it; `offset_ns` is added to its times.
 
     The streams are called `name`, or `name` and the quantity where there are several. Cells without a number
-    become NaN. `measures` is the component of radiation of its columns, where their names do not say it.
-    `zone` is of times that have none, where the table does not say it either.
+    become NaN. `measures` is the component of radiation of its columns, where their names do not give it.
+    `zone` is of times that have none, where the table does not give it either.
 
     A date and a time of day in the column after it are taken together, so `time_format` is of both.
 
-    Raises `ConfigError` where the table cannot be understood; it says what it found.
+    Raises `ConfigError` where the table cannot be understood, with what was found.
     """
     table, chosen = read_table(path, encoding), columns or LogColumns()
     head, rows, zone = table.head, table.rows, zone or table.zone
@@ -123,7 +123,7 @@ class _Column(NamedTuple):
 
 
 def _column(path: Path, place: int, head: str, unit: str) -> _Column:
-    """What `_UNITS` says of a column; raises `ConfigError`."""
+    """The entry of `_UNITS` for a column; raises `ConfigError`."""
     written = unit or _unit(head)
     meaning = _UNITS.get(written.lower())
     if meaning is None:
@@ -241,7 +241,7 @@ def _warnings(
             f"{len(words)} cells are not numbers and have no value, such as {words[0][:20]!r}",
         )
     if unknown:
-        yield Severity.WARNING, f"left out for their unit: {', '.join(unknown)}; taken are {_KNOWN}"
+        yield Severity.WARNING, f"excluded for their unit: {', '.join(unknown)}; known units: {_KNOWN}"
     if means_hz > 0:
         half_s = 0.5 / means_hz
         said = "means are stamped at their end; if no clock is wrong, import them with"
@@ -322,8 +322,8 @@ _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:
 class Table:
     """Cells of `head` are ``name`` or ``name [unit]``; `time_at` is the place of the time or the date.
 
-    `has_decimal_commas` tells that a comma in a number is its decimal point; `averages` that values are means
-    up to the time of their row; `zone` is of the times, where the file says it.
+    `has_decimal_commas`: a comma in a number is its decimal point; `averages` that values are means
+    up to the time of their row; `zone` is of the times, where the file gives it.
     """
 
     head: list[str]

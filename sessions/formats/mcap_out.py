@@ -1,8 +1,8 @@
 """A session as one MCAP file: counts, readings, events and slopes as messages by time, with their schemas.
 
-Messages are JSON described by JSON Schema, so that a reader needs nothing of fieldkit's; pictures
+Messages are JSON described by JSON Schema, so that a reader needs nothing of fieldkit's; frames
 and events have the names and fields of Foxglove's schemas, which viewers draw at once, and carry
-fieldkit's stamps beside them. Bytes are base64; NaN, which JSON has not, is null.
+fieldkit's stamps beside them. Bytes are base64; NaN, which JSON lacks, is null.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _SLOPE = {
 
 
 def export_mcap(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
-    """One ``.mcap`` with all streams, or the one named; of pictures every n-th.
+    """One ``.mcap`` with all streams, or the one named; of frames every n-th.
 
     Raises `ConfigError` where the mcap package is not installed.
     """
@@ -147,12 +147,12 @@ def _sample(sample: Sample, info: StreamInfo) -> dict[str, Any]:
         "device_time": _counter(sample.device_time), "flags": int(sample.quality),
     }  # fmt: skip
     if isinstance(sample, Frame):
-        return {**stamps, **_picture(sample)}
+        return {**stamps, **_frame(sample)}
     values = dict(zip(channel_names(info), map(_number, sample.values), strict=True))
     return {**stamps, "values": values, "raw": _base64(sample.raw)}
 
 
-def _picture(frame: Frame) -> dict[str, Any]:
+def _frame(frame: Frame) -> dict[str, Any]:
     rows, cols = frame.counts.shape
     return {
         "frame_id": frame.stream, "width": cols, "height": rows, "encoding": "mono16", "step": 2 * cols,

@@ -45,10 +45,10 @@ def cut_to(session: Session, imported: ImportedRecording) -> ImportedRecording:
     kept = _Cut(
         imported.samples, {name: (first_ns - more, last_ns + more) for name, more in margin_ns.items()}
     )
-    left_out = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
-    if not left_out:
+    excluded = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
+    if not excluded:
         return imported
-    said = f"{left_out} samples from before or after the session were left out"
+    said = f"{excluded} samples from before or after the session were left out"
     return replace(imported, samples=kept, remarks=(*imported.remarks, (Severity.INFO, said)))
 
 
@@ -113,7 +113,7 @@ _ZONE_S = 1500.0
 
 
 def aligned(session: Session, imported: ImportedRecording) -> ImportedRecording:
-    """The log with its times moved onto the session's curves of the same quantity; a remark says how far.
+    """The log with its times moved onto the session's series of the same quantity; a note gives the offset.
 
     Raises `NoAnswerError` where no stream of the session determines the offset.
     """
@@ -127,7 +127,7 @@ def aligned(session: Session, imported: ImportedRecording) -> ImportedRecording:
     )
     remarks = [*imported.remarks, (Severity.INFO, said)]
     if abs(found.offset_s) > _ZONE_S:
-        remarks.append((Severity.WARNING, "that is no clock's drift: is --zone right, or summer time?"))
+        remarks.append((Severity.WARNING, "too much for a clock's drift: check --zone and summer time"))
     return ImportedRecording(imported.streams, moved, tuple(remarks), imported.site)
 
 
@@ -146,9 +146,10 @@ def _best_stream(
                 refused = f"{name}: {error.message}"
     if not found:
         quantities = " or ".join(info.quantity for info in streams)
+        reason = refused or f"it has no time series of {quantities}"
         raise NoAnswerError(
-            f"{session.path} does not tell the log's offset: {refused or f'it has no curve of {quantities}'}",
-            fix="say it: --offset +12s, or --offset 0s",
+            f"{session.path} does not determine the log's offset: {reason}",
+            fix="give it: --offset +12s, or --offset 0s",
         )
     return min(found, key=lambda one: one[1].uncertainty_s)
 
@@ -161,7 +162,7 @@ def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
 
 
 def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:
-    """What the session has of a quantity: meters, and for temperatures the regions of its pictures."""
+    """What the session has of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
         if info.quantity == quantity and not info.is_camera and session.count(name):
             yield name, _stream_curve(session, name, start_ns)
@@ -220,7 +221,7 @@ _MOST_PEAKS, _FINE_OFFSETS, _BLOCKS, _REACH = 8, 81, 10, 3.0
 
 _LEAST_COARSE_S, _MOST_UNCERTAIN_S = 1.0, 60.0
 
-_FIX = "a longer stretch with clouds or a shadow would tell; or say the offset: --offset +12s"
+_FIX = "use a longer interval with clouds or a shadow, or give the offset: --offset +12s"
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +254,8 @@ def best_offset(log: Curve, reference: Curve) -> Alignment:
     span = float(np.ptp(reference.time_s)) if reference.time_s.size else 0.0
     if min(log.time_s.size, reference.time_s.size) < _LEAST_POINTS:
         raise NoAnswerError(
-            f"an offset needs {_LEAST_POINTS} points of both curves at least", fix="say it: --offset +12s"
+            f"an offset needs {_LEAST_POINTS} points of both time series at least",
+            fix="give it: --offset +12s",
         )
     finest = 2.0 * max(log.step_s, reference.step_s, span / _MOST_POINTS)
     coarse = max(finest, span / _COARSE_POINTS, _LEAST_COARSE_S)
@@ -292,7 +294,7 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
     if not tops or tops[0][1] < _LEAST_FIT:
         raise NoAnswerError(
             f"the two curves fit nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
-            fix="check that they are of the same thing, or say the offset: --offset +12s",
+            fix="check that they are of the same thing, or give the offset: --offset +12s",
         )
     left_over = max(1 - tops[0][1], _LEFT_OVER)
     for offset, fit in tops[1:]:

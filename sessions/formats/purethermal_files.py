@@ -2,8 +2,8 @@ r"""Recordings ``*.raw.y16.gz`` of the PureThermal Y16 recorder.
 
 A gzip stream: the signature ``PTY16V1\n``, a little-endian u32 length, a JSON header of that
 length; then per frame u64 number, f64 Unix seconds, i64 Unix milliseconds, and the
-picture, u16 little-endian. The stamps are arrivals at the recording program. The header
-says the counts are kelvin x 100 *if* the camera's TLinear was on.
+frame, u16 little-endian. The stamps are arrivals at the recording program. The header
+calls the counts kelvin x 100 *if* the camera's TLinear was on.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def is_purethermal(path: Path) -> bool:
 
 
 def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
-    """A recording as a camera stream; a last frame that is cut off is left out and told.
+    """A recording as a camera stream; a last frame that is cut off is excluded, with a note.
 
     It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
     file is not such a recording.
@@ -55,16 +55,14 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
                 median = float(np.median(frame.counts)) / 100.0
             time_ns.append(frame.time_ns)
     except gzip.BadGzipFile:
-        remarks.append((Severity.WARNING, f"{path.name} does not match its checksum: pictures may be wrong"))
+        remarks.append((Severity.WARNING, f"{path.name} does not match its checksum: frames may be wrong"))
     except (EOFError, OSError, zlib.error):
-        remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was left out"))
+        remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was excluded"))
     scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
     if scale == scale:
-        remarks.append(
-            (Severity.INFO, f"counts taken as K/100: the first picture's median is {median:.1f} K")
-        )
+        remarks.append((Severity.INFO, f"counts taken as K/100: the first frame's median is {median:.1f} K"))
     else:
-        remarks.append((Severity.WARNING, "the counts are no K/100 (TLinear off): temperatures unknown"))
+        remarks.append((Severity.WARNING, "the counts are not K/100 (TLinear off): temperatures unknown"))
     with gzip.open(path) as file:
         shape, rate_hz = _header(path, file)
     flagged, bunches = flag_bunched(lambda: _frames(path, name), time_ns)
@@ -91,9 +89,9 @@ def _header(path: Path, file: gzip.GzipFile) -> tuple[tuple[int, int], float]:
         header = json.loads(file.read(length))
         shape, rate_hz = (int(header["height"]), int(header["width"])), float(header["fps"])
         if not all(0 < side <= _MAX_SIDE for side in shape):
-            raise ValueError(f"pictures of {shape}")
+            raise ValueError(f"frames of {shape}")
         if not 0.0 < rate_hz <= _MAX_RATE_HZ:
-            raise ValueError(f"{rate_hz} pictures a second")
+            raise ValueError(f"{rate_hz} frames a second")
         return shape, rate_hz
     except _UNREADABLE as error:
         raise ConfigError(

@@ -27,7 +27,7 @@ _COLUMNS = {
 def read_station(path: Path, name: str) -> ImportedRecording:
     """A file of SURFRAD or BSRN as streams ``NAME-direct``, ``NAME-air`` ...; stamps are middles of means.
 
-    What was never measured is no stream. Raises `ConfigError`.
+    A quantity that was never measured gives no stream. Raises `ConfigError`.
     """
     weather = read_station_file(path)
     measured = {key: values for key in _COLUMNS if np.isfinite(values := getattr(weather, key)).any()}

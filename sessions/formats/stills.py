@@ -1,6 +1,6 @@
-"""Single pictures (16-bit TIFF, InfiRay IRG), of a folder or one alone, stamped in a table or in their names.
+"""Single frames (16-bit TIFF, InfiRay IRG), of a folder or one alone, stamped in a table or in their names.
 
-What a count means is never guessed: the file says it, or it must be given, or said to be unknown.
+What a count means is never guessed: it stands in the file, or must be given, or declared unknown.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SUFFIXES = (".tif", ".tiff", ".irg")
 
 _MOST_PIXELS = 1 << 24
 
-_OR_NONE = "or --kelvin-per-count none for pictures only"
+_OR_NONE = "or --kelvin-per-count none for frames only"
 
 _SAY_SCALE = {
     "TIFF": f"--kelvin-per-count 0.01 (the maker's number), {_OR_NONE}",
@@ -45,7 +45,7 @@ class Scale:
 
 
 def image_files(source: Path) -> list[Path]:
-    """The pictures of a folder, by name; or the one."""
+    """The frames of a folder, by name; or the one."""
     if not source.is_dir():
         return [source]
     return sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
@@ -55,23 +55,23 @@ def read_stills(
     source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, name: str = "camera",
 ) -> ImportedRecording:  # fmt: skip
-    """The pictures of a folder, or one, as a camera stream, in order of time.
+    """The frames of a folder, or one, as a camera stream, in order of time.
 
     `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
     time; with a header line or without), from the file names by `time_format` (as for strptime, of
-    the name without its ending), or from the tags of pictures that fieldkit exported. Times without an
+    the name without its ending), or from the tags of frames that fieldkit exported. Times without an
     offset are taken in `zone`. Raises `ConfigError`.
     """
     paths = image_files(source)
     if not paths:
         raise ConfigError(
-            f"{source} has no pictures with temperatures",
+            f"{source} has no frames with temperatures",
             fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
         )
     first, own, remarks = _first(paths)
     if scale is None and own is None:
         raise ConfigError(
-            f"what one count of these {_kind(paths[0])} pictures means is not known",
+            f"what one count of these {_kind(paths[0])} frames means is not known",
             fix=_SAY_SCALE[_kind(paths[0])],
         )
     stamps = _stamps(paths, times, time_format, zone)
@@ -89,7 +89,7 @@ def read_stills(
 def _stamps(
     paths: Sequence[Path], times: Path | None, time_format: str | None, zone: tzinfo | None
 ) -> dict[Path, int]:
-    """When each picture was taken, by the one way that was given, else by its own tags."""
+    """When each frame was taken, by the one way that was given, else by its own tags."""
     if times is not None and time_format is None:
         return _from_table(paths, times, zone)
     if time_format is not None and times is None:
@@ -99,7 +99,7 @@ def _stamps(
     found = dict(zip(tagged, parse_times_ns(list(tagged.values()), zone), strict=True))
     if len(found) < len(paths):
         raise ConfigError(
-            "when the pictures were taken must be said in one way",
+            "give the times of the frames in one way only",
             fix='--times stamps.csv (file name, time), or --time-format "%Y%m%dT%H%M%S" (in the names)',
         )
     return found
@@ -108,21 +108,21 @@ def _stamps(
 def _first(
     paths: Sequence[Path],
 ) -> tuple[NDArray[np.uint16], Scale | None, tuple[tuple[Severity, str], ...]]:
-    """A picture, what its file says of its counts, and what to remark."""
+    """A frame, the scale in its file, and notes."""
     if len({_kind(path) for path in paths}) > 1:
         raise ConfigError(
-            f"{paths[0].parent} has TIFF and IRG pictures", fix="import them from folders of their own"
+            f"{paths[0].parent} has TIFF and IRG frames", fix="import them from folders of their own"
         )
     if _kind(paths[0]) == "TIFF":
         return _tiff(paths[0]), _own_scale(paths), ()
-    picture = read_irg(paths[0])
-    own = None if math.isnan(picture.kelvin_per_count) else Scale(picture.kelvin_per_count)
-    said = f"the camera's emissivity was {picture.emissivity:g}; whether the counts allow for it is not known"
-    return picture.counts, own, ((Severity.WARNING, said),)
+    frame = read_irg(paths[0])
+    own = None if math.isnan(frame.kelvin_per_count) else Scale(frame.kelvin_per_count)
+    said = f"the camera's emissivity was {frame.emissivity:g}; whether the counts allow for it is not known"
+    return frame.counts, own, ((Severity.WARNING, said),)
 
 
 def _own_scale(paths: Sequence[Path]) -> Scale | None:
-    """What the tags of all pictures say of their counts, where they agree; None of other programs'."""
+    """The scale in the tags of all frames, where they agree; None of other programs'."""
     tags = [read_tags(path) for path in paths]
     scales = {None if one is None else repr((one.scale, one.offset)) for one in tags}
     first = tags[0]
@@ -134,20 +134,20 @@ def _kind(path: Path) -> str:
 
 
 def _frames(paths: Sequence[Path], time_ns: Sequence[int], info: StreamInfo) -> Iterator[Frame]:
-    """The pictures, read when they are asked for."""
+    """The frames, read when they are asked for."""
     empty = np.empty((0, 0), np.uint16)
     for number, (path, stamp) in enumerate(zip(paths, time_ns, strict=True)):
-        counts = _picture(path)
+        counts = _frame(path)
         if counts.shape != info.shape:
             raise ConfigError(
-                f"{path} has {counts.shape} pixels, the first picture {info.shape}",
-                fix="import pictures of different sizes from folders of their own",
+                f"{path} has {counts.shape} pixels, the first frame {info.shape}",
+                fix="import frames of different sizes from folders of their own",
             )
         yield Frame(info.name, stamp, stamp, counts, empty, _quality(path), device_seq=number)
 
 
 def _quality(path: Path) -> Quality:
-    """The flags that an exported picture carries."""
+    """The flags that an exported frame carries."""
     tags = read_tags(path) if _kind(path) == "TIFF" else None
     known = (
         [Quality[name.upper()] for name in tags.flags if name.upper() in Quality.__members__] if tags else []
@@ -155,7 +155,7 @@ def _quality(path: Path) -> Quality:
     return reduce(or_, known, Quality.GOOD)
 
 
-def _picture(path: Path) -> NDArray[np.uint16]:
+def _frame(path: Path) -> NDArray[np.uint16]:
     return _tiff(path) if _kind(path) == "TIFF" else read_irg(path).counts
 
 
@@ -164,21 +164,21 @@ def _tiff(path: Path) -> NDArray[np.uint16]:
 
     if claimed_pixels(path) > _MOST_PIXELS:
         raise ConfigError(
-            f"{path} says that it has more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
+            f"{path} claims more than {_MOST_PIXELS // 10**6} million pixels", fix="export it again"
         )
     try:
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # tags it does not know are no news
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)  # unknown tags are harmless
         found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     except cv2.error:  # larger than OpenCV allows
         found = None
     if found is None:
         raise ConfigError(
-            f"{path} cannot be read as a picture", fix="export it again, or take it out of the folder"
+            f"{path} cannot be read as a frame", fix="export it again, or take it out of the folder"
         )
     if found.dtype != np.uint16 or found.ndim != 2:
         raise ConfigError(
             f"{path} has {found.dtype} values of shape {found.shape}, not one 16-bit number per pixel",
-            fix="export the radiometric pictures, not the coloured ones",
+            fix="export the radiometric frames, not the coloured ones",
         )
     return found.astype(np.uint16)
 
@@ -193,7 +193,7 @@ def _from_table(paths: Sequence[Path], times: Path, zone: tzinfo | None) -> dict
     missing = [path.name for path in paths if path.name not in rows]
     if missing:
         raise ConfigError(
-            f"{times} has no time for {len(missing)} pictures, the first {missing[0]}",
+            f"{times} has no time for {len(missing)} frames, the first {missing[0]}",
             fix="add a line for each, or take them out of the folder",
         )
     wanted = {path.name: path for path in paths}
@@ -247,7 +247,7 @@ _MOST_IRG_PIXELS = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class IrgFrame:
-    """Counts (rows, cols), kelvin per count (NaN where the file does not tell), the camera's emissivity."""
+    """Counts (rows, cols), kelvin per count (NaN where the file lacks it), the camera's emissivity."""
 
     counts: NDArray[np.uint16]
     kelvin_per_count: float
@@ -255,7 +255,7 @@ class IrgFrame:
 
 
 def read_irg(path: Path) -> IrgFrame:
-    """One picture; raises `ConfigError` where the file is none, or is cut short."""
+    """One frame; raises `ConfigError` where the file is none, or is cut short."""
     try:
         with path.open("rb") as file:
             data = file.read(0x10000 + 3 * _MOST_IRG_PIXELS)
@@ -275,6 +275,6 @@ def read_irg(path: Path) -> IrgFrame:
 
 def _refusal(path: Path, why: str) -> ConfigError:
     return ConfigError(
-        f"{path} is no .irg picture that fieldkit knows: {why}",
+        f"{path} is not a known .irg frame: {why}",
         fix="export it from the camera's program as 16-bit TIFF, and import that",
     )

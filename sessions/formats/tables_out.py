@@ -89,7 +89,7 @@ def _index(time_ns: object) -> pd.DatetimeIndex:
 
 
 def _regions(session: Session, camera: str) -> pd.DataFrame:
-    """One row for each picture and region."""
+    """One row for each frame and region."""
     import pandas as pd
 
     series = session.region_series(stream=camera)
@@ -156,7 +156,7 @@ _PLAIN_KINDS = "biufSU"  # references, among others, mean nothing in another fil
 def export_netcdf(session: Session, folder: Path) -> list[Path]:
     """One ``.nc`` for each stream and table.
 
-    The flags are verified, so that a sample which does not match its checksum says so; frames that cannot be
+    The flags are verified: a sample that does not match its checksum is flagged. Frames that cannot be
     read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
     cannot be read or leads out of the session's file.
     """
@@ -208,7 +208,7 @@ def _copy(dataset: h5py.Dataset, file: h5py.File, name: str) -> None:
 def _copy_attributes(source: h5py.Group | h5py.Dataset, target: h5py.Group | h5py.Dataset) -> None:
     for key, value in source.attrs.items():
         if key not in _SCALE_MARKS and np.asarray(value).dtype.kind in _PLAIN_KINDS:
-            # with its type, which says that text is UTF-8
+            # with its type, which marks text as UTF-8
             target.attrs.create(key, value, dtype=source.attrs.get_id(key).dtype)
 
 

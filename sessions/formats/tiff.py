@@ -1,4 +1,4 @@
-"""16-bit TIFF pictures that say themselves what a count means and when they were taken.
+"""16-bit TIFF frames whose tags hold what a count means and when they were taken.
 
 Scale, offset and unit stand in GDAL's metadata, which geographic programs read, the time in TIFF's own tag,
 and all of it with the time to the microsecond and the flags as JSON in the description.
@@ -28,7 +28,7 @@ _MOST_DESCRIPTION_BYTES = 65_536
 
 @dataclass(frozen=True, slots=True)
 class TiffTags:
-    """What a picture says of itself.
+    """The tags of a frame.
 
     Kelvin = counts * `scale` + `offset`, NaN where the temperature is not known. `time` is ISO 8601 with its
     offset; `flags` are names of `Quality`.
@@ -41,7 +41,7 @@ class TiffTags:
 
 
 def write_tiff(path: Path, counts: NDArray[np.uint16], tags: TiffTags, software: str) -> None:
-    """One picture (rows, cols) with its tags; raises `OSError`."""
+    """One frame (rows, cols) with its tags; raises `OSError`."""
     rows, cols = counts.shape
     strip = zlib.compress(counts.astype("<u2").tobytes(), 1)
     moment = datetime.fromisoformat(tags.time).strftime("%Y:%m:%d %H:%M:%S")
@@ -84,7 +84,7 @@ def _directory(entries: Mapping[int, tuple[int, Any]], at: int) -> bytes:
 
 
 def read_tags(path: Path) -> TiffTags | None:
-    """What a picture written by `write_tiff` says of itself; None of any other."""
+    """The tags of a frame written by `write_tiff`; None of any other."""
     try:
         plain = json.loads(_text(path, _DESCRIPTION))
         scale, offset = float(plain.get("scale", math.nan)), float(plain.get("offset", 0.0))
@@ -94,7 +94,7 @@ def read_tags(path: Path) -> TiffTags | None:
 
 
 def claimed_pixels(path: Path) -> int:
-    """Width times height as the first directory says, before room is made for them; 0 if it does not."""
+    """Width times height in the first directory, before memory is allocated; 0 if they are missing."""
     try:
         order, entries = _entries(path)
         sides = [

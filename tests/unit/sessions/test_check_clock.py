@@ -54,7 +54,7 @@ def test_stepped_clock_is_found_and_a_time_map_proposed_and_applied(tmp_path: Pa
         assert [frame.time_ns for frame in session.samples()] == [time + month_ns for time in before]
         assert not any(frame.quality & Quality.BAD_CRC for frame in session.samples())
     assert said(path, "camera", "fail") == ""
-    assert "a time map is in force: +2332800.000 s" in said(path, "clock", "ok")
+    assert "a time map is active: +2332800.000 s" in said(path, "clock", "ok")
 
 
 ANCHOR_NS = START_NS + 123
@@ -92,7 +92,7 @@ def test_sleep_asks_for_a_map_from_there_on(tmp_path: Path) -> None:
     assert set(added[:100]) == {0.0}  # the sleep began after picture 100
     assert set(added[101:]) == {660.0}
     assert said(path, "clock") == ""  # nothing is left to be done
-    assert "which the time map in force adds" in said(path, "clock", "ok")
+    assert "which the active time map adds" in said(path, "clock", "ok")
 
 
 def test_sleep_and_a_step_are_corrected_together(tmp_path: Path) -> None:

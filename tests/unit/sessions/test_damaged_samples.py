@@ -103,7 +103,7 @@ def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., Se
         reader = session.stream("camera")
         frames = [one for one in session.samples("camera") if isinstance(one, Frame)]
         assert np.flatnonzero(reader.flags() & BAD).tolist() == lost
-        pictures = np.concatenate([part.counts for part in reader.pictures()])
+        pictures = np.concatenate([part.counts for part in reader.frame_blocks()])
     assert [frame.seq for frame in frames if frame.quality & Quality.BAD_CRC] == lost
     assert len(frames) == len(pictures) == FRAMES
     assert np.array_equal(pictures, [frame.counts for frame in frames])

@@ -279,7 +279,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
 
 @pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
 def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: Path, export) -> None:
-    with pytest.raises(ConfigError, match="pictures of 2 cameras") as caught:
+    with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
     assert caught.value.fix == "--stream with one of camera, cam2"
     with pytest.raises(ConfigError, match="no camera 'lux'"):

@@ -107,7 +107,7 @@ def test_picture_of_hostile_size_is_refused(tmp_path: Path) -> None:
     header = json.dumps({"width": 10**9, "height": 10**9, "fps": 9}).encode()
     path = tmp_path / "huge.gz"
     path.write_bytes(gzip.compress(b"PTY16V1\n" + struct.pack("<I", len(header)) + header))
-    with pytest.raises(ConfigError, match="pictures of"):
+    with pytest.raises(ConfigError, match="frames of"):
         read_purethermal(path)
 
 
@@ -155,9 +155,9 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     times = tmp_path / "times.csv"
     times.write_text("a.tif,2026-05-12T10:00:01Z\n")
-    with pytest.raises(ConfigError, match="no pictures with temperatures"):
+    with pytest.raises(ConfigError, match="no frames with temperatures"):
         read_stills(tmp_path / "empty", Scale(1.0), times=times)
-    with pytest.raises(ConfigError, match=r"no time for 1 pictures, the first b\.tif"):
+    with pytest.raises(ConfigError, match=r"no time for 1 frames, the first b\.tif"):
         read_stills(folder, Scale(1.0), times=times)
     with pytest.raises(ConfigError, match="one way"):
         read_stills(folder, Scale(1.0))

@@ -72,7 +72,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     said = [text for _, text in imported.remarks]
     assert said[0] == "log.csv: 2 rows"
     assert "1 cells stand for no value (like -9999 or inf)" in said
-    assert any("left out for their unit: wind [m/s]" in text for text in said)
+    assert any("excluded for their unit: wind [m/s]" in text for text in said)
 
 
 def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) -> None:

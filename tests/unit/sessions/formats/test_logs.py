@@ -94,7 +94,7 @@ def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
     imported = read_log(path, "logger")
     assert [
-        text for _, text in imported.remarks if text.startswith("left out for their unit: RH [%], P [hPa];")
+        text for _, text in imported.remarks if text.startswith("excluded for their unit: RH [%], P [hPa];")
     ]
     assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).remarks) == 1
 
@@ -172,7 +172,7 @@ def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_
 
 def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
-    with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' never was in Europe/Berlin"):
+    with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' does not exist in Europe/Berlin"):
         read_log(path, "logger", zone=BERLIN)
 
 

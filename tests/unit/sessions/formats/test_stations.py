@@ -69,7 +69,7 @@ def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) ->
     assert [one.values for one in readings(imported, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
     times = [one.time_ns for one in imported.samples if isinstance(one, Reading)]
     assert times == sorted(times)
-    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were left out") in imported.remarks
+    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were excluded") in imported.remarks
     assert any("風速: station or instrument changed" in text for _, text in imported.remarks)
 
 
@@ -176,7 +176,7 @@ def test_tables_hold_hourly_sums_without_a_decimal_point(tmp_path: Path) -> None
         ([], "no rows of days"),
         ([(2, ["0"] * 24, "0")], "from the first of the month"),
         ([(day, ["0"] * 24, "0") for day in range(1, 32)], "31 days, more than its month 2024-06"),
-        ([(1, ["0"] * 23, "0")], "has not 24 hours"),
+        ([(1, ["0"] * 23, "0")], "does not have 24 hours"),
         ([(1, ["100"] * 24, "1200")], "do not add up"),
     ],
 )
