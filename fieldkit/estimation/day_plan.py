@@ -1,9 +1,8 @@
-"""What a day can tell about slopes before anybody leaves the house: sensitivity and bounds.
+"""Plan of a day: which hours determine which slopes, before anything is measured.
 
-All of it follows from the sun, the irradiance and the noise, minute by minute: how much
-light and temperature change per degree of tilt, the Cramer-Rao bound of a window of
-minutes, and the slope that would be mistaken for this one. Pure; nothing is measured yet.
-Facets are unit normals (f, 3), suns unit vectors (n, 3), angles in degrees.
+All of it follows from sun, irradiance and noise, minute by minute: the change of light and temperature per
+degree of tilt, the Cramer-Rao bound of a window of minutes, and the mirror slope that fits as well. Pure
+functions: facets are unit normals (f, 3), suns unit vectors (n, 3), angles in degrees.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ from fieldkit.physics.energy_balance import (
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimuth
 
 GRAZING = 0.03
-"""Cosine of incidence below which a facet is taken as in its own shade."""
+"""Cosine of incidence below which a facet counts as self-shaded."""
 SKY_EMISSIVITY = 0.85
-"""Of a clear sky of middling humidity, for planning: long wave down over sigma T_a^4."""
+"""Of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
 RISING_DEG = -0.833
 """Elevation of the sun's centre at sunrise and sunset: half its width and the refraction there."""
 LONG_SHADOWS_DEG = 15.0
 WEAK_K_PER_DEG = 1.0 / 30.0
-"""Below this a tenth of a kelvin between two beds is more than three degrees of tilt."""
+"""Below this a tenth of a kelvin between two facets is more than three degrees of tilt."""
 FLAT_DEG = 3.0
-"""A flatter bed has no azimuth worth asking for."""
+"""The azimuth of a flatter facet is not worth estimating."""
 LONGEST_MIN = 360
 TABLE_1 = SurfaceParameters()
 
 
 @dataclass(frozen=True, slots=True)
 class PlanSettings:
-    """What is assumed of the beds, the camera and the air.
+    """Assumptions about the facets, the camera and the air.
 
     `noise_k` is the standard deviation of one region's minute mean, `window_min` the
-    length of the windows whose bound is drawn, `bias_deg` the tilt error to budget for,
-    `azimuth_known` whether estimates take the given azimuths instead of finding them.
+    length of the windows whose bound is computed, `bias_deg` the tilt error to budget for,
+    `azimuth_known` whether estimates use the given azimuths instead of estimating them.
     """
 
     surface: SurfaceParameters = TABLE_1
@@ -90,7 +89,7 @@ class DayPlan:
 
     @property
     def weak(self) -> NDArray[np.bool_]:
-        """Facets and minutes (f, n) at which temperature hardly tells the tilt."""
+        """Facets and minutes (f, n) at which temperature hardly depends on tilt."""
         return np.abs(self.sensitivity.temperature_k) < WEAK_K_PER_DEG
 
     def tilt_sd_deg(self, row: int) -> FloatArray:
@@ -99,7 +98,7 @@ class DayPlan:
         return found.known_azimuth_deg if self.settings.azimuth_known else found.tilt_deg
 
     def half_region_deg(self, row: int) -> FloatArray:
-        """Half of the 90 % region of tilt (f,) that noise alone leaves in that window."""
+        """Half of the 90 % region of tilt (f,) in that window, by noise alone."""
         drop = NINETY_PERCENT_ONE if self.settings.azimuth_known else NINETY_PERCENT
         return np.asarray(np.sqrt(drop) * self.tilt_sd_deg(row))
 
@@ -124,7 +123,7 @@ class DayPlan:
         return bool(self.usable[first : first + self.settings.window_min + 1].all())
 
     def bias_budget_k(self) -> FloatArray:
-        """Kelvin between facet and reference that feign `bias_deg` of tilt in the best window, (f,)."""
+        """Offset to the reference that biases the tilt by `bias_deg` in the best window, (f,), kelvin."""
         if self.best_row is None:
             return np.full(len(self.facets), np.nan)
         first = self.rows[self.best_row]
@@ -146,16 +145,19 @@ class DayPlan:
                 return minutes
         return None
 
-    def spells(self, condition: NDArray[np.bool_]) -> list[tuple[int, int]]:
-        """First and last usable minute of every stretch in which `condition` (n,) holds, UTC nanoseconds."""
+    def intervals(self, condition: NDArray[np.bool_]) -> list[tuple[int, int]]:
+        """First and last usable minute of every interval in which `condition` (n,) holds, UTC nanoseconds."""
         minutes = np.flatnonzero(self.usable)
-        held = np.concatenate([[False], condition[minutes], [False]])
-        starts, ends = np.flatnonzero(held[1:] & ~held[:-1]), np.flatnonzero(held[:-1] & ~held[1:]) - 1
+        inside = np.concatenate([[False], condition[minutes], [False]])
+        starts, ends = (
+            np.flatnonzero(inside[1:] & ~inside[:-1]),
+            np.flatnonzero(inside[:-1] & ~inside[1:]) - 1,
+        )
         times = self.time_ns[minutes]
         return [(int(times[a]), int(times[b])) for a, b in zip(starts, ends, strict=True)]
 
     def verdict(self, row: int) -> str:
-        """What to think of the minute of `rows[row]`: good, fair, weak, uncertain or poor, and why."""
+        """Rating of the minute of `rows[row]`: good, fair, weak, uncertain or poor, with the reason."""
         minute = int(self.rows[row])
         elevation = self.elevation_deg[minute]
         if elevation < self.settings.low_sun_deg:
@@ -164,21 +166,21 @@ class DayPlan:
             return f"poor: the sun is too low within {self.settings.window_min} min"
         weak = self.weak[:, minute]
         uncertain = self.uncertain(row) & ~weak
-        blamed = [
-            f"{word} for {self._named(beds)}"
-            for word, beds in (("weak", weak), ("uncertain", uncertain))
-            if beds.any()
+        reasons = [
+            f"{word} for {self._named(facets)}"
+            for word, facets in (("weak", weak), ("uncertain", uncertain))
+            if facets.any()
         ]
-        if blamed:
-            return "; ".join(blamed)
+        if reasons:
+            return "; ".join(reasons)
         if elevation < LONG_SHADOWS_DEG:
             return "fair: low sun, long shadows"
         return "good"
 
-    def _named(self, beds: NDArray[np.bool_]) -> str:
-        if beds.all() and beds.size > 1:
+    def _named(self, chosen: NDArray[np.bool_]) -> str:
+        if chosen.all() and chosen.size > 1:
             return "all"
-        return ", ".join(label(self.facets[bed]) for bed in np.flatnonzero(beds))
+        return ", ".join(label(self.facets[facet]) for facet in np.flatnonzero(chosen))
 
 
 def plan_day(
@@ -189,13 +191,29 @@ def plan_day(
     settings: PlanSettings,
     step_min: int = 30,
 ) -> DayPlan:
-    """Lay out the minutes (n,) of a day; rows are the multiples of `step_min` with the sun up."""
+    """Plan of one day for some facets.
+
+    Parameters
+    ----------
+    facets
+        Tilt and azimuth of each. [degrees]
+    time_ns
+        UTC times of the day's minutes, (n,), equally spaced. [ns]
+    sun
+        Unit vectors towards the sun, (n, 3). [-]
+    dni_w_m2
+        Direct normal irradiance, (n,). [W/m2]
+    settings
+        Assumptions.
+    step_min
+        Rows are the multiples of this with the sun up. [min]
+    """
     normals = _normals(facets)
     elevation = _elevation_deg(sun)
     up = elevation > RISING_DEG
     light = np.where(up, dni_w_m2, 0.0)
-    warm = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
-    sigma = cosine_noise(light, warm, settings.noise_k, settings.surface)
+    surface_k = expected_temperature(normals, sun, light, settings.air_k, settings.surface)
+    sigma = cosine_noise(light, surface_k, settings.noise_k, settings.surface)
     on_step = (time_ns - time_ns[0]) % (step_min * MINUTE_NS) == 0
     rows = np.flatnonzero(up & on_step)
     usable_sigma = np.where(elevation < settings.low_sun_deg, np.inf, sigma)
@@ -205,7 +223,7 @@ def plan_day(
         time_ns,
         sun,
         light,
-        sensitivity(normals, sun, light, warm, settings.surface),
+        sensitivity(normals, sun, light, surface_k, settings.surface),
         sigma,
         rows,
         tuple(bounds_over_day(normals, sun, usable_sigma, rows, settings.window_min)),
@@ -227,10 +245,10 @@ def _normals(facets: Sequence[tuple[float, float]]) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """What one degree of tilt does on each facet at each minute, arrays (f, n).
+    """Change per degree of tilt on each facet at each minute, arrays (f, n).
 
-    `irradiance_w_m2` is direct light per degree, `temperature_k` kelvin per degree; negative
-    where a steeper facet turns away from the sun, zero in its own shade.
+    `irradiance_w_m2` of direct light, `temperature_k` of the surface; negative where a steeper facet turns
+    away from the sun, zero where it is self-shaded.
     """
 
     irradiance_w_m2: FloatArray
@@ -239,11 +257,11 @@ class Sensitivity:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """The best a window of minutes allows for each facet, arrays (f,); NaN where it allows nothing.
+    """Cramer-Rao bound of each facet in a window, arrays (f,); NaN where the window determines nothing.
 
     Standard deviations in degrees: `tilt_deg` and `direction_deg` (on the ground: azimuth
     times the sine of tilt) with both unknown, `correlation` between the two, `known_azimuth_deg` of tilt
-    where the azimuth is given. `mirror_*` is the slope that fits the same minutes.
+    where the azimuth is given. `mirror_*` is the slope that fits as well.
     """
 
     tilt_deg: FloatArray
@@ -262,7 +280,19 @@ class Bound:
 def expected_temperature(
     normals: FloatArray, sun: FloatArray, dni_w_m2: ArrayLike, air_k: float, surface: SurfaceParameters
 ) -> FloatArray:
-    """Surface temperature (f, n) by eq. (7) under a clear sky, kelvin."""
+    """Surface temperature under a clear sky by the paper's eq. (7), shape (f, n), kelvin.
+
+    Parameters
+    ----------
+    normals, sun
+        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
+    dni_w_m2
+        Direct normal irradiance, (n,). [W/m2]
+    air_k
+        Air temperature. [K]
+    surface
+        Parameters of the energy balance.
+    """
     longwave = SKY_EMISSIVITY * STEFAN_BOLTZMANN * air_k**4
     light = direct_irradiance(dni_w_m2, cos_incidence(normals, sun))
     return surface_temperature(light, longwave, air_k, surface)
@@ -275,7 +305,19 @@ def sensitivity(
     temperature_k: ArrayLike,
     surface: SurfaceParameters,
 ) -> Sensitivity:
-    """Derivative of eq. (2) by tilt, and of eqs. (2) and (6) together."""
+    """Change of light and temperature per degree of tilt: the paper's eq. (2), and eqs. (2) and (6) together.
+
+    Parameters
+    ----------
+    normals, sun
+        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
+    dni_w_m2
+        Direct normal irradiance, (n,). [W/m2]
+    temperature_k
+        Surface temperatures, broadcast with (f, n). [K]
+    surface
+        Parameters of the energy balance.
+    """
     steeper, _ = tangents(normals)
     lit = cos_incidence(normals, sun) > 0.0
     light = np.where(lit, np.asarray(dni_w_m2) * np.radians(cos_incidence(steeper, sun)), 0.0)
@@ -287,7 +329,16 @@ def cosine_noise(
 ) -> FloatArray:
     """Standard deviation of one minute's measured cosine of incidence.
 
-    ``sqrt(2) D sigma_T / S``: both regions carry the noise of a mean. Infinite without sun.
+    ``sqrt(2) D sigma_T / S``: both regions have the noise of a mean. Infinite without sun.
+
+    Parameters
+    ----------
+    dni_w_m2, temperature_k
+        Direct normal irradiance and surface temperature, any shapes that broadcast. [W/m2], [K]
+    noise_k
+        Standard deviation of one region's minute mean. [K]
+    surface
+        Parameters of the energy balance.
     """
     direct = np.asarray(dni_w_m2, np.float64)
     noise = np.sqrt(2.0) * noise_k * irradiance_per_kelvin(temperature_k, surface)
@@ -295,10 +346,16 @@ def cosine_noise(
 
 
 def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
-    """Cramer-Rao bound from minutes with suns (n, 3) whose cosines are known to `sigma` (n,) or (f, n).
+    """Cramer-Rao bound of the slopes of facets from some minutes.
 
-    Minutes in which a facet is in its own shade say nothing about it; fewer than three
-    minutes determine nothing.
+    Minutes in which a facet is self-shaded give no information about it; at least three are needed.
+
+    Parameters
+    ----------
+    normals, sun
+        Unit normals (f, 3) and unit vectors towards the sun (n, 3). [-]
+    sigma
+        Standard deviation of the measured cosines, (n,) or (f, n); infinite excludes a minute. [-]
     """
     lit = cos_incidence(normals, sun) > GRAZING
     weights = np.where(lit, 1.0 / np.square(sigma), 0.0)
@@ -323,7 +380,7 @@ def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
 def bounds_over_day(
     normals: FloatArray, sun: FloatArray, sigma: FloatArray, starts: ArrayLike, minutes: int
 ) -> list[Bound]:
-    """One `Bound` per start: minutes ``start..start + minutes`` (both ends) of a one-minute grid.
+    """One `Bound` per start, from the minutes ``start..start + minutes`` (inclusive) of a one-minute grid.
 
     `sigma` has shape (f, n); infinite where there is no usable sun.
     """

@@ -1,11 +1,10 @@
-"""Scale and offset from beds that are known, and slopes that share an unknown scale.
+"""Scale and offsets from regions of known slope, and slopes that share an unknown scale.
 
-Albedo, exchange, irradiance and the light meter's model enter nearly as one factor kappa:
-the measured ``delta S / S`` is kappa times the true one. One bed of known slope (10 to 25
-degrees) gives it; a uniform target seen by all regions gives the offsets between them; and
-beds of known slope tell alpha and beta of eq. (6) only in the combination said by
-`identify`. Nothing here is fitted silently: every result carries its uncertainty and, where
-data do not determine it, says so.
+Albedo, heat exchange, irradiance and the light meter's model act nearly as one factor kappa: the measured
+``delta S / S`` is kappa times the true one. One region of known slope (10 to 25 degrees) gives it; a uniform
+target seen by all regions gives the offsets between them; regions of known slope give alpha and beta of eq.
+(6) only in the combination reported by `identify`. Every result has its uncertainty, and states where the
+data do not determine it.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
 LEAST_SIGNAL = 5.0
-"""How many standard deviations the known beds' signal must reach to tell the scale."""
+"""Least signal of a known region that determines the scale, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """kappa and its standard uncertainty from noise alone; `chi_square` of the fit is reduced."""
+    """kappa and its standard uncertainty from noise alone; reduced `chi_square` and number of rows."""
 
     kappa: float
     kappa_sd: float
@@ -44,19 +43,29 @@ def scale_from_known_bed(
     systematics: FloatArray | None = None,
     prior_sd: float = float("inf"),
 ) -> Scale:
-    """The scale from rows (n,) of a bed whose normal (3,) is known.
+    """Scale from the rows of a region whose normal is known.
 
-    Measured ``y - reference . u`` is kappa times ``(bed - reference) . u``. The regressor is
-    geometry, not a temperature, so noise does not pull kappa down as regression on measured
-    differences would. `systematics` (p, n) are how y moves with one standard deviation of what is
-    not known of this bed, such as its own offset (`balance.Rows.systematics`); they are fitted at
-    their price, and so is kappa's distance from 1 with `prior_sd`. Rows with NaN are left out,
-    and those in which bed or reference is in its own shade and only says ``n . s < 0``.
+    Measured ``y - reference . u`` is kappa times ``(bed - reference) . u``. The regressor is geometry, not a
+    temperature, so noise does not bias kappa low as in a regression on measured differences. Systematic
+    effects are fitted with a standard normal prior, kappa with a prior about 1. Rows with NaN are excluded,
+    and those in which region or reference is self-shaded and only shows ``n . s < 0``.
+
+    Parameters
+    ----------
+    design, y, sigma
+        Design vectors (n, 3), measured cosines (n,) and their standard deviations (n,), as of `Rows`. [-]
+    reference, bed
+        Unit normals of reference and known region, (3,). [-]
+    systematics
+        Change of y for one standard uncertainty of each effect on this region, such as its own offset, (p,
+        n). [-]
+    prior_sd
+        Standard uncertainty of kappa about 1 before the measurement. [-]
 
     Raises
     ------
     CalibrationError
-        If the bed is so like the reference that the scale is not determined.
+        If the region's slope is too close to the reference's to determine the scale.
     """
     columns = np.vstack([design @ (bed - reference), *(() if systematics is None else systematics)]) / sigma
     measured = (y - design @ reference) / sigma
@@ -65,18 +74,18 @@ def scale_from_known_bed(
     columns, measured = columns[:, known], measured[known]
     if float(columns[0] @ columns[0]) < LEAST_SIGNAL**2:
         raise CalibrationError(
-            "the known bed is too much like the reference to tell the scale",
+            "the known bed is too close to the reference to determine the scale",
             fix="use a bed of 10 to 25 degrees, or more minutes",
         )
-    prices = np.diag([prior_sd**-2.0, *np.ones(len(columns) - 1)])
-    expected = prices[0] * 1.0
-    found = np.linalg.solve(columns @ columns.T + prices, columns @ measured + expected)
-    left = measured - found @ columns
-    chi_square = float(left @ left) / max(int(known.sum()) - 1, 1)
-    # a misfit beyond the noise makes the doubts cheaper to believe, so it is allowed for first
-    swollen = max(1.0, chi_square)
-    information = columns @ columns.T / swollen + prices
-    found = np.linalg.solve(information, columns @ measured / swollen + expected)
+    priors = np.diag([prior_sd**-2.0, *np.ones(len(columns) - 1)])
+    expected = priors[0] * 1.0
+    found = np.linalg.solve(columns @ columns.T + priors, columns @ measured + expected)
+    residual = measured - found @ columns
+    chi_square = float(residual @ residual) / max(int(known.sum()) - 1, 1)
+    # a misfit beyond the noise inflates the variance, so that the priors weigh more
+    inflation = max(1.0, chi_square)
+    information = columns @ columns.T / inflation + priors
+    found = np.linalg.solve(information, columns @ measured / inflation + expected)
     return Scale(
         float(found[0]), float(np.sqrt(np.linalg.inv(information)[0, 0])), chi_square, int(known.sum())
     )
@@ -91,27 +100,34 @@ class Offsets:
 
 
 def offsets_from_uniform(temperature_k: FloatArray, reference_k: FloatArray) -> Offsets:
-    """Offsets while all regions (n, m) and the reference (n,) see one temperature.
+    """Offsets of regions against the reference while all of them have the same temperature.
 
-    The standard error allows for neighbouring minutes being alike (lag-one correlation).
+    The standard error allows for correlation of neighbouring minutes (lag one).
+
+    Parameters
+    ----------
+    temperature_k
+        Minute means of the regions, shape (n, m); NaN where missing. [K]
+    reference_k
+        Minute means of the reference, (n,). [K]
 
     Raises
     ------
     CalibrationError
-        With fewer than three minutes.
+        With fewer than three minutes of any region.
     """
     difference = temperature_k - reference_k[:, np.newaxis]
     count = np.isfinite(difference).sum(axis=0)
     if np.any(count < 3):
         raise CalibrationError(
-            "fewer than three minutes of the uniform target", fix="look at it for ten minutes"
+            "fewer than three minutes of the uniform target", fix="record it for ten minutes"
         )
     mean = np.nanmean(difference, axis=0)
     away = difference - mean
     variance = np.nansum(away**2, axis=0) / (count - 1)
-    alike = np.nansum(away[1:] * away[:-1], axis=0) / np.maximum(np.nansum(away**2, axis=0), 1e-300)
-    alike = np.clip(alike, 0.0, 0.95)
-    return Offsets(mean, np.sqrt(variance / count * (1.0 + alike) / (1.0 - alike)))
+    correlation = np.nansum(away[1:] * away[:-1], axis=0) / np.maximum(np.nansum(away**2, axis=0), 1e-300)
+    correlation = np.clip(correlation, 0.0, 0.95)
+    return Offsets(mean, np.sqrt(variance / count * (1.0 + correlation) / (1.0 - correlation)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,11 +142,22 @@ class Joint:
 def joint_slopes(
     misfits: list[Misfit], reference: FloatArray, prior_sd: float, tilt_limit_deg: float
 ) -> Joint:
-    """Slopes of several regions that share one unknown scale, kappa near 1 within `prior_sd`.
+    """Slopes of several regions that share one unknown scale.
 
-    For every kappa each region's best slope costs a known misfit; their sum, with the
-    prior's price, is searched on a grid and refined by a parabola. In 3 h of six regions
-    the data alone know kappa to about 23 %: mostly the prior speaks.
+    For every kappa each region's best slope has a known misfit; their sum, with the penalty of the prior, is
+    searched on a grid and refined by a parabola. Three hours of six regions determine kappa to about 23 %:
+    the result is mostly the prior's.
+
+    Parameters
+    ----------
+    misfits
+        One misfit per region.
+    reference
+        Unit normal of the reference, (3,). [-]
+    prior_sd
+        Standard uncertainty of kappa about 1, > 0. [-]
+    tilt_limit_deg
+        Largest tilt. [degrees]
     """
     grid = np.linspace(max(0.3, 1.0 - 4.0 * prior_sd), 1.0 + 4.0 * prior_sd, 161)
     costs = np.array([_joint_cost(misfits, reference, float(kappa), tilt_limit_deg) for kappa in grid])
@@ -167,13 +194,13 @@ def _joint_cost(misfits: list[Misfit], reference: FloatArray, kappa: float, limi
 
 @dataclass(frozen=True, slots=True)
 class ExchangeFit:
-    """alpha and beta of eq. (6) from beds of known slope, and what of them the data really tell.
+    """alpha and beta of eq. (6) from regions of known slope, and which part of them the data determine.
 
-    `steepness_w_m2_k` is D = 4 alpha T^3 + beta at the mean temperature, which differences
-    determine; `share_sd` is the uncertainty of the radiative share of D, and
-    `share_is_prior` that the data halved its stated uncertainty not even once: then alpha and
-    beta apart are the prior's, not the measurement's. Albedo, emissivity and exchange apart
-    are never determined by temperatures: eq. (7) is homogeneous in them.
+    `steepness_w_m2_k` is D = 4 alpha T^3 + beta at the mean temperature, which differences determine, with
+    its standard uncertainty `steepness_sd`; `share_sd` is that of the radiative share of D. `share_is_prior`:
+    the data did not even halve it, so alpha and beta separately are the prior's, not the measurement's.
+    Albedo, emissivity and exchange separately are never determined by temperatures: eq. (7) is homogeneous in
+    them. `says` sums this up.
     """
 
     alpha: float
@@ -198,41 +225,43 @@ def identify(
     Parameters
     ----------
     temperature_k, reference_k
-        Temperatures (k,) of known beds and of the reference in the same minutes. [K]
+        Temperatures (k,) of known regions and of the reference in the same minutes. [K]
     sunlight_w_m2
         ``S (bed - reference) . s`` of these minutes (k,), from the known slopes. [W/m2]
     noise_k
         Standard deviation of each temperature. [K]
     prior
-        alpha and beta expected.
+        Expected alpha and beta. [W m-2 K-4], [W m-2 K-1]
     prior_share_sd
-        Standard deviation of the radiative share of D expected.
+        Standard uncertainty of the expected radiative share of D. [-]
 
     Raises
     ------
     CalibrationError
-        If the differences of sunlight do not stand out of the noise.
+        If the differences of sunlight do not exceed the noise.
     """
     middle = float(np.mean(reference_k))
     cube = 4.0 * middle**3
     steepness = cube * prior[0] + prior[1]
     expected_share = cube * prior[0] / steepness
-    heat = (temperature_k**4 - reference_k**4) / cube
-    warmth = temperature_k - reference_k
+    emitted = (temperature_k**4 - reference_k**4) / cube
+    over_k = temperature_k - reference_k
     noise = np.sqrt(2.0) * noise_k
     if float(np.sqrt(np.mean(sunlight_w_m2**2))) < 3.0 * steepness * noise:
         raise CalibrationError(
-            "the known beds differ too little from the reference to tell the exchange of heat",
-            fix="use steeper beds, or a longer stretch of sun",
+            "the known beds differ too little from the reference to determine the exchange of heat",
+            fix="use steeper beds, or a longer time of sun",
         )
 
-    def left(parameters: FloatArray) -> FloatArray:
+    def residuals(parameters: FloatArray) -> FloatArray:
         found, share = parameters
-        rise = share * heat + (1.0 - share) * warmth
+        predicted_k = share * emitted + (1.0 - share) * over_k
         # residuals in kelvin: the noise is in the temperatures, so D divides the sunlight
-        return np.append((sunlight_w_m2 / found - rise) / noise, (share - expected_share) / prior_share_sd)
+        return np.append(
+            (sunlight_w_m2 / found - predicted_k) / noise, (share - expected_share) / prior_share_sd
+        )
 
-    fit = least_squares(left, [steepness, expected_share], x_scale=[steepness, 0.1])
+    fit = least_squares(residuals, [steepness, expected_share], x_scale=[steepness, 0.1])
     jacobian = np.asarray(fit.jac, np.float64)
     covariance = np.linalg.inv(jacobian.T @ jacobian)
     found, share = (float(value) for value in fit.x)
@@ -241,6 +270,6 @@ def identify(
     says = (
         f"D = {found:.2f} ± {found_sd:.2f} W/m2 per kelvin is measured; "
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
-        "albedo, emissivity and exchange apart cannot be told from temperatures"
+        "albedo, emissivity and exchange separately cannot be determined from temperatures"
     )
     return ExchangeFit(found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, says)

@@ -81,10 +81,10 @@ def warnings(plan: DayPlan, site: Site) -> list[str]:
     if not plan.usable.any():
         found.append(f"the sun stays below {plan.settings.low_sun_deg:g}°: nothing can be measured")
     for index, facet in enumerate(plan.facets):
-        spells = plan.spells(plan.weak[index])
-        if spells:
+        intervals = plan.intervals(plan.weak[index])
+        if intervals:
             found.append(
-                f"the {label(facet)} bed is weak {_when(plan, spells, site)}: below "
+                f"the {label(facet)} bed is weak {_when(plan, intervals, site)}: below "
                 f"{WEAK_K_PER_DEG:.3f} K per °, 0.1 K between regions is more than 3° of tilt"
             )
         found.extend(_twin(plan, index, facet))
@@ -120,11 +120,11 @@ def _twin(plan: DayPlan, index: int, facet: tuple[float, float]) -> list[str]:
     ]
 
 
-def _when(plan: DayPlan, spells: Sequence[tuple[int, int]], site: Site) -> str:
+def _when(plan: DayPlan, intervals: Sequence[tuple[int, int]], site: Site) -> str:
     """``before 09:30 and after 14:00``, to ten minutes; the ends of the usable day go without saying."""
     usable = plan.time_ns[plan.usable]
     parts = []
-    for start, end in spells:
+    for start, end in intervals:
         begin, finish = _to_ten_minutes(start, site), _to_ten_minutes(end, site)
         if start == usable[0] and end == usable[-1]:
             parts.append("all day")

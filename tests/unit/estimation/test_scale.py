@@ -68,7 +68,7 @@ def test_minutes_in_own_shade_do_not_bend_the_scale(bed, reference):
 
 def test_a_nearly_flat_bed_cannot_tell_the_scale():
     rays, bed = sun(21), normal(0.2, 180.0)
-    with pytest.raises(CalibrationError, match="too much like the reference"):
+    with pytest.raises(CalibrationError, match="too close to the reference"):
         scale_from_known_bed(rays, rays[:, 2], np.full(21, SIGMA), VERTICAL, bed)
 
 
@@ -116,7 +116,7 @@ def test_known_beds_tell_steepness_but_not_its_split():
     assert found.steepness_sd / true < 0.006
     # of the split the data tell less than an independent thermometer would: a third of the prior is left
     assert found.share_sd > 0.03
-    assert "apart cannot be told" in found.says
+    assert "apart cannot be determined" in found.says
 
 
 def test_split_that_data_do_not_tell_is_called_the_priors():
