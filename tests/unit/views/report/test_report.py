@@ -112,7 +112,7 @@ def test_every_figure_has_words_for_those_who_cannot_see_it(written):
     page = Page(written())
     assert len(page.alternatives) == 5  # the azimuth was given: no figure of it
     assert all(len(words) > 20 for words in page.alternatives)
-    assert 'role="img" aria-label="Thermal picture' in re.sub(r"xmlns=\S+ ", "", written())
+    assert 'role="img" aria-label="Thermal image' in re.sub(r"xmlns=\S+ ", "", written())
 
 
 def test_a_free_azimuth_has_its_own_figure(written, settings):
