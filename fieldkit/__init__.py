@@ -1,28 +1,71 @@
 """fieldkit: terrain slope from surface temperature, from instruments to report.
 
-``open_session(path)`` opens a recording, ``open_campaign(path)`` a campaign with its sessions.
-Nothing heavy is imported before it is used.
+Everything that the command line does is a function here. Nothing heavy is imported before it is used.
+
+>>> import fieldkit
+>>> with fieldkit.open_session("recordings/20261211T030000Z.h5") as session:          # doctest: +SKIP
+...     session.estimate(model="full")["b15"].tilt_deg
 """
 
-from __future__ import annotations
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from fieldkit.sessions.reader import open_session as open_session
+if _TYPE_CHECKING:
+    from fieldkit.drivers.discovery import find_devices as find_devices
+    from fieldkit.drivers.instrument import open_device as open_device
+    from fieldkit.model.errors import FieldkitError as FieldkitError
+    from fieldkit.model.site import Region as Region
+    from fieldkit.model.site import Site as Site
+    from fieldkit.workflows import calibrate as calibrate
+    from fieldkit.workflows.campaign import Campaign as Campaign
+    from fieldkit.workflows.campaign import init_campaign as init_campaign
     from fieldkit.workflows.campaign import open_campaign as open_campaign
+    from fieldkit.workflows.check import check as check
+    from fieldkit.workflows.estimate import estimate as estimate
+    from fieldkit.workflows.export import export as export
+    from fieldkit.workflows.importing import import_recording as import_recording
+    from fieldkit.workflows.plan import plan as plan
+    from fieldkit.workflows.record import record as record
+    from fieldkit.workflows.report import report as report
+    from fieldkit.workflows.session import Session as Session
+    from fieldkit.workflows.session import open_session as open_session
+    from fieldkit.workflows.simulate import simulate as simulate
+    from fieldkit.workflows.slope_map import slope_map as slope_map
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "open_campaign", "open_session"]
+
+_HOMES = {
+    "fieldkit.drivers.discovery": ("find_devices",),
+    "fieldkit.drivers.instrument": ("open_device",),
+    "fieldkit.model.errors": ("FieldkitError",),
+    "fieldkit.model.site": ("Region", "Site"),
+    "fieldkit.workflows": ("calibrate",),
+    "fieldkit.workflows.campaign": ("Campaign", "init_campaign", "open_campaign"),
+    "fieldkit.workflows.check": ("check",),
+    "fieldkit.workflows.estimate": ("estimate",),
+    "fieldkit.workflows.export": ("export",),
+    "fieldkit.workflows.importing": ("import_recording",),
+    "fieldkit.workflows.plan": ("plan",),
+    "fieldkit.workflows.record": ("record",),
+    "fieldkit.workflows.report": ("report",),
+    "fieldkit.workflows.session": ("Session", "open_session"),
+    "fieldkit.workflows.simulate": ("simulate",),
+    "fieldkit.workflows.slope_map": ("slope_map",),
+}
+"""Where each public name is defined; the module is imported when the name is first used."""
+
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+__all__ = ["__version__", *_MODULE_OF]  # noqa: PLE0604 (a test compares it with the imports above)
 
 
-def __getattr__(name: str) -> Any:
-    if name == "open_campaign":
-        from fieldkit.workflows.campaign import open_campaign
+def __getattr__(name: str) -> object:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'fieldkit' has no attribute {name!r}")
+    module = _import_module(_MODULE_OF[name])
+    value = _import_module(f"{module.__name__}.{name}") if name == "calibrate" else getattr(module, name)
+    globals()[name] = value
+    return value
 
-        return open_campaign
-    if name == "open_session":
-        from fieldkit.sessions.reader import open_session
 
-        return open_session
-    raise AttributeError(f"module 'fieldkit' has no attribute {name!r}")
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 FloatArray = NDArray[np.float64]
 Calibration = Callable[[NDArray[np.uint16]], FloatArray]
@@ -64,7 +64,7 @@ class RegionSeries:
     flags: NDArray[np.uint16]
 
 
-def camera_of(session: Session, stream: str | None = None) -> StreamInfo:
+def camera_of(session: SessionReader, stream: str | None = None) -> StreamInfo:
     """The camera named, or the only one; raises `SessionError`."""
     cameras = [info for info in session.streams.values() if info.is_camera]
     chosen = [info for info in cameras if stream in (None, info.name)]
@@ -84,7 +84,7 @@ def _to_kelvin(info: StreamInfo, calibration: Calibration | None) -> Callable[[F
 
 
 def kelvin(
-    session: Session, start: int = 0, stop: int | None = None, *, stream: str | None = None,
+    session: SessionReader, start: int = 0, stop: int | None = None, *, stream: str | None = None,
     calibration: Calibration | None = None, damaged: Literal["raise", "nan"] = "raise",
 ) -> FloatArray:  # fmt: skip
     """Brightness temperature of a camera's frames, each frame verified by its checksum.
@@ -132,7 +132,7 @@ def kelvin(
 
 
 def region_series(
-    session: Session, regions: Sequence[Region] | None = None, *, stream: str | None = None,
+    session: SessionReader, regions: Sequence[Region] | None = None, *, stream: str | None = None,
     calibration: Calibration | None = None,
 ) -> RegionSeries:  # fmt: skip
     """Mean brightness temperature of regions over time; reads only the chunks the regions lie in.
@@ -205,7 +205,7 @@ def _curve(reader: StreamReader, region: Region, convert: Callable[[FrameBlock],
 
 
 def minute_means(
-    session: Session, meter: str, *, recorded: bool = False
+    session: SessionReader, meter: str, *, recorded: bool = False
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Middle (UTC ns) and mean of every minute of a meter's first channel, of its usable readings.
 
@@ -227,7 +227,7 @@ def channel_names(info: StreamInfo) -> tuple[str, ...]:
     return info.channels if named else tuple(f"channel {number}" for number in range(info.shape[0]))
 
 
-def to_pandas(session: Session, stream: str) -> pd.DataFrame:
+def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
     """The samples of a stream by UTC: the values of a meter; of a camera all but the frames.
 
     Column names end in their unit in brackets; `DataFrame.attrs` has stream, quantity, unit and device.
@@ -250,7 +250,7 @@ def to_pandas(session: Session, stream: str) -> pd.DataFrame:
     return table
 
 
-def to_xarray(session: Session, stream: str) -> xr.Dataset:
+def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     """A stream as an xarray dataset, read lazily; counts of a linear camera are read as kelvin.
 
     `flags` are verified by the checksums when they are read, which reads the whole stream. Raises

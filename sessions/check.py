@@ -25,7 +25,7 @@ from fieldkit.physics.sun import sun_vectors
 from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.clock_correction import STEP_NS, TOLERANCE_NS, propose_time_map, stepped_ns
 from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.seal import crc_of_crcs, table_crc32
 from fieldkit.sessions.stream_reader import StreamReader
 from fieldkit.sessions.time_map import TimeStep
@@ -72,7 +72,7 @@ def check(path: str | Path) -> list[Finding]:
         return findings
 
 
-def integrity_findings(session: Session) -> Iterator[Finding]:
+def integrity_findings(session: SessionReader) -> Iterator[Finding]:
     """Sealed numbers against what is there; the samples themselves are looked at with their stream."""
     if session.state not in ("sealed", "recovered"):
         return
@@ -88,7 +88,7 @@ def integrity_findings(session: Session) -> Iterator[Finding]:
             yield Finding("fail", name, "the table is not as it was sealed")
 
 
-def _state(session: Session) -> Iterator[Finding]:
+def _state(session: SessionReader) -> Iterator[Finding]:
     fix = f"fieldkit recover {session.path}"
     match session.state:
         case "sealed":
@@ -105,7 +105,7 @@ def _state(session: Session) -> Iterator[Finding]:
             yield Finding("fail", "state", "interrupted, and its journal is gone", fix)
 
 
-def _objects(session: Session) -> Iterator[Finding]:
+def _objects(session: SessionReader) -> Iterator[Finding]:
     """Everything that gives the numbers their meaning, against the digests taken when it was sealed."""
     if session.state not in ("sealed", "recovered"):
         return
@@ -125,7 +125,7 @@ def _objects(session: Session) -> Iterator[Finding]:
         yield Finding("ok", "header", f"{len(sealed)} objects are as they were sealed")
 
 
-def _changed(session: Session, path: str, digest: str) -> str:
+def _changed(session: SessionReader, path: str, digest: str) -> str:
     """What is wrong with an object, in words."""
     try:
         return "" if session.object_digest(path) == digest else "it is not as it was sealed"
@@ -133,12 +133,12 @@ def _changed(session: Session, path: str, digest: str) -> str:
         return f"it cannot be read: {message_of(error)}"
 
 
-def _streams(session: Session) -> Iterator[Finding]:
+def _streams(session: SessionReader) -> Iterator[Finding]:
     for name in session.streams:
         yield from stream_findings(session, name)
 
 
-def _events(session: Session) -> Iterator[Finding]:
+def _events(session: SessionReader) -> Iterator[Finding]:
     """What was noticed while recording, one line for each kind of event and stream."""
     events = [event for event in session.events(recorded=True) if event.kind not in _QUIET]
     counts = Counter((event.kind, event.stream) for event in events)
@@ -152,7 +152,7 @@ def _events(session: Session) -> Iterator[Finding]:
         yield Finding("warn" if serious else "ok", name, f"{at}Z {first.text}{more}")
 
 
-def _regions(session: Session) -> Iterator[Finding]:
+def _regions(session: SessionReader) -> Iterator[Finding]:
     if not any(info.is_camera for info in session.streams.values()):
         return
     kinds = Counter(region.kind for region in session.regions)
@@ -177,7 +177,7 @@ _BUNCHED_SHARE = 0.02
 _LOOK_EVERY = 32
 
 
-def stream_findings(session: Session, name: str) -> Iterator[Finding]:
+def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
     """Findings on one stream; reads all of its samples once."""
     reader = session.stream(name)
     if not len(reader):
@@ -313,7 +313,7 @@ def _flags(name: str, flags: NDArray[np.uint16]) -> Iterator[Finding]:
 # --- clocks
 
 
-def clock_findings(session: Session) -> Iterator[Finding]:
+def clock_findings(session: SessionReader) -> Iterator[Finding]:
     """Steps and drift of the system clock against the monotonic one, sleep, and the active time map."""
     checks, in_force = session.clock_checks(), session.time_map()
     if checks:
@@ -335,7 +335,7 @@ def _steps(checks: Sequence[ClockCheck], anchor_ns: int) -> Iterator[Finding]:
 
 
 def _at_the_end(
-    session: Session, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
+    session: SessionReader, last: ClockCheck, proposed: list[TimeStep], in_force: list[TimeStep]
 ) -> Finding:
     """How far the system clock had come from the recorded times, and the fix if it is not corrected."""
     away_ns = last.utc_minus_mono_ns - session.anchor_ns
@@ -386,7 +386,7 @@ _LOW = np.sin(np.radians(5.0))
 FloatArray = NDArray[np.float64]
 
 
-def sun_findings(session: Session) -> Iterator[Finding]:
+def sun_findings(session: SessionReader) -> Iterator[Finding]:
     """Whether the light fits the recorded times, for the first illuminance stream."""
     stream = next((name for name, info in session.streams.items() if info.quantity == "illuminance"), None)
     if stream is None or not session.count(stream):

@@ -20,7 +20,7 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, encode_text
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stored import columns_of
 from fieldkit.sessions.time_map import TimeStep, row_crc32s
 
@@ -46,7 +46,7 @@ def stepped_ns(checks: Sequence[ClockCheck], anchor_ns: int) -> NDArray[np.int64
     return moved[np.abs(moved) > STEP_NS]
 
 
-def propose_time_map(session: Session) -> list[TimeStep]:
+def propose_time_map(session: SessionReader) -> list[TimeStep]:
     """What should be added to the recorded times, by the clock comparisons; empty where nothing must be.
 
     A comparison with a trusted source (GPS, NTP ...) counts for the whole session; otherwise

@@ -18,7 +18,7 @@ from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 import h5py
 import numpy as np
@@ -126,7 +126,7 @@ _MEANING = ("config/header", "entry/utc_minus_mono_ns")
 _CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: fieldkit check %s"
 
 
-class Session:
+class SessionReader:
     """One recording, as `fieldkit.open_session` opens it. Use as a context manager, or call `close`.
 
     ``session["camera"]`` is one of its streams, ``list(session)`` their names.
@@ -525,22 +525,28 @@ def _in_turn(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
         yield turn_ns, sample
 
 
-def open_session(path: str | Path) -> Session:
+def open_session(path: str | Path) -> SessionReader:
     """Open a session for reading.
 
     Raises `SessionError` where the path holds no session, one of a newer version, or one
     too damaged to read; the error's `fix` is the next step.
     """
+    return open_as(SessionReader, path)
+
+
+S = TypeVar("S", bound=SessionReader)
+
+
+def open_as(kind: type[S], path: str | Path) -> S:
+    """Open a session as an object of a class that extends `SessionReader`; raises as `open_session`."""
     path = Path(path)
-    is_written = is_locked(
-        journal_path(path)
-    )  # asked first: a writer that releases it after that has sealed it
+    is_written = is_locked(journal_path(path))  # asked first: one that releases it later has sealed it
     if _is_closed(path):
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
-        return _session(path, lambda: h5py.File(path, "r"), unfinished=unfinished)
+        return _opened(kind, path, lambda: h5py.File(path, "r"), unfinished=unfinished)
     if is_written:
-        return _session(path, lambda: h5py.File(path, "r", swmr=True), "recording")
-    return open_interrupted(path)
+        return _opened(kind, path, lambda: h5py.File(path, "r", swmr=True), "recording")
+    return _opened(kind, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted")
 
 
 def _is_closed(path: Path) -> bool:
@@ -551,19 +557,21 @@ def _is_closed(path: Path) -> bool:
         raise SessionError(error.message, fix=f"fieldkit recover {path}" if waits else error.fix) from error
 
 
-def open_interrupted(path: Path, *, salvage: bool = False) -> Session:
+def open_interrupted(path: Path, *, salvage: bool = False) -> SessionReader:
     """Open a session that is no longer written, whatever state its writer left it in.
 
     Never in SWMR mode, in which HDF5 would wait for the writer to mend what is torn. With `salvage`
     also where a part of the file is gone.
     """
-    return _session(path, lambda: h5py.File(MendedFile(path), "r"), "interrupted", salvage=salvage)
+    return _opened(
+        SessionReader, path, lambda: h5py.File(MendedFile(path), "r"), "interrupted", salvage=salvage
+    )
 
 
-def _session(
-    path: Path, opened: Callable[[], h5py.File], state: str | None = None, *,
+def _opened(
+    kind: type[S], path: Path, opened: Callable[[], h5py.File], state: str | None = None, *,
     unfinished: str = "interrupted", salvage: bool = False,
-) -> Session:  # fmt: skip
+) -> S:  # fmt: skip
     """A session in a given `state`, or that of the file: complete, or else `unfinished`."""
     file = None
     try:
@@ -571,7 +579,7 @@ def _session(
         check_format(path, file)
         complete = int(scalar(file, "entry/complete"))
         found = {SEALED: "sealed", RECOVERED: "recovered"}.get(complete, unfinished)
-        session = Session(path, file, state or found, salvage=salvage)
+        session = kind(path, file, state or found, salvage=salvage)
     except (SessionError, OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         if file is not None:
             file.close()
@@ -581,7 +589,7 @@ def _session(
     return session
 
 
-def _warn_where_changed(session: Session) -> None:
+def _warn_where_changed(session: SessionReader) -> None:
     """Warn where what all numbers depend on is not as it was sealed; `check` looks at all the rest."""
     with contextlib.suppress(SessionError, OSError, RuntimeError, KeyError, ValueError):
         sealed = session.sealed_objects()

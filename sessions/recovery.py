@@ -26,7 +26,7 @@ from fieldkit.sessions.guarded_file import GuardedFile
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import RECOVERED, SEALED, journal_path
 from fieldkit.sessions.lock import RECOVERY, SessionLock, is_locked
-from fieldkit.sessions.reader import Session, open_interrupted, open_session
+from fieldkit.sessions.reader import SessionReader, open_interrupted, open_session
 from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
@@ -179,7 +179,7 @@ def _session_ids(path: Path) -> set[str]:
     return ids
 
 
-def _report_of(session: Session) -> RecoveryReport:
+def _report_of(session: SessionReader) -> RecoveryReport:
     """The report of a recovery, from the events that `_recovery_events` wrote."""
     events = [one for one in session.events(recorded=True) if one.kind is EventKind.RECOVERED]
     counts = {name: session.count(name) for name in session.streams}

@@ -30,7 +30,7 @@ from fieldkit.sessions.chunks import PackedBlock, PackedChunk, corners, unpack
 from fieldkit.sessions.journal import Chunk, SessionIdentity, read_written
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.layout import TIME_MAP_COLUMNS, chunk_shape, entry_columns, journal_path
-from fieldkit.sessions.reader import Session, open_interrupted
+from fieldkit.sessions.reader import SessionReader, open_interrupted
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord, sample_bytes, sample_crc32
 from fieldkit.sessions.stored import columns_of, whole_rows
 from fieldkit.sessions.time_map import check_rows, row_crc32s
@@ -76,7 +76,7 @@ class Salvage:
         runs = [run for stats in self.statistics.values() for run in stats.lost]
         return [*(f"{run.stream}: {run.count} samples lost" for run in runs), *self._journal_damage]
 
-    def _try_session(self) -> Session | None:
+    def _try_session(self) -> SessionReader | None:
         try:
             return self._stack.enter_context(open_interrupted(self._path, salvage=True))
         except SessionError as error:
@@ -219,7 +219,7 @@ def _key(entry: Entry) -> tuple[object, ...]:
     return (entry.mono_ns, entry.kind, entry.text) if isinstance(entry, Event) else (entry.mono_ns,)
 
 
-def _time_map(session: Session) -> dict[str, NDArray[Any]]:
+def _time_map(session: SessionReader) -> dict[str, NDArray[Any]]:
     """The columns of the corrections; a part of them would be a wrong map: raises `SessionError`."""
     group, end = session.group("time_map"), session.path.stat().st_size
     datasets = columns_of(group, TIME_MAP_COLUMNS)
@@ -251,7 +251,7 @@ def _found(
     return loose.get(row) if row is not None else None
 
 
-def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
+def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
     entries: list[Entry] = []
     for read in (
         session.region_history,
@@ -267,7 +267,7 @@ def _stored_entries(session: Session, damage: list[str]) -> list[Entry]:
     return entries
 
 
-def _lost_rows(session: Session) -> Iterator[str]:
+def _lost_rows(session: SessionReader) -> Iterator[str]:
     """Rows of tables that the file claims but does not hold, in words."""
     for name, columns in entry_columns(session.header).items():
         try:
@@ -348,7 +348,7 @@ class StoredSamples:
     `numbers` are those of the rows whose bytes are there, `total` how many were ever given.
     """
 
-    def __init__(self, session: Session | None, info: StreamInfo, damage: list[str]) -> None:
+    def __init__(self, session: SessionReader | None, info: StreamInfo, damage: list[str]) -> None:
         self._reader = session.stream(info.name) if session is not None else None
         self._damage = damage
         self._step = chunk_shape(info)[0] if info.is_camera else 1024
@@ -408,7 +408,7 @@ class LooseChunks:
     """Chunks of frames at the places the journal remembers, whatever became of the file's own index."""
 
     def __init__(
-        self, path: Path, session: Session | None, journal: JournalReader | None, info: StreamInfo
+        self, path: Path, session: SessionReader | None, journal: JournalReader | None, info: StreamInfo
     ) -> None:
         self._path = path
         self._session = session

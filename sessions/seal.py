@@ -20,7 +20,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
 from fieldkit.sessions.layout import entry_columns
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stored import check_size
 from fieldkit.sessions.stream_reader import StreamReader
 
@@ -86,7 +86,7 @@ def crc_of_crcs(crc32s: NDArray[np.uint32]) -> int:
     return zlib.crc32(crc32s.astype("<u4").tobytes())
 
 
-def table_crc32(session: Session, name: str) -> int:
+def table_crc32(session: SessionReader, name: str) -> int:
     """CRC-32 over the columns that the file has of a table, whichever version they are of, in their order."""
     crc = 0
     for dataset in session.datasets(name).values():
@@ -102,7 +102,7 @@ def _digests(path: Path) -> list[str]:
         return [session.object_digest(name) for name in session.sealed_objects()]
 
 
-def _verified(session: Session, stream: str, expected: Iterable[int]) -> int:
+def _verified(session: SessionReader, stream: str, expected: Iterable[int]) -> int:
     """CRC of the checksums of a stream, all of whose samples are as expected."""
     reader = session.stream(stream)
     stored = reader.column("crc32")
@@ -125,6 +125,6 @@ def _bad(reader: StreamReader, start: int) -> list[int]:
     return [sample.seq for sample in block if sample.quality & Quality.BAD_CRC]
 
 
-def _span(session: Session, stream: str) -> tuple[int, int]:
+def _span(session: SessionReader, stream: str) -> tuple[int, int]:
     times = session.stream(stream).column("time")
     return (int(times.min()), int(times.max())) if len(times) else (0, 0)

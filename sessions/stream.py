@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 
 class Stream:
@@ -28,7 +28,7 @@ class Stream:
     `info` is what was declared before the first sample: quantity, unit, shape, scale, rate.
     """
 
-    def __init__(self, session: Session, info: StreamInfo) -> None:
+    def __init__(self, session: SessionReader, info: StreamInfo) -> None:
         self.info = info
         self._session = session
 

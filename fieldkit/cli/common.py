@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from fieldkit.config import Config
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def say(text: str) -> None:
         click.echo(text, err=True)
 
 
-def say_damage(session: Session) -> None:
+def say_damage(session: SessionReader) -> None:
     """Print how many of the samples read so far fail their checksum: results exclude them."""
     from fieldkit.workflows.sources import notify_damage
 

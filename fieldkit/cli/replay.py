@@ -14,7 +14,7 @@ from fieldkit.cli.session_paths import find_session, report_interrupted
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.recorder import View
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.estimate import as_document
 from fieldkit.workflows.replay import replay
 
@@ -54,7 +54,7 @@ def command(
     common.say(f"next: fieldkit report {session}")
 
 
-def _view(session: Session, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:
+def _view(session: SessionReader, estimator: Estimator, theme: Literal["dark", "paper"]) -> View:
     from fieldkit.views.terminal_view import terminal_view
 
     streams = tuple(session.streams.values())

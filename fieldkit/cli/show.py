@@ -17,7 +17,7 @@ from fieldkit.views.formatting import by_time, event_text
 if TYPE_CHECKING:
     from fieldkit.model.samples import Event
     from fieldkit.model.slope import SlopeEstimate
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 _LAST_EVENTS = 12
 _POLL_S = 0.5
@@ -78,7 +78,7 @@ def _slope(slope: SlopeEstimate) -> str:
     return f"{formatting.state(slope)}: {slope.reason}" if slope.reason else formatting.state(slope)
 
 
-def _follow(session: Session) -> None:
+def _follow(session: SessionReader) -> None:
     """Print what is recorded meanwhile, until the recording ends."""
     from fieldkit.sessions.layout import journal_path
     from fieldkit.sessions.lock import is_locked
@@ -98,7 +98,7 @@ def _follow(session: Session) -> None:
     say("the recording has ended")
 
 
-def _print_latest(session: Session, name: str, count: int) -> None:
+def _print_latest(session: SessionReader, name: str, count: int) -> None:
     from fieldkit.model.samples import Frame
 
     sample = next(session.stream(name).samples(count - 1, count))
@@ -112,7 +112,7 @@ def _print_latest(session: Session, name: str, count: int) -> None:
     )
 
 
-def _print_change(session: Session, change: dict[str, Any], time_ns: int) -> None:
+def _print_change(session: SessionReader, change: dict[str, Any], time_ns: int) -> None:
     from fieldkit.workflows.describe import local_time
 
     at = local_time(session, time_ns)

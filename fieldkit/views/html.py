@@ -61,6 +61,11 @@ def data_uri(media_type: str, content: bytes) -> str:
     return f"data:{media_type};base64,{base64.b64encode(content).decode()}"
 
 
+def table_html(content: Table) -> str:
+    """A table alone, for the notebook that shows an object."""
+    return str(environment().get_template("blocks.html").make_module().table(content))  # type: ignore[attr-defined]
+
+
 def render(template: str, **content: object) -> str:
     """The page that a template makes of `content`; the arguments are the template's variables."""
     return environment().get_template(template).render(content)

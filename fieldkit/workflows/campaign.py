@@ -8,10 +8,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, Unpack, overload
 
 from fieldkit.config import (
     FILE_NAME,
@@ -22,15 +21,12 @@ from fieldkit.config import (
     mistakes_in,
 )
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
-from fieldkit.model.errors import ConfigError, RefusedError, StorageError
-from fieldkit.model.site import zone_by_longitude
-from fieldkit.sessions.reader import Session, open_session
-from fieldkit.workflows.batch import estimate_run, run_of
-from fieldkit.workflows.cache import Cache
-from fieldkit.workflows.estimates import Estimates
+from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
+from fieldkit.model.site import Region, zone_by_longitude
+from fieldkit.views import formatting, html
 from fieldkit.workflows.executors import Workers
 from fieldkit.workflows.regions import Point, Rect, RegionProperties, add_region
-from fieldkit.workflows.sources import Source, settings_from, source_of
+from fieldkit.workflows.session import Session, open_session
 from fieldkit.workflows.sweep import Sweep, sweep
 
 FOLDERS = ("calibration", "recordings", "results", "reports")
@@ -39,35 +35,26 @@ GITIGNORE = (
 )
 
 
-@dataclass(frozen=True)
-class CampaignSession:
-    """A recording of a campaign: `path` of its file; `open` reads it, `estimate` works out slopes."""
+class Sessions(Sequence[Session]):
+    """The recordings of a campaign, oldest first; each is opened when it is asked for."""
 
-    path: Path
-    cache: Cache = field(default_factory=Cache, repr=False)
+    def __init__(self, paths: Iterable[Path]) -> None:
+        self.paths = tuple(paths)
 
-    @property
-    def name(self) -> str:
-        """The file's name without its ending."""
-        return self.path.stem
+    def __len__(self) -> int:
+        return len(self.paths)
 
-    @cached_property
-    def source(self) -> Source:
-        """What is estimated; read at the first estimate."""
-        return source_of(self.path)
+    @overload
+    def __getitem__(self, index: int) -> Session: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sessions: ...
+    def __getitem__(self, index: int | slice) -> Session | Sessions:
+        if isinstance(index, slice):
+            return Sessions(self.paths[index])
+        return open_session(self.paths[index])
 
-    def open(self) -> Session:
-        """The session, for reading samples and events; a context manager."""
-        return open_session(self.path)
-
-    def estimate(self, settings: Mapping[str, Any] | None = None, /, **values: Any) -> Estimates:
-        """Slopes minute by minute, as the session was configured or with other parameters.
-
-        Keys of ``fieldkit.toml``: by their own name where only one table has it
-        (``albedo=0.25``), else in full (``{"estimator.diffuse_fraction": 0.2}``). What was
-        estimated before comes from the cache. Raises `ConfigError`, `SessionError`.
-        """
-        return estimate_run(run_of(self.source, settings_from({**(settings or {}), **values})), self.cache)
+    def __repr__(self) -> str:
+        return f"<{len(self)} sessions: {', '.join(path.stem for path in self.paths)}>"
 
 
 @dataclass
@@ -81,10 +68,41 @@ class Campaign:
         """Where ``fieldkit.toml`` is."""
         return self.config.directory
 
-    @cached_property
-    def sessions(self) -> tuple[CampaignSession, ...]:
+    @property
+    def sessions(self) -> Sessions:
         """The recordings, oldest first."""
-        return tuple(CampaignSession(path) for path in sorted(self.config.recordings.glob("*.h5")))
+        return Sessions(sorted(self.config.recordings.glob("*.h5")))
+
+    def __getitem__(self, name: str) -> Session:
+        """The session of that name, or the latest one recorded with ``name=`` so.
+
+        Raises
+        ------
+        SessionError
+            Where there is none; it lists those there are.
+        """
+        paths = self.sessions.paths
+        found = [path for path in paths if path.stem == name or path.stem.endswith(f"-{name}")]
+        if not found:
+            known = ", ".join(path.stem for path in paths) or "none yet"
+            raise SessionError(f"{self.directory} has no session {name!r}", fix=f"it has {known}")
+        return open_session(found[-1])
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions as ``fieldkit.toml`` has them now."""
+        return self.config.regions
+
+    def __repr__(self) -> str:
+        what = f"{len(self.regions)} regions, {len(self.sessions)} sessions"
+        return f"<Campaign {self.config.campaign.title or self.directory.name}: {what}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (region.name, region.kind.name.lower(), formatting.given_slope(region)) for region in self.regions
+        ]
+        caption = f"{self.directory}: {len(self.sessions)} sessions"
+        return html.table_html(html.Table(("region", "kind", "tilt/azimuth"), rows, caption))
 
     def add_region(
         self,
@@ -107,7 +125,7 @@ class Campaign:
         parameters: Mapping[str, Sequence[Any]],
         /,
         *,
-        sessions: Iterable[CampaignSession] | None = None,
+        sessions: Iterable[Session | str | Path] | None = None,
         jobs: int = 1,
     ) -> Sweep:
         """Estimate sessions with every combination of parameters; what was estimated before is cached.
@@ -115,10 +133,10 @@ class Campaign:
         Parameters
         ----------
         parameters
-            Values to try by key, as in `CampaignSession.estimate`:
+            Values to try by key, as in `fieldkit.estimate`:
             ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``.
         sessions
-            Of this campaign or of others; all of this one if not given.
+            Sessions or their files, of this campaign or of others; all of this one if not given.
         jobs
             Processes to work with.
 
@@ -127,8 +145,9 @@ class Campaign:
         ConfigError
             For a key or value that no estimate has.
         """
-        chosen = self.sessions if sessions is None else sessions
-        return sweep([session.path for session in chosen], parameters, workers=Workers(jobs))
+        chosen = self.sessions.paths if sessions is None else sessions
+        paths = [one.path if isinstance(one, Session) else one for one in chosen]
+        return sweep(paths, parameters, workers=Workers(jobs))
 
 
 def open_campaign(path: str | Path = ".") -> Campaign:

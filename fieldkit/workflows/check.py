@@ -11,7 +11,7 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions import check as file_check
 from fieldkit.sessions.check import Finding, worst
 from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.sources import config_for
@@ -55,7 +55,7 @@ def check(path: str | Path, *, estimates: bool = True) -> CheckedSession:
     return CheckedSession(path, tuple(findings))
 
 
-def _estimate_findings(session: Session) -> list[Finding]:
+def _estimate_findings(session: SessionReader) -> list[Finding]:
     """The estimates of the recording against those that the same samples give now."""
     stored = session.estimates()
     if not stored or session.time_map():
@@ -72,7 +72,7 @@ def _estimate_findings(session: Session) -> list[Finding]:
     return [Finding("ok", "slopes", f"{len(stored)} slopes come out the same from the stored samples")]
 
 
-def _estimated_again(session: Session) -> list[SlopeEstimate]:
+def _estimated_again(session: SessionReader) -> list[SlopeEstimate]:
     # streams that were imported later had no part in what the recording estimated
     recorded = tuple(info for info in session.streams.values() if info.driver != "import")
     estimator = estimator_for(session, config_for(session), streams=recorded)

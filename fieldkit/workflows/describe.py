@@ -8,12 +8,12 @@ from typing import Any
 from fieldkit.model.errors import SessionError
 from fieldkit.model.radiation import measured
 from fieldkit.model.slope import SlopeEstimate, final_estimates
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
 from fieldkit.views.formatting import by_time
 
 
-def describe(session: Session) -> dict[str, Any]:
+def describe(session: SessionReader) -> dict[str, Any]:
     """What a session is and holds, as ``fieldkit show --json`` prints it."""
     return {
         "session": str(session.path), "title": session.header.title, "state": session.state,
@@ -52,12 +52,12 @@ def describe(session: Session) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def recorded_slopes(session: Session) -> list[SlopeEstimate]:
+def recorded_slopes(session: SessionReader) -> list[SlopeEstimate]:
     """The final estimate of each target, as recorded."""
     return list(final_estimates(session.estimates(), session.regions).values())
 
 
-def _stream(session: Session, name: str) -> dict[str, Any]:
+def _stream(session: SessionReader, name: str) -> dict[str, Any]:
     info = session.streams[name]
     return {
         "name": name, "quantity": info.quantity, "unit": info.unit, "shape": list(info.shape),
@@ -87,14 +87,14 @@ def describe_briefly(path: Path) -> dict[str, Any]:
         return {"name": path.name, "state": state, **unknown, "problem": error.message}
 
 
-def local_time(session: Session, time_ns: int) -> str:
+def local_time(session: SessionReader, time_ns: int) -> str:
     """A moment in the site's zone, which is named; empty for none."""
     if not time_ns:
         return ""
     return formatting.local_time(time_ns, session.site).strftime("%Y-%m-%d %H:%M:%S %Z")
 
 
-def iso_time(session: Session, time_ns: int) -> str | None:
+def iso_time(session: SessionReader, time_ns: int) -> str | None:
     """A moment as ISO 8601 with the site's offset; None for none."""
     return formatting.local_time(time_ns, session.site).isoformat() if time_ns else None
 

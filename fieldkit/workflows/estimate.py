@@ -17,7 +17,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
@@ -26,7 +26,7 @@ from fieldkit.workflows.temperature_table import read_table
 
 
 def estimate(
-    session: str | Path | Session,
+    session: str | Path | SessionReader,
     settings: Mapping[str, Any] | None = None,
     /,
     *,
@@ -61,7 +61,7 @@ def estimate(
     ConfigError
         For a key or value that no estimate has.
     """
-    path = session.path if isinstance(session, Session) else Path(session)
+    path = session.path if isinstance(session, SessionReader) else Path(session)
     keys = {**(settings or {}), **values}
     if model is not None:
         keys["estimator.model"] = model
@@ -104,7 +104,7 @@ def estimate_table(
 
 
 def estimator_for(
-    session: Session, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
+    session: SessionReader, config: Config, *, present: bool = False, streams: Sequence[StreamInfo] = ()
 ) -> Estimator:
     """A fresh estimator for a session's streams, or for some of them."""
     regions = regions_for(session, config, present=present)
@@ -112,7 +112,7 @@ def estimator_for(
     return Estimator(config.site, regions, chosen, config.estimator_settings())
 
 
-def minutes_of(session: Session, estimator: Estimator) -> Iterator[Minute]:
+def minutes_of(session: SessionReader, estimator: Estimator) -> Iterator[Minute]:
     """Every minute of a session, as the estimator closes it."""
     for sample in session.samples():
         yield from estimator.add(sample)

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState, final_estimates
+from fieldkit.views import formatting, html, plots
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
 
 ANGLES = tuple(field.name for field in fields(SlopeEstimate) if field.type == "float")
 MEASURED = ("temperature_k", "irradiance_w_m2")
@@ -98,6 +100,37 @@ class Estimates:
         """The final estimate of each target region, by its name."""
         return final_estimates(self, self.regions)
 
+    def __repr__(self) -> str:
+        return f"<Estimates of {self.minutes} min: {', '.join(map(_short, self.final.values()))}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.region,
+                formatting.tilt(one),
+                formatting.azimuth(one),
+                formatting.number(one.kelvin_per_degree, 3),
+                formatting.state(one),
+            )
+            for one in self.final.values()
+        ]
+        columns = ("region", "tilt, °", "azimuth, °", "K per °", "state")
+        return html.table_html(html.Table(columns, rows, f"Final estimates of {self.minutes} minutes"))
+
+    def plot(self, ax: Axes | None = None, *, site: Site | None = None) -> Axes:
+        """Plot the tilt of each region over time with its 90 % region; in UTC unless `site` is given."""
+        columns = {region: self.of_region(region) for region in self.regions}
+        targets = {region.name: rows for region, rows in columns.items() if rows.size}
+        true_deg = {region.name: region.tilt_deg for region in self.regions}
+        series = {
+            name: plots.TiltSeries(
+                rows["tilt_deg"], rows["tilt_low_deg"], rows["tilt_high_deg"], true_deg[name]
+            )
+            for name, rows in targets.items()
+        }
+        time_ns = next((rows["time_ns"] for rows in targets.values()), np.empty(0, np.int64))
+        return plots.tilts(time_ns, series, site, ax)
+
     @property
     def minutes(self) -> int:
         """How many minutes there are."""
@@ -149,6 +182,10 @@ class Estimates:
                 "true_azimuth_deg": ("region", [target.azimuth_deg for target in targets]),
             },
         )
+
+
+def _short(estimate: SlopeEstimate) -> str:
+    return f"{estimate.region} {formatting.tilt(estimate)}° ({formatting.state(estimate)})"
 
 
 def iso(time_ns: int) -> str:

@@ -97,7 +97,7 @@ class Workers:
             yield executor
 
 
-THIS_PROCESS = Workers(1)
+THIS_PROCESS: Workers = Workers(1)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Literal
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.sessions.formats import images_out, mcap_out, tables_out
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 
 Kind = Literal["csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff"]
 WHOLE_KINDS = ("csv", "parquet", "netcdf")
@@ -26,7 +26,7 @@ class Export:
 
 
 def export(
-    session: Session,
+    session: SessionReader,
     to: Kind,
     folder: str | Path | None = None,
     *,
@@ -78,7 +78,7 @@ def _default_folder(session: Path) -> Path:
 
 
 def _written(
-    session: Session, folder: Path, to: Kind, stream: str | None, every: int
+    session: SessionReader, folder: Path, to: Kind, stream: str | None, every: int
 ) -> tuple[list[Path], list[str]]:
     """The files, and what could not be read for them."""
     of_frames = {
@@ -97,7 +97,7 @@ def _written(
         return list(error.files), [error.message]
 
 
-def _damage(session: Session, to: Kind) -> list[str]:
+def _damage(session: SessionReader, to: Kind) -> list[str]:
     """What the export found of samples that do not match their checksum."""
     fate = "they are omitted" if to in IMAGE_KINDS else "they are flagged bad_crc"
     return [

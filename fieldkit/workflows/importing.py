@@ -25,7 +25,7 @@ from fieldkit.sessions.formats.merged import aligned, cut_to, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.weather import is_station_file
 from fieldkit.workflows import import_flir
@@ -148,7 +148,10 @@ def import_recording(
 
 
 def import_into(
-    session: Session, source: str | Path, out: str | Path | None = None, options: ImportOptions | None = None
+    session: SessionReader,
+    source: str | Path,
+    out: str | Path | None = None,
+    options: ImportOptions | None = None,
 ) -> ImportedSession:
     """Make a new session of `session` together with the part of `source` recorded at the same time.
 
@@ -220,7 +223,7 @@ def _warned_of_distance(recording: ImportedRecording, site: Site) -> ImportedRec
     )
 
 
-def _warned_of_irradiance(session: Session, recording: ImportedRecording) -> ImportedRecording:
+def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) -> ImportedRecording:
     """The recording, with a warning if estimates will use its irradiance instead of the session's."""
     own = tuple(session.streams.values())
     before, after = (

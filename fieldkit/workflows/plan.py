@@ -17,19 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.config import Config
-from fieldkit.estimation.day_plan import DayPlan, PlanSettings, plan_day
+from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
-from fieldkit.model.site import RegionKind, Site
+from fieldkit.model.site import RegionKind, Site, zone_by_longitude
 from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.views import formatting, plan_page
+from fieldkit.views import formatting, html, plan_page, plots
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,24 @@ class MeasuringPlan:
             "rows": self.rows,
         }
 
+    def __repr__(self) -> str:
+        return f"<MeasuringPlan of {self.day}: {'; '.join(self.warnings) or 'no warnings'}>"
+
+    def _repr_html_(self) -> str:
+        columns, rows = plan_page.COLUMNS, plan_page.rows(self.day_plan, self.site)
+        return html.table_html(html.Table(columns, rows, f"Plan for {self.day}"))
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot what one degree of tilt is worth in kelvin over the day, a line for each facet."""
+        found = self.day_plan
+        values = dict(zip(map(label, found.facets), found.sensitivity.temperature_k, strict=True))
+        up = {name: np.where(found.usable, kelvin, np.nan) for name, kelvin in values.items()}
+        return plots.lines(found.time_ns, up, "K per ° of tilt", self.site, ax)
+
+    def table(self) -> pd.DataFrame:
+        """The plan as `to_frame` gives it, by time and facet."""
+        return self.to_frame().set_index(["time", "tilt_deg", "azimuth_deg"])
+
     def to_frame(self) -> pd.DataFrame:
         """A row for each time and facet, as a pandas frame; needs ``fieldkit[lab]``."""
         import pandas as pd
@@ -128,10 +147,14 @@ class MeasuringPlan:
         return path
 
 
+PAPER_TILTS_DEG = (5.0, 15.0, 25.0)
+"""The paper's sand slopes."""
+
+
 def plan(
-    site: Site,
-    day: date,
-    facets: Sequence[tuple[float, float]],
+    site: Site | Sequence[float],
+    day: date | str,
+    facets: Sequence[tuple[float, float]] | None = None,
     options: PlanOptions = DEFAULTS,
     *,
     estimator: EstimatorSettings | None = None,
@@ -141,11 +164,12 @@ def plan(
     Parameters
     ----------
     site
-        Where; its zone sets the day and is shown.
+        Where, or its latitude, longitude and elevation [degrees, m]; its zone sets the day and is shown.
     day
-        Which local day.
+        Which local day, such as ``"2026-12-11"``.
     facets
-        Tilt from horizontal and azimuth from north of each region. [degrees]
+        Tilt from horizontal and azimuth from north of each region [degrees]; by default the paper's
+        slopes of 5, 15 and 25 degrees, facing the equator.
     options
         What is assumed of irradiance, noise and air.
     estimator
@@ -158,9 +182,15 @@ def plan(
 
     Raises
     ------
+    ConfigError
+        If the site or the day is not a valid one.
     NoAnswerError
         If the sun does not rise.
     """
+    site, day = _site(site), _day(day)
+    if facets is None:
+        equator = 180.0 if site.latitude_deg >= 0.0 else 0.0
+        facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
     time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
     settings = PlanSettings(
         noise_k=options.noise_k, window_min=options.window_min, air_k=options.air_c + CELSIUS_ZERO_K
@@ -174,6 +204,21 @@ def plan(
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
     return MeasuringPlan(site, day, options, found)
+
+
+def _site(site: Site | Sequence[float]) -> Site:
+    if isinstance(site, Site):
+        return site
+    if not 2 <= len(site) <= 3:
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
+    return Site(site[0], site[1], site[2] if len(site) == 3 else 0.0, zone_by_longitude(site[1]))
+
+
+def _day(day: date | str) -> date:
+    try:
+        return date.fromisoformat(day) if isinstance(day, str) else day
+    except ValueError as error:
+        raise ConfigError(f"{day!r} is not a date", fix='give one such as "2026-12-11"') from error
 
 
 def target_facets(config: Config) -> tuple[tuple[float, float], ...]:

@@ -36,7 +36,7 @@ from fieldkit.recorder.marks import MarkInbox, marks_folder
 from fieldkit.recorder.recorder import Shown
 from fieldkit.sessions.layout import SessionHeader, journal_path
 from fieldkit.sessions.lock import SessionLock
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.workflows.running import session_in_progress
@@ -120,7 +120,7 @@ class RecordedSession:
     path: Path
     summary: Summary
 
-    def open(self) -> Session:
+    def open(self) -> SessionReader:
         """The session, for reading; a context manager."""
         return open_session(self.path)
 

@@ -14,7 +14,7 @@ from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.recorder import View
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.sources import config_for
 
@@ -33,7 +33,7 @@ def replay(
     *,
     speed: float = math.inf,
     settings: Sequence[str] = (),
-    view_of: Callable[[Session, Estimator], View] | None = None,
+    view_of: Callable[[SessionReader, Estimator], View] | None = None,
 ) -> Replay:
     """Feed a recorded session to the estimator as if live.
 
@@ -65,7 +65,7 @@ def replay(
         return Replay(tuple(estimator.regions), tuple(minutes), estimates)
 
 
-def play(session: Session, estimator: Estimator, speed: float, view: View) -> list[Minute]:
+def play(session: SessionReader, estimator: Estimator, speed: float, view: View) -> list[Minute]:
     """Show every sample and event in order, `speed` session seconds per real second; the closed minutes."""
     clock = HostClock()
     items = heapq.merge(session.samples(), _recorded_events(session), key=lambda item: item.mono_ns)
@@ -91,7 +91,7 @@ def _closed(minutes: list[Minute], view: View) -> list[Minute]:
     return minutes
 
 
-def _recorded_events(session: Session) -> list[Event | Health]:
+def _recorded_events(session: SessionReader) -> list[Event | Health]:
     """Events and health of the recording, without those that the estimator will report again."""
     again = (EventKind.CLOUD, EventKind.ESTIMATOR, EventKind.MOVED)
     kept = [event for event in session.events() if event.kind not in again]

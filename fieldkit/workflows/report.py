@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator, Minute
     from fieldkit.estimation.statistics import SdKind
     from fieldkit.model.samples import Frame
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def default_path(session: Path) -> Path:
     return folder.parent / "reports" / name if folder.name == "recordings" else session.parent / name
 
 
-def middle_frame(session: Session) -> Frame | None:
+def middle_frame(session: SessionReader) -> Frame | None:
     """The usable frame nearest to the middle of the session, or None."""
     camera = next((name for name, info in session.streams.items() if info.is_camera), None)
     if camera is None:

@@ -39,8 +39,8 @@ from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.file_tree import LIBVER, attach, iso_utc, put_scale, set_attributes
-from fieldkit.sessions.reader import Session, open_session
-from fieldkit.views import formatting, slope_map_image
+from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.views import formatting, plots, slope_map_image
 from fieldkit.workflows.batch import Failures, Progress, no_progress
 from fieldkit.workflows.cache import code_version
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
@@ -50,6 +50,7 @@ from fieldkit.workflows.sources import config_for, reading
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
 
 EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
@@ -132,6 +133,18 @@ class MappedSession:
         """Each region of the map in numbers."""
         return [_mapped_region(self, region) for region in self.regions]
 
+    def __repr__(self) -> str:
+        shares = ", ".join(f"{share:.0%} {state}" for state, share in self.states.items())
+        return f"<MappedSession {self.path.stem}: {self.minutes} min, {shares}>"
+
+    def _repr_png_(self) -> bytes:
+        return _image(self)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot the tilt of every pixel with the regions' outlines."""
+        outlines = {region.name: region.vertices for region in self.regions}
+        return plots.tilt_map(self.slopes.tilt_deg, outlines, ax)
+
     def to_xarray(self) -> xr.Dataset:
         """The arrays over (y, x), rows downwards; needs ``fieldkit[lab]``."""
         import xarray as xr
@@ -170,7 +183,7 @@ Maps = dict[Path, tuple[MappedSession, list[Path]]]
 
 
 def slope_map(
-    session: str | Path | Session,
+    session: str | Path | SessionReader,
     window: Window = None,
     *,
     settings: Sequence[str] = (),
@@ -203,7 +216,7 @@ def slope_map(
         If there is no reference region, no camera of known temperatures, or fewer than three minutes
         of frames under steady sun.
     """
-    if isinstance(session, Session):
+    if isinstance(session, SessionReader):
         return _mapped(session, window, tuple(settings), present)
     with reading(Path(session)) as opened:
         return _mapped(opened, window, tuple(settings), present)
@@ -248,7 +261,9 @@ def default_base(session: Path) -> Path:
     return parent / f"{session.stem}-slope-map"
 
 
-def _mapped(session: Session, window: Window, settings: tuple[str, ...], present: bool) -> MappedSession:
+def _mapped(
+    session: SessionReader, window: Window, settings: tuple[str, ...], present: bool
+) -> MappedSession:
     config = config_for(session, settings, present=present)
     estimator = estimator_for(session, config, present=present)
     instruments = Instruments(tuple(session.streams.values()), estimator.settings)
@@ -327,7 +342,7 @@ def _flags(bins: Sequence[MinuteBin]) -> Quality:
 
 
 def _solved(
-    session: Session, camera: StreamInfo, estimator: Estimator, chosen: Sequence[MinuteBin]
+    session: SessionReader, camera: StreamInfo, estimator: Estimator, chosen: Sequence[MinuteBin]
 ) -> tuple[SlopeMap, PixelBounds]:
     settings, field = estimator.settings, RegionColumns(estimator.regions)
     shape = (camera.shape[0], camera.shape[1])
@@ -374,7 +389,7 @@ def _of_pixels(
     return emissivity, offset_k
 
 
-def mean_frame_k(session: Session, camera: StreamInfo, minute: int) -> FloatArray:
+def mean_frame_k(session: SessionReader, camera: StreamInfo, minute: int) -> FloatArray:
     """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
 
     NaN where the camera's law has no temperature, and everywhere without a usable frame.
@@ -457,7 +472,7 @@ BOUNDS: dict[str, dict[str, Any]] = {
 """The same of how sure each pixel is: noise, misfit and stated systematic uncertainties included."""
 
 
-def write_map(path: Path, found: MappedSession, session: Session) -> None:
+def write_map(path: Path, found: MappedSession, session: SessionReader) -> None:
     """Write the arrays of a map with where they come from. Raises `OSError`."""
     rows, cols = found.slopes.state.shape
     with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:
@@ -499,7 +514,7 @@ def _region_numbers(found: MappedSession) -> np.ndarray[Any, np.dtype[np.uint8]]
     return numbers
 
 
-def _provenance(found: MappedSession, session: Session) -> dict[str, Any]:
+def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
     surface = found.settings.surface
     references = [region.name for region in found.regions if region.kind is RegionKind.REFERENCE]
     return {

@@ -17,7 +17,7 @@ from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
 from fieldkit.model.site import Region, Site
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
@@ -28,7 +28,7 @@ log_info = logging.getLogger(__name__).info
 
 
 @contextmanager
-def reading(path: Path) -> Iterator[Session]:
+def reading(path: Path) -> Iterator[SessionReader]:
     """An open session; an error of its file becomes a `SessionError`."""
     try:
         with open_session(path) as session:
@@ -39,7 +39,7 @@ def reading(path: Path) -> Iterator[Session]:
         raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
 
 
-def notify_damage(session: Session, notify: Callable[[str], None]) -> None:
+def notify_damage(session: SessionReader, notify: Callable[[str], None]) -> None:
     """Report which samples, of those read so far, do not match their checksum: no result includes them."""
     for name, count in session.damaged.items():
         what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
@@ -72,7 +72,7 @@ def source_of(path: Path, *, present: bool = False) -> Source:
         return Source(path.resolve(), checksum, session.session_id, config, regions)
 
 
-def config_for(session: Session, settings: Sequence[str] = (), *, present: bool = False) -> Config:
+def config_for(session: SessionReader, settings: Sequence[str] = (), *, present: bool = False) -> Config:
     """The configuration to estimate a session with.
 
     The session's own, unless it has none (it was imported) or `present` asks for the
@@ -115,6 +115,6 @@ def qualified_key(name: str) -> str:
     raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")
 
 
-def regions_for(session: Session, config: Config, *, present: bool = False) -> tuple[Region, ...]:
+def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> tuple[Region, ...]:
     """The regions of the session, or the campaign's present ones."""
     return config.regions if present or not session.regions else session.regions

@@ -13,7 +13,7 @@ from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.samples import Sample
 from fieldkit.model.units import SECOND_NS
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.latest import RATE_OVER_S, Latest
 from fieldkit.workflows.estimate import estimator_for
 from fieldkit.workflows.running import UnresponsiveRecorder, running_session, unresponsive_recorder
@@ -46,7 +46,7 @@ def recording_status(config: Config) -> RecordingStatus:
         )
 
 
-def latest_of(session: Session) -> Latest:
+def latest_of(session: SessionReader) -> Latest:
     """What the live view of a session's recorder shows now, from what is stored."""
     latest = Latest(session.site, session.regions, tuple(session.streams.values()), session.header.title)
     for event in session.events():
@@ -61,7 +61,7 @@ def latest_of(session: Session) -> Latest:
     return latest
 
 
-def _last_minute(session: Session) -> Minute | None:
+def _last_minute(session: SessionReader) -> Minute | None:
     """The last minute that closed, measured again from its samples, with the slopes that were stored."""
     estimator = estimator_for(session, config_for(session))
     closed = [minute for sample in _last_samples(session) for minute in estimator.add(sample)]
@@ -72,7 +72,7 @@ def _last_minute(session: Session) -> Minute | None:
     return replace(closed[-1], estimates=tuple(stored), events=())
 
 
-def _last_samples(session: Session) -> Iterator[Sample]:
+def _last_samples(session: SessionReader) -> Iterator[Sample]:
     since_ns = session.end_ns - LAST_MINUTES_NS
     first = {name: int(np.searchsorted(session.times_ns(name), since_ns)) for name in session.streams}
     parts = (session.stream(name).samples(start) for name, start in first.items())

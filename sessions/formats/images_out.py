@@ -19,7 +19,7 @@ from fieldkit.physics.camera_laws import frame_k, has_temperatures
 from fieldkit.pixel_axes import with_axes
 from fieldkit.sessions.file_tree import iso_utc
 from fieldkit.sessions.formats.tiff import TiffTags, write_tiff
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 
 TIFF_KELVIN_PER_COUNT = 0.01
 _WIDTH, _BAR = 640, 36
@@ -29,7 +29,9 @@ _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)  # white on black shows on any colou
 Image = NDArray[np.uint8]
 
 
-def export_tiffs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+def export_tiffs(
+    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+) -> list[Path]:
     """16-bit TIFFs of 0.01 K per count with scale, time and flags in their tags: `import` reads them back.
 
     The times stand in ``times.csv`` too. A pixel of 0 has no temperature; counts of a camera without a known
@@ -54,7 +56,9 @@ def _tiff_counts(frame: Frame, info: StreamInfo) -> NDArray[np.uint16]:
     return np.asarray(np.clip(np.nan_to_num(hundredths), 0, 65535), np.uint16)
 
 
-def export_pngs(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+def export_pngs(
+    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+) -> list[Path]:
     """Coloured images with the temperature scale, the regions and the time. Raises `StorageError`."""
     import cv2
 
@@ -68,7 +72,9 @@ def export_pngs(session: Session, folder: Path, *, stream: str | None = None, ev
     return paths
 
 
-def export_mp4(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+def export_mp4(
+    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+) -> list[Path]:
     """The same as a video, 25 frames a second. Raises `StorageError`."""
     import cv2
 
@@ -87,7 +93,7 @@ def export_mp4(session: Session, folder: Path, *, stream: str | None = None, eve
     return [path]
 
 
-def _camera(session: Session, stream: str | None) -> StreamInfo:
+def _camera(session: SessionReader, stream: str | None) -> StreamInfo:
     """The camera named, or the only one; raises `ConfigError`."""
     names = _cameras(session)
     if not names:
@@ -104,11 +110,11 @@ def _camera(session: Session, stream: str | None) -> StreamInfo:
     return session.streams[stream or names[0]]
 
 
-def _cameras(session: Session) -> list[str]:
+def _cameras(session: SessionReader) -> list[str]:
     return [info.name for info in session.streams.values() if info.is_camera]
 
 
-def _stem(session: Session, info: StreamInfo) -> str:
+def _stem(session: SessionReader, info: StreamInfo) -> str:
     """What the names of the files begin with: the camera is in it where the session has several."""
     several = len(_cameras(session)) > 1
     return f"{session.path.stem}-{info.name}" if several else session.path.stem
@@ -126,14 +132,14 @@ def _write_times(table: Path, rows: list[tuple[str, str]]) -> Path:
     return table
 
 
-def _frames(session: Session, camera: str, every: int) -> Iterator[Frame]:
+def _frames(session: SessionReader, camera: str, every: int) -> Iterator[Frame]:
     """The frames to be written; damaged ones are not among them, as an image shows no flags."""
     for sample in session.samples(camera):
         if isinstance(sample, Frame) and sample.seq % every == 0 and not is_damaged(sample.quality):
             yield sample
 
 
-def _drawn(session: Session, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
+def _drawn(session: SessionReader, info: StreamInfo, every: int) -> Iterator[tuple[Frame, Image]]:
     low, high = _range(session, info)
     unit = " C" if has_temperatures(info) else ""
     words = [f"{end:.1f}{unit}" if unit else f"{end:.0f}" for end in (low, high)]
@@ -148,7 +154,7 @@ def _shown(frame: Frame, info: StreamInfo) -> NDArray[np.float32]:
     return frame_k(info, frame.counts, frame.metadata_rows, np.float32) - np.float32(CELSIUS_ZERO_K)
 
 
-def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
+def _range(session: SessionReader, info: StreamInfo) -> tuple[float, float]:
     """One colour scale for the whole session: it holds the middle 98 % of each of about fifty frames.
 
     Of each, not of all together: a bed that is warm for an hour only must not lie beyond the end.
@@ -164,7 +170,11 @@ def _range(session: Session, info: StreamInfo) -> tuple[float, float]:
 
 
 def _draw(
-    session: Session, frame: Frame, shown: NDArray[np.float32], ends: tuple[float, float], words: list[str]
+    session: SessionReader,
+    frame: Frame,
+    shown: NDArray[np.float32],
+    ends: tuple[float, float],
+    words: list[str],
 ) -> Image:
     import cv2
 

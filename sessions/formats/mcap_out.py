@@ -20,7 +20,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.analysis import channel_names
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -62,7 +62,9 @@ _SLOPE = {
 }  # fmt: skip
 
 
-def export_mcap(session: Session, folder: Path, *, stream: str | None = None, every: int = 1) -> list[Path]:
+def export_mcap(
+    session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
+) -> list[Path]:
     """One ``.mcap`` with all streams, or the one named; of frames every n-th.
 
     Raises `ConfigError` where the mcap package is not installed.
@@ -82,7 +84,7 @@ def export_mcap(session: Session, folder: Path, *, stream: str | None = None, ev
     return [path]
 
 
-def _about(writer: Writer, session: Session) -> None:
+def _about(writer: Writer, session: SessionReader) -> None:
     """What holds for the whole session: place, provenance, and the configuration as it was used."""
     header, site = session.header, session.site
     about = {
@@ -98,7 +100,7 @@ def _about(writer: Writer, session: Session) -> None:
     )
 
 
-def _messages(writer: Writer, session: Session, names: tuple[str, ...], every: int) -> None:
+def _messages(writer: Writer, session: SessionReader, names: tuple[str, ...], every: int) -> None:
     """Samples and events by the monotonic clock, then the slopes."""
     channels = {name: _stream_channel(writer, session.streams[name]) for name in names}
     events = _channel(writer, "events", "foxglove.Log", _EVENT, {})

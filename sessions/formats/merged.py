@@ -15,7 +15,7 @@ from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.samples import Event, EventKind, Reading, Sample, Severity, is_usable
 from fieldkit.sessions.clock_correction import apply_time_map
 from fieldkit.sessions.formats.imported import ImportedRecording, StampedClock
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.records import RegionRecord
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.time_map import TimeStep, added_ns, recorded_mono_ns
@@ -38,7 +38,7 @@ class _Cut:
                 yield one
 
 
-def cut_to(session: Session, imported: ImportedRecording) -> ImportedRecording:
+def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
     """What of a recording belongs to the session's time, and two intervals more on either side."""
     margin_ns = {info.name: round(2e9 / info.rate_hz) if info.rate_hz else 0 for info in imported.streams}
     first_ns, last_ns = session.start_ns, session.end_ns
@@ -52,7 +52,7 @@ def cut_to(session: Session, imported: ImportedRecording) -> ImportedRecording:
     return replace(imported, samples=kept, remarks=(*imported.remarks, (Severity.INFO, said)))
 
 
-def merge(session: Session, imported: ImportedRecording, path: Path, source: str) -> SealReport:
+def merge(session: SessionReader, imported: ImportedRecording, path: Path, source: str) -> SealReport:
     """Write `session` with the streams of `imported` as a new session at `path`, and seal it.
 
     Raises `ConfigError` where a stream of that name is there, or the times do not meet, `SessionError`
@@ -95,7 +95,7 @@ def merge(session: Session, imported: ImportedRecording, path: Path, source: str
     return report
 
 
-def _by_time(session: Session, added: Iterable[Sample], steps: list[TimeStep]) -> Iterator[Sample]:
+def _by_time(session: SessionReader, added: Iterable[Sample], steps: list[TimeStep]) -> Iterator[Sample]:
     """All samples as recorded by the session's clocks, to which the added ones are moved."""
     moved = (_moved(sample, steps, session.anchor_ns) for sample in added)
     return heapq.merge(session.samples(recorded=True), moved, key=lambda sample: sample.mono_ns)
@@ -112,7 +112,7 @@ def _moved(sample: Sample, steps: list[TimeStep], anchor_ns: int) -> Sample:
 _ZONE_S = 1500.0
 
 
-def aligned(session: Session, imported: ImportedRecording) -> ImportedRecording:
+def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedRecording:
     """The log with its times moved onto the session's series of the same quantity; a note gives the offset.
 
     Raises `NoAnswerError` where no stream of the session determines the offset.
@@ -132,7 +132,7 @@ def aligned(session: Session, imported: ImportedRecording) -> ImportedRecording:
 
 
 def _best_stream(
-    session: Session, streams: Sequence[StreamInfo], readings: Sequence[Reading]
+    session: SessionReader, streams: Sequence[StreamInfo], readings: Sequence[Reading]
 ) -> tuple[str, Alignment]:
     """The curve that determines the offset of the log best, whichever of its streams it is of."""
     start_ns = session.start_ns
@@ -161,7 +161,7 @@ def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
             yield one.time_ns, float(np.nanmean(one.values))
 
 
-def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:
+def _curves(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:
     """What the session has of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
         if info.quantity == quantity and not info.is_camera and session.count(name):
@@ -175,7 +175,7 @@ def _curves(session: Session, quantity: str, start_ns: int) -> Iterator[tuple[st
                     yield f"region {region} of {name}", _curve(points, start_ns)
 
 
-def _stream_curve(session: Session, name: str, start_ns: int) -> Curve:
+def _stream_curve(session: SessionReader, name: str, start_ns: int) -> Curve:
     readings = session.readings(name)
     known = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
     means = np.nanmean(readings.values[known], axis=1)

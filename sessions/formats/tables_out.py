@@ -16,7 +16,7 @@ from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, me
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.file_tree import LIBVER
 from fieldkit.sessions.layout import entry_columns
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _FORMULA = re.compile(r"[=+\-@\t\r]")
 """How a cell begins that a spreadsheet may compute, text or not (OWASP, CSV injection)."""
 
 
-def export_tables(session: Session, folder: Path, kind: str) -> list[Path]:
+def export_tables(session: SessionReader, folder: Path, kind: str) -> list[Path]:
     """Write every table of a session as `kind` ("csv" or "parquet"); returns the files.
 
     Raises `ConfigError` where pandas (or pyarrow) is not installed, and `IncompleteError`, when all the
@@ -71,7 +71,7 @@ def _parquet(table: pd.DataFrame, path: Path) -> None:
         raise ConfigError("Parquet needs pyarrow", fix="pip install 'fieldkit[lab]'") from error
 
 
-def _tables(session: Session) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:
+def _tables(session: SessionReader) -> Iterator[tuple[str, Callable[[], pd.DataFrame]]]:
     for name, info in session.streams.items():
         if not info.is_camera:
             yield name, partial(session.to_pandas, name)
@@ -88,7 +88,7 @@ def _index(time_ns: object) -> pd.DatetimeIndex:
     return pd.DatetimeIndex(np.asarray(time_ns, np.int64).view("datetime64[ns]"), tz="UTC", name="time")
 
 
-def _regions(session: Session, camera: str) -> pd.DataFrame:
+def _regions(session: SessionReader, camera: str) -> pd.DataFrame:
     """One row for each frame and region."""
     import pandas as pd
 
@@ -106,7 +106,7 @@ def _regions(session: Session, camera: str) -> pd.DataFrame:
     return pd.concat(parts).sort_index(kind="stable")
 
 
-def _slopes(session: Session) -> pd.DataFrame:
+def _slopes(session: SessionReader) -> pd.DataFrame:
     import pandas as pd
 
     estimates = session.estimates()
@@ -123,7 +123,7 @@ def _slopes(session: Session) -> pd.DataFrame:
     return pd.DataFrame(rows, index=_index([one.time_ns for one in estimates]))
 
 
-def _events(session: Session) -> pd.DataFrame:
+def _events(session: SessionReader) -> pd.DataFrame:
     """One row for each event, with the kind of a mark and where it ends."""
     import pandas as pd
 
@@ -153,7 +153,7 @@ _SCALE_MARKS = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
 _PLAIN_KINDS = "biufSU"  # references, among others, mean nothing in another file
 
 
-def export_netcdf(session: Session, folder: Path) -> list[Path]:
+def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
     """One ``.nc`` for each stream and table.
 
     The flags are verified: a sample that does not match its checksum is flagged. Frames that cannot be
@@ -166,7 +166,7 @@ def export_netcdf(session: Session, folder: Path) -> list[Path]:
     )
 
 
-def _netcdf(session: Session, name: str, path: Path) -> Path:
+def _netcdf(session: SessionReader, name: str, path: Path) -> Path:
     source = session.group(name)
     datasets = session.datasets(name)
     with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:

@@ -15,7 +15,7 @@ from fieldkit.views.html import Figure
 from fieldkit.views.report.series import Series
 
 if TYPE_CHECKING:
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class ReportData:
     own. `full` holds the same minutes estimated with the full surface model, or None.
     """
 
-    session: Session
+    session: SessionReader
     site: Site
     regions: tuple[Region, ...]
     columns: Series

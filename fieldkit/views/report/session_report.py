@@ -20,12 +20,12 @@ from fieldkit.views.report.series import series
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
-    from fieldkit.sessions.reader import Session
+    from fieldkit.sessions.reader import SessionReader
 
 
 def write_report(
     path: Path,
-    session: Session,
+    session: SessionReader,
     minutes: Sequence[Minute],
     *,
     settings: EstimatorSettings,

@@ -17,7 +17,7 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import NO_COUNTER, Quality, Reading, Sample, is_usable
 from fieldkit.sessions.clock_correction import apply_time_map
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.workflows.calibrate.inputs import end_of, minute_means, one_stream, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
@@ -60,7 +60,7 @@ class ClockCalibration(Calibration):
 
 
 def clock(
-    session: Session,
+    session: SessionReader,
     *,
     gps: str | None = None,
     name: str = DEFAULT_NAME,
@@ -145,7 +145,7 @@ def _warn_of_another_day(found: ClockOffset, notify: Callable[[str], None]) -> N
         notify(f"that is {days:+.1f} days, more than any time zone: check the date of both clocks")
 
 
-def _against_gps(session: Session, stream: str) -> ClockOffset:
+def _against_gps(session: SessionReader, stream: str) -> ClockOffset:
     reader = session.stream(stream)
     if reader.info.device_time_unit != "ns since 1970 UTC":
         raise ConfigError(f"{session.path}: {stream} carries no UTC", fix="use the drivers gpsd or nmea")
@@ -173,7 +173,7 @@ def _is_fix(sample: Sample) -> bool:
     )
 
 
-def _against_sun(session: Session) -> ClockOffset:
+def _against_sun(session: SessionReader) -> ClockOffset:
     meter = one_stream(session, "illuminance").name
     minutes, illuminance = minute_means(session, meter, recorded=True)
     return offset_from_sun(minutes, illuminance, session.site)

@@ -18,7 +18,7 @@ from fieldkit.calibration.steady_pairs import (
     steady_intervals,
 )
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.views.calibration_figure import emissivity_figure, emissivity_svg
 from fieldkit.views.plotting import available
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
@@ -61,7 +61,7 @@ class EmissivityCalibration(Calibration):
 
 
 def emissivity(
-    session: Session,
+    session: SessionReader,
     *,
     sample: str,
     region: str | None = None,

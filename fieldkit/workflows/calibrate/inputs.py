@@ -15,13 +15,13 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region
 from fieldkit.sessions import analysis
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 
 Times = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 
-def end_of(session: Session) -> datetime:
+def end_of(session: SessionReader) -> datetime:
     """When a session ended: the date of a calibration made from it."""
     return datetime.fromtimestamp(session.end_ns // 10**9, UTC)
 
@@ -40,7 +40,7 @@ def one_region(regions: Sequence[Region], name: str, path: Path) -> Region:
     raise ConfigError(f"{path} has no region {name!r}", fix=f"it has {have}; fieldkit roi add draws one")
 
 
-def one_stream(session: Session, quantity: str, name: str | None = None) -> StreamInfo:
+def one_stream(session: SessionReader, quantity: str, name: str | None = None) -> StreamInfo:
     """The only stream of a quantity, or the one of that name; raises `ConfigError` with those there are."""
     found = [info for info in session.streams.values() if info.quantity == quantity]
     chosen = [info for info in found if name in (None, info.name)]
@@ -51,7 +51,7 @@ def one_stream(session: Session, quantity: str, name: str | None = None) -> Stre
     raise ConfigError(f"{session.path}: {which}", fix=f"it has {have}")
 
 
-def minute_means(session: Session, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
+def minute_means(session: SessionReader, stream: str, *, recorded: bool = False) -> tuple[Times, FloatArray]:
     """Middle and mean of every minute of a meter's first channel; raises `ConfigError` without any.
 
     `recorded` takes the times as they were recorded, without an active time map.

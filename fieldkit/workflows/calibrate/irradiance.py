@@ -15,7 +15,7 @@ from fieldkit.config import Config
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNKNOWN, measured
 from fieldkit.physics.sun import sun_vectors
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.simulate import measured_weather
@@ -29,7 +29,7 @@ NEAR_S = 90.0
 
 
 def irradiance(
-    session: Session,
+    session: SessionReader,
     *,
     against: Against,
     reference: str,
@@ -111,7 +111,7 @@ def _summary(found: LightFactor) -> str:
 
 
 def _reference(
-    session: Session, config: Config, minute_ns: Times, against: Against, reference: str
+    session: SessionReader, config: Config, minute_ns: Times, against: Against, reference: str
 ) -> tuple[FloatArray, str, float]:
     """Irradiance on the meter's plane at the minutes, the method, the uncertainty of the diffuse part."""
     model = config.irradiance_model()
@@ -135,7 +135,7 @@ def _reference(
     return on_plane(model, dni, dhi, sun, minute_ns), f"against the station file {weather.source}", 0.0
 
 
-def _radiation(session: Session, config: Config, stream: str, components: Sequence[str]) -> str:
+def _radiation(session: SessionReader, config: Config, stream: str, components: Sequence[str]) -> str:
     """The stream of that name; raises `ConfigError` if it is known to measure something else."""
     info = one_stream(session, "irradiance", stream)
     known = set(measured(info, config.tables.irradiance.measures)) - {UNKNOWN}

@@ -22,7 +22,7 @@ from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
 from fieldkit.physics.facet import FloatArray, normal
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.estimate import estimator_for, minutes_of
@@ -47,7 +47,7 @@ class KnownSlope:
 
 
 def surface(
-    session: Session,
+    session: SessionReader,
     *,
     beds: Sequence[str] = (),
     tilt_sd_deg: float = 0.5,

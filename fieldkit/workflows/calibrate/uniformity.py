@@ -15,7 +15,7 @@ from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import RegionKind
 from fieldkit.sessions.analysis import region_series
-from fieldkit.sessions.reader import Session
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.sources import config_for, log_warning, notify_damage
@@ -27,8 +27,8 @@ LEAST_BLOCKS = 3
 
 
 def uniformity(
-    before: Session,
-    after: Session | None = None,
+    before: SessionReader,
+    after: SessionReader | None = None,
     *,
     name: str = "uniformity",
     target_sd_k: float = 0.05,
@@ -84,7 +84,7 @@ def uniformity(
     return Calibration(stamped(record), summary, used_by, config_for(last).calibration)
 
 
-def target_view(session: Session) -> TargetView:
+def target_view(session: SessionReader) -> TargetView:
     """Offsets during a recording of one uniform target.
 
     Raises `ConfigError` without a reference, `CalibrationError` if the recording is too short.

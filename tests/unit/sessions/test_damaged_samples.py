@@ -16,7 +16,7 @@ from fieldkit.sessions.analysis import minute_means
 from fieldkit.sessions.check import check
 from fieldkit.sessions.formats.images_out import export_pngs, export_tiffs
 from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.older import as_version_1_0
 from tests.harness.recording import CountedClock, fill, header
@@ -37,10 +37,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.fixture
-def damaged(recorded: bytes, tmp_path: Path) -> Callable[..., Session]:
+def damaged(recorded: bytes, tmp_path: Path) -> Callable[..., SessionReader]:
     """The session after one change to its file; see `flip` and `spoil`."""
 
-    def opened(*changes: Callable[[Path], None]) -> Session:
+    def opened(*changes: Callable[[Path], None]) -> SessionReader:
         path = tmp_path / "field.h5"
         path.write_bytes(recorded)
         for change in changes:
@@ -84,7 +84,9 @@ MEDDLED = [("lux/value", 1, EXPONENT), ("lux/flags", 1, 3), ("lux/mono_ns", 1, 4
 
 
 @pytest.mark.parametrize("change", MEDDLED, ids=lambda change: change[0])
-def test_a_meddled_reading_is_flagged_as_sample_and_as_array(damaged: Callable[..., Session], change) -> None:
+def test_a_meddled_reading_is_flagged_as_sample_and_as_array(
+    damaged: Callable[..., SessionReader], change
+) -> None:
     with damaged(flip(*change)) as session:
         reader = session.stream("lux")
         samples = [one for one in session.samples("lux") if isinstance(one, Reading)]
@@ -97,7 +99,7 @@ def test_a_meddled_reading_is_flagged_as_sample_and_as_array(damaged: Callable[.
     assert [one.values[0] for one in samples] == readings.values[:, 0].tolist()
 
 
-def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., Session]) -> None:
+def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., SessionReader]) -> None:
     lost = list(range(DEPTH, 2 * DEPTH))
     with damaged(spoil("camera/counts", 1)) as session:
         reader = session.stream("camera")
@@ -109,7 +111,7 @@ def test_an_unreadable_chunk_loses_only_its_own_frames(damaged: Callable[..., Se
     assert np.array_equal(pictures, [frame.counts for frame in frames])
 
 
-def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., Session]) -> None:
+def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., SessionReader]) -> None:
     with damaged() as session:
         order = [(one.stream, one.seq) for one in session.samples()]
     with damaged(flip("lux/mono_ns", 2, 61)) as session:  # seventy years later
@@ -118,7 +120,7 @@ def test_a_damaged_stamp_moves_no_other_sample(damaged: Callable[..., Session]) 
     assert others == order
 
 
-def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., Session]) -> None:
+def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., SessionReader]) -> None:
     with damaged() as session:
         for name in session.streams:
             assert not (session.stream(name).flags() & BAD).any()
@@ -130,7 +132,7 @@ def test_a_whole_session_has_no_damaged_sample(damaged: Callable[..., Session]) 
     assert thermometer.time_ns.tolist() == [one.time_ns for one in samples]
 
 
-def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., Session]) -> None:
+def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., SessionReader]) -> None:
     with damaged(spoil("camera/counts", 1)) as session:
         with pytest.raises(IntegrityError, match="frame 9 of camera does not match its checksum") as caught:
             session.kelvin()
@@ -143,7 +145,9 @@ def test_kelvin_of_a_damaged_frame_is_refused_or_nan(damaged: Callable[..., Sess
 
 
 @pytest.mark.parametrize("block", [0, 3])
-def test_a_region_goes_on_behind_an_unreadable_chunk(damaged: Callable[..., Session], block: int) -> None:
+def test_a_region_goes_on_behind_an_unreadable_chunk(
+    damaged: Callable[..., SessionReader], block: int
+) -> None:
     with damaged() as session:
         whole = session.region_series()
     with damaged(spoil("camera/counts", block)) as session:
@@ -157,7 +161,7 @@ def test_a_region_goes_on_behind_an_unreadable_chunk(damaged: Callable[..., Sess
 
 @pytest.mark.parametrize("column", ["flags", "mono_ns", "time", "fpa_temperature"])
 def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
-    damaged: Callable[..., Session], column: str
+    damaged: Callable[..., SessionReader], column: str
 ) -> None:
     with damaged() as session:
         assert session.columns_are_sealed("camera")
@@ -168,7 +172,7 @@ def test_a_region_has_the_flag_of_a_frame_whose_stamps_are_meddled_with(
 
 
 def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
-    damaged: Callable[..., Session],
+    damaged: Callable[..., SessionReader],
 ) -> None:
     with damaged(as_version_1_0) as session:
         assert not session.columns_are_sealed("camera")
@@ -179,7 +183,7 @@ def test_a_session_sealed_before_its_columns_were_is_read_and_checked(
         assert np.flatnonzero(session.region_series().flags & BAD).tolist() == [5]
 
 
-def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., Session]) -> None:
+def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., SessionReader]) -> None:
     pytest.importorskip("xarray")
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         assert np.flatnonzero(session.to_pandas("lux")["flags"] & BAD).tolist() == [1]
@@ -192,7 +196,7 @@ def test_tables_of_pandas_and_xarray_have_the_flag(damaged: Callable[..., Sessio
         assert "bad_crc" in camera["flags"].attrs["flag_meanings"].split()
 
 
-def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., Session]) -> None:
+def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., SessionReader]) -> None:
     with damaged() as session:
         good = session.readings("lux").values[:, 0]
     with damaged(flip("lux/value", 1, EXPONENT)) as session:
@@ -201,7 +205,7 @@ def test_light_is_not_averaged_over_a_meddled_reading(damaged: Callable[..., Ses
     assert means == pytest.approx([np.delete(good, [1, 7]).mean()])  # 7 is flagged by the recording
 
 
-def test_tables_are_written_with_the_flag(damaged: Callable[..., Session], tmp_path: Path) -> None:
+def test_tables_are_written_with_the_flag(damaged: Callable[..., SessionReader], tmp_path: Path) -> None:
     pd = pytest.importorskip("pandas")
     with damaged(flip("lux/value", 1, EXPONENT), spoil("camera/counts", 1)) as session:
         paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
@@ -214,7 +218,7 @@ def test_tables_are_written_with_the_flag(damaged: Callable[..., Session], tmp_p
 
 
 def test_pictures_are_written_without_the_damaged_ones(
-    damaged: Callable[..., Session], tmp_path: Path
+    damaged: Callable[..., SessionReader], tmp_path: Path
 ) -> None:
     with damaged(spoil("camera/counts", 1)) as session:
         names = {int(path.stem[-7:]) for path in export_tiffs(session, tmp_path) if path.suffix == ".tiff"}
@@ -223,7 +227,9 @@ def test_pictures_are_written_without_the_damaged_ones(
     assert names == set(range(FRAMES)) - set(range(DEPTH, 2 * DEPTH))
 
 
-def test_netcdf_has_the_flag_and_the_fill_value(damaged: Callable[..., Session], tmp_path: Path) -> None:
+def test_netcdf_has_the_flag_and_the_fill_value(
+    damaged: Callable[..., SessionReader], tmp_path: Path
+) -> None:
     xr = pytest.importorskip("xarray")
     with damaged(spoil("camera/counts", 1), flip("lux/value", 1, EXPONENT)) as session:
         export_netcdf(session, tmp_path)
@@ -243,7 +249,7 @@ def remove_table(path: Path) -> None:
 
 
 def test_a_table_that_is_gone_does_not_stop_the_others(
-    damaged: Callable[..., Session], tmp_path: Path
+    damaged: Callable[..., SessionReader], tmp_path: Path
 ) -> None:
     pytest.importorskip("pandas")
     for export in (partial(export_tables, kind="csv"), export_netcdf):
@@ -267,7 +273,7 @@ def spoil_group(name: str) -> Callable[[Path], None]:
     return change
 
 
-def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., Session]) -> None:
+def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., SessionReader]) -> None:
     with damaged() as session:
         whole = session.region_series()
     with damaged(spoil_group("integrity")) as session:
@@ -276,7 +282,7 @@ def test_a_damaged_seal_takes_nothing_from_the_samples(damaged: Callable[..., Se
 
 
 @pytest.mark.parametrize("name", ["regions", "camera", "lux"])
-def test_a_damaged_group_is_explained(damaged: Callable[..., Session], name: str) -> None:
+def test_a_damaged_group_is_explained(damaged: Callable[..., SessionReader], name: str) -> None:
     with pytest.raises(SessionError, match="is damaged"), damaged(spoil_group(name)) as session:
         session.region_series()
 

@@ -17,7 +17,7 @@ from fieldkit.model.errors import SessionError
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
@@ -254,7 +254,7 @@ def _table_is_a_dataset(file: h5py.File) -> None:
     file["regions"] = np.arange(10)
 
 
-def _look_at_everything(session: Session) -> None:
+def _look_at_everything(session: SessionReader) -> None:
     list(session.samples())
     session.entries()
     session.estimates()

@@ -14,7 +14,6 @@ from fieldkit.cli import main
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.model.errors import ConfigError, SessionError
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.campaign import CampaignSession
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.sources import config_for, qualified_key
 
@@ -27,14 +26,13 @@ def campaign(folder):
 def test_a_campaign_has_its_sessions_by_age(campaign, folder, sessions):
     assert campaign.directory == folder
     assert [session.path for session in campaign.sessions] == sessions
-    with campaign.sessions[0].open() as session:
+    with campaign.sessions[0] as session:
         assert session.state == "sealed"
 
 
 def test_estimates_are_those_of_the_recording(campaign):
     for session in campaign.sessions:
-        with session.open() as recorded:
-            live = recorded.estimates()
+        live = session.estimates()
         again = list(session.estimate())
         assert [one.time_ns // 1000 for one in again] == [one.time_ns // 1000 for one in live]
         assert [one.tilt_deg for one in again] == pytest.approx([one.tilt_deg for one in live], nan_ok=True)
@@ -101,9 +99,8 @@ def test_a_damaged_session_raises_its_own_error(folder, sessions, tmp_path):
     (tmp_path / "recordings").mkdir()
     (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
     (tmp_path / "recordings" / "torn.h5").write_bytes(sessions[0].read_bytes()[:5000])
-    (session,) = fieldkit.open_campaign(tmp_path).sessions
-    with pytest.raises(SessionError):
-        session.estimate()
+    with pytest.raises(SessionError, match="torn"):
+        fieldkit.open_campaign(tmp_path).sessions[0]
 
 
 def test_no_campaign_is_told(tmp_path):
@@ -177,7 +174,7 @@ def test_a_sweep_from_python_is_that_of_the_command_line(campaign, folder, tmp_p
 def test_a_sweep_from_python_names_what_it_could_not_read_and_goes_on(campaign, tmp_path):
     broken = tmp_path / "broken.h5"
     broken.write_bytes(b"no session")
-    sessions = [campaign.sessions[0], CampaignSession(broken)]
+    sessions = [campaign.sessions[0], broken]
     found = campaign.sweep({"albedo": [0.2]}, sessions=sessions)
     assert list(found.failures) == [broken]
     assert set(found.columns["session"]) == {campaign.sessions[0].name}

@@ -15,7 +15,7 @@ from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.logs import read_log
 from fieldkit.sessions.formats.merged import Curve, aligned, best_offset
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.weather import packaged, read_surfrad
 from tests.shared_data import shared
 
@@ -112,7 +112,7 @@ def log(tmp_path: Path, offset_s: float) -> ImportedRecording:
     return read_log(path, "logger")
 
 
-def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: Session, tmp_path: Path) -> None:
+def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: SessionReader, tmp_path: Path) -> None:
     moved = aligned(session, log(tmp_path, 83.0))
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
@@ -120,7 +120,7 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: Session, tmp_
     assert "s ± 1.0 s (k=2) found on thermometer" in moved.remarks[-1][1]
 
 
-def test_whole_hours_are_suspected_to_be_a_zone(session: Session, tmp_path: Path) -> None:
+def test_whole_hours_are_suspected_to_be_a_zone(session: SessionReader, tmp_path: Path) -> None:
     assert "check --zone" in aligned(session, log(tmp_path, 3600.0)).remarks[-1][1]
 
 
@@ -142,7 +142,7 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
 
 
-def test_log_of_another_quantity_is_refused(session: Session, tmp_path: Path) -> None:
+def test_log_of_another_quantity_is_refused(session: SessionReader, tmp_path: Path) -> None:
     path = tmp_path / "lux.csv"
     path.write_text("time,L [lx]\n" + "\n".join(f"{START_NS / 1e9 + n},{n % 7}" for n in range(50)))
     with pytest.raises(NoAnswerError, match="no time series of illuminance"):

@@ -26,7 +26,7 @@ from fieldkit.sessions.formats.stills import Scale, read_stills
 from fieldkit.sessions.formats.tables_out import export_netcdf, export_tables
 from fieldkit.sessions.formats.tiff import read_tags
 from fieldkit.sessions.layout import SessionHeader
-from fieldkit.sessions.reader import Session, open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
@@ -36,7 +36,7 @@ TWO_CAMERAS = replace(HEADER, streams=(*HEADER.streams, replace(HEADER.streams[0
 FRAMES = 20
 
 
-def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> Session:
+def recorded(path: Path, about: SessionHeader = HEADER, frames: int = FRAMES) -> SessionReader:
     clock = CountedClock()
     writer = SessionWriter(path, about, clock)
     fill(writer, frames, clock)
@@ -56,7 +56,7 @@ def two_cameras(tmp_path: Path):
         yield opened
 
 
-def test_region_series_is_mean_and_spread_of_its_pixels(session: Session) -> None:
+def test_region_series_is_mean_and_spread_of_its_pixels(session: SessionReader) -> None:
     series = session.region_series()
     assert series.regions == ("flat", "b05")
     mask = HEADER.regions[0].mask((24, 32))
@@ -68,13 +68,13 @@ def test_region_series_is_mean_and_spread_of_its_pixels(session: Session) -> Non
     assert series.time_ns[0] == next(session.samples("camera")).time_ns
 
 
-def test_another_calibration_may_be_chosen(session: Session) -> None:
+def test_another_calibration_may_be_chosen(session: SessionReader) -> None:
     doubled = session.kelvin(0, 2, calibration=lambda counts: counts * 0.02)
     assert doubled == pytest.approx(2 * session.kelvin(0, 2), abs=1e-9)
     assert np.array_equal(session.raw("camera")[3], picture(3, (24, 32)))
 
 
-def test_region_outside_the_picture_and_meters_are_refused(session: Session) -> None:
+def test_region_outside_the_picture_and_meters_are_refused(session: SessionReader) -> None:
     outside = Region("far", RegionKind.TARGET, ((100.0, 100.0), (110.0, 100.0), (110.0, 110.0)))
     with pytest.raises(SessionError, match="no pixel"):
         session.region_series([outside])
@@ -84,7 +84,7 @@ def test_region_outside_the_picture_and_meters_are_refused(session: Session) -> 
         session.to_pandas("sonar")
 
 
-def test_pandas_has_units_in_its_columns(session: Session) -> None:
+def test_pandas_has_units_in_its_columns(session: SessionReader) -> None:
     pytest.importorskip("pandas")
     table = session.to_pandas("thermometer")
     assert list(table.columns[:4]) == ["T1 [K]", "T2 [K]", "T3 [K]", "T4 [K]"]
@@ -102,7 +102,7 @@ def test_meter_without_a_reading_is_an_empty_table(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_tables_are_tidy_and_come_back(session: Session, tmp_path: Path, kind: str) -> None:
+def test_tables_are_tidy_and_come_back(session: SessionReader, tmp_path: Path, kind: str) -> None:
     pd = pytest.importorskip("pandas")
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, kind)}
     assert set(paths) == {"camera-regions", "lux", "thermometer", "slopes", "events"}
@@ -150,7 +150,7 @@ def test_table_of_events_has_kind_and_end_of_a_mark(tmp_path: Path, kind: str) -
     assert pd.isna(second)
 
 
-def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> None:
+def test_tiffs_come_back_through_import(session: SessionReader, tmp_path: Path) -> None:
     folder = tmp_path / "tiffs"
     folder.mkdir()
     paths = export_tiffs(session, folder, every=4)
@@ -163,7 +163,7 @@ def test_tiffs_come_back_through_import(session: Session, tmp_path: Path) -> Non
 
 
 def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
-    session: Session, tmp_path: Path
+    session: SessionReader, tmp_path: Path
 ) -> None:
     folder = tmp_path / "tiffs"
     folder.mkdir()
@@ -178,7 +178,7 @@ def test_tiffs_say_themselves_what_a_count_means_and_when_they_were_taken(
     assert all(np.array_equal(a.counts, b.counts) for a, b in zip(frames, originals, strict=True))
 
 
-def test_tiffs_are_read_by_other_programs_with_their_tags(session: Session, tmp_path: Path) -> None:
+def test_tiffs_are_read_by_other_programs_with_their_tags(session: SessionReader, tmp_path: Path) -> None:
     """Pillow, which knows nothing of fieldkit; tag 42112 is what GDAL takes scale and offset from."""
     image = pytest.importorskip("PIL.Image")
     path = export_tiffs(session, tmp_path)[7]
@@ -231,7 +231,7 @@ def test_frames_of_the_ht301_have_kelvin_in_every_reader(tmp_path: Path) -> None
     assert written == pytest.approx(expected, abs=0.01)
 
 
-def test_cells_of_a_table_are_as_short_as_the_number(session: Session, tmp_path: Path) -> None:
+def test_cells_of_a_table_are_as_short_as_the_number(session: SessionReader, tmp_path: Path) -> None:
     pytest.importorskip("pandas")
     paths = {path.stem.removeprefix("field-"): path for path in export_tables(session, tmp_path, "csv")}
     cells = [row.split(",")[2] for row in paths["camera-regions"].read_text().splitlines()[1:]]
@@ -269,7 +269,7 @@ def test_tiffs_of_two_sessions_in_one_folder_come_back_through_import(tmp_path: 
 
 @pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
 def test_pictures_of_each_camera_have_files_of_their_own(
-    two_cameras: Session, tmp_path: Path, export
+    two_cameras: SessionReader, tmp_path: Path, export
 ) -> None:
     first, second = ({path for path in export(two_cameras, tmp_path, stream=name) if path.suffix != ".csv"}
                      for name in ("camera", "cam2"))  # fmt: skip
@@ -278,7 +278,7 @@ def test_pictures_of_each_camera_have_files_of_their_own(
 
 
 @pytest.mark.parametrize("export", [export_tiffs, export_pngs, export_mp4])
-def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: Path, export) -> None:
+def test_camera_that_is_not_known_is_asked_for(two_cameras: SessionReader, tmp_path: Path, export) -> None:
     with pytest.raises(ConfigError, match="frames of 2 cameras") as caught:
         export(two_cameras, tmp_path)
     assert caught.value.fix == "--stream with one of camera, cam2"
@@ -286,7 +286,7 @@ def test_camera_that_is_not_known_is_asked_for(two_cameras: Session, tmp_path: P
         export(two_cameras, tmp_path, stream="lux")
 
 
-def test_pictures_show_scale_and_regions(session: Session, tmp_path: Path) -> None:
+def test_pictures_show_scale_and_regions(session: SessionReader, tmp_path: Path) -> None:
     (path,) = export_pngs(session, tmp_path, every=FRAMES)
     image = cv2.imread(str(path))
     assert image.shape == (24 * 20 + BELOW_PX + 36, 640 + LEFT_PX, 3)
@@ -319,7 +319,7 @@ def test_bed_that_is_warm_for_a_while_only_is_not_beyond_the_scale(tmp_path: Pat
     assert colours[0] != colours[1]
 
 
-def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> None:
+def test_netcdf_files_open_by_themselves(session: SessionReader, tmp_path: Path) -> None:
     xr = pytest.importorskip("xarray")
     names = {path.name for path in export_netcdf(session, tmp_path)}
     assert {"field-camera.nc", "field-lux.nc", "field-events.nc"} <= names
@@ -330,7 +330,7 @@ def test_netcdf_files_open_by_themselves(session: Session, tmp_path: Path) -> No
         assert camera.attrs["session_id"] == session.session_id
 
 
-def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
+def test_mcap_holds_every_bit(session: SessionReader, tmp_path: Path) -> None:
     """Read back with the format's own reader, checksums on."""
     reading = pytest.importorskip("mcap.reader")
     (path,) = export_mcap(session, tmp_path)
@@ -366,7 +366,7 @@ def test_mcap_holds_every_bit(session: Session, tmp_path: Path) -> None:
     assert [told["message"] for topic, _, told in messages if topic == "events"] == ["wolke über b05"]
 
 
-def test_mcap_of_one_stream_and_every_nth_picture(session: Session, tmp_path: Path) -> None:
+def test_mcap_of_one_stream_and_every_nth_picture(session: SessionReader, tmp_path: Path) -> None:
     reading = pytest.importorskip("mcap.reader")
     (path,) = export_mcap(session, tmp_path, stream="camera", every=5)
     assert path.name == "field-camera.mcap"

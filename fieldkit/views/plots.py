@@ -1,0 +1,112 @@
+"""Plots for a notebook: each draws on a matplotlib axis, the one given or a new one, and returns it.
+
+The report's figures (`fieldkit.views.report.session_figures`) are sized for a page; these keep to what the
+notebook has set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.model.site import Site
+from fieldkit.views import formatting, plotting
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TiltSeries:
+    """Tilt of one region over time with its 90 % region, degrees, NaN where unknown; `true_deg` if given."""
+
+    tilt_deg: FloatArray
+    low_deg: FloatArray
+    high_deg: FloatArray
+    true_deg: float
+
+
+def new_axes(ax: Axes | None) -> Axes:
+    """The axis given, or one of a new figure."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot
+
+    return pyplot.subplots(layout="constrained")[1]
+
+
+def tilts(
+    time_ns: NDArray[np.int64], regions: Mapping[str, TiltSeries], site: Site | None, ax: Axes | None = None
+) -> Axes:
+    """Tilt of each region over time, its 90 % region shaded, the true tilt dashed."""
+    axes, days = new_axes(ax), plotting.days(time_ns)
+    for index, (name, one) in enumerate(regions.items()):
+        colour = plotting.colour(index)
+        axes.fill_between(days, one.low_deg, one.high_deg, color=colour, alpha=0.2, linewidth=0)
+        axes.plot(days, one.tilt_deg, color=colour, label=name)
+        if np.isfinite(one.true_deg):
+            axes.axhline(one.true_deg, color=colour, linestyle="--", linewidth=1.0)
+    axes.set_ylabel("tilt, °")
+    return over_time(axes, time_ns, site)
+
+
+def lines(
+    time_ns: NDArray[np.int64],
+    values: Mapping[str, ArrayLike],
+    label: str,
+    site: Site | None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Some time series of one quantity."""
+    axes = new_axes(ax)
+    for index, (name, series) in enumerate(values.items()):
+        axes.plot(
+            plotting.days(time_ns),
+            np.asarray(series),
+            color=plotting.colour(index),
+            linestyle=plotting.dashes(index),
+            label=name,
+        )
+    axes.set_ylabel(label)
+    return over_time(axes, time_ns, site)
+
+
+def over_time(axes: Axes, time_ns: NDArray[np.int64], site: Site | None) -> Axes:
+    """Label the time axis by the site's clocks, UTC without a site; add a legend of the labelled lines."""
+    from matplotlib.dates import AutoDateLocator, DateFormatter
+
+    zone = UTC if site is None else formatting.zone(site)
+    axes.xaxis.set_major_locator(AutoDateLocator(tz=zone, minticks=3, maxticks=7))  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(DateFormatter("%H:%M", tz=zone))  # type: ignore[no-untyped-call]
+    if site is None:
+        axes.set_xlabel("UTC")
+    elif time_ns.size:
+        axes.set_xlabel(f"local time ({formatting.zone_name(int(time_ns.min()), site)})")
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend()
+    return axes
+
+
+def tilt_map(
+    tilt_deg: ArrayLike, outlines: Mapping[str, Sequence[tuple[float, float]]], ax: Axes | None = None
+) -> Axes:
+    """Tilt of every pixel, in camera pixels, with the regions' outlines and names."""
+    axes = new_axes(ax)
+    image = axes.imshow(np.asarray(tilt_deg), cmap="viridis", vmin=0.0)
+    axes.figure.colorbar(image, ax=axes, label="tilt, °")
+    for name, outline in outlines.items():
+        x, y = np.transpose([*outline, outline[0]])
+        axes.plot(x, y, color="white", linewidth=1.2)
+        axes.annotate(
+            name, (float(x.min()), float(y.min())), color="white", xytext=(2, 2), textcoords="offset points"
+        )
+    axes.set_xlabel("x, pixels")
+    axes.set_ylabel("y, pixels")
+    return axes

@@ -1,0 +1,125 @@
+"""`Session`: one recording, and everything that can be done with it.
+
+>>> session = fieldkit.open_session("recordings/20261211T030000Z.h5")          # doctest: +SKIP
+>>> session["camera"].kelvin(0, 1), session.estimate()["b15"].tilt_deg          # doctest: +SKIP
+
+The stored samples are read by `fieldkit.sessions.reader.SessionReader`, which this class extends by what
+needs other rooms: configuration, estimation, reports, plots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from fieldkit.model.errors import SessionError
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.sessions.analysis import channel_names
+from fieldkit.sessions.reader import SessionReader, open_as
+from fieldkit.views import formatting, html, plots
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from fieldkit.workflows.check import CheckedSession
+    from fieldkit.workflows.estimates import Estimates
+    from fieldkit.workflows.report import Report
+    from fieldkit.workflows.slope_map import MappedSession, Window
+
+
+class Session(SessionReader):
+    """One recording: its streams by name, slopes, maps, reports.
+
+    A context manager; `close` releases its file, and so does the end of the program.
+    """
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem
+
+    def estimate(
+        self,
+        settings: Mapping[str, Any] | None = None,
+        /,
+        *,
+        model: Literal["paper", "full"] | None = None,
+        present: bool = False,
+        **values: Any,
+    ) -> Estimates:
+        """Slopes minute by minute; see `fieldkit.estimate`."""
+        from fieldkit.workflows.estimate import estimate
+
+        return estimate(self, settings, model=model, present=present, **values)
+
+    def slope_map(
+        self, window: Window = None, *, settings: Sequence[str] = (), present: bool = False
+    ) -> MappedSession:
+        """Tilt and azimuth of every pixel; see `fieldkit.slope_map`."""
+        from fieldkit.workflows.slope_map import slope_map
+
+        return slope_map(self, window, settings=settings, present=present)
+
+    def report(self, out: str | Path | None = None) -> Report:
+        """Write the report, one HTML page with figures; see `fieldkit.report`."""
+        from fieldkit.workflows.report import report
+
+        return report(self.path, out)
+
+    def check(self) -> CheckedSession:
+        """Check the recording; nothing is changed. See `fieldkit.check`."""
+        from fieldkit.workflows.check import check
+
+        return check(self.path)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Plot the brightness temperature of each region over local time, in °C.
+
+        Without a camera or regions, the readings of the first meter in their own unit.
+        """
+        if self.regions and any(info.is_camera for info in self.streams.values()):
+            series = self.region_series()
+            values = dict(zip(series.regions, (series.mean_k - CELSIUS_ZERO_K).T, strict=True))
+            return plots.lines(series.time_ns, values, "brightness temperature, °C", self.site, ax)
+        return self._plot_meter(ax)
+
+    def _plot_meter(self, ax: Axes | None) -> Axes:
+        name, info = next((item for item in self.streams.items() if not item[1].is_camera), (None, None))
+        if name is None or info is None:
+            raise SessionError(
+                f"{self.path} has no regions to plot", fix="draw them: fieldkit roi add, then plot again"
+            )
+        readings = self.readings(name)
+        values = dict(zip(channel_names(info), readings.values.T, strict=True))
+        return plots.lines(readings.time_ns, values, f"{info.quantity}, {info.unit}", self.site, ax)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{self.count(name)} {name}" for name in self.streams)
+        return f"<Session {self.name}: {self.state}, {self._when()}, {counts or 'no streams'}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, info.model, info.quantity, info.unit, f"{self.count(name)}")
+            for name, info in self.streams.items()
+        ]
+        columns = ("stream", "instrument", "quantity", "unit", "samples")
+        return html.table_html(html.Table(columns, rows, f"{self.name}: {self.state}, {self._when()}"))
+
+    def _when(self) -> str:
+        if not self.start_ns:
+            return "no samples"
+        start = formatting.local_time(self.start_ns, self.site)
+        minutes = (self.end_ns - self.start_ns) / 60e9
+        return f"{start:%Y-%m-%d %H:%M} {formatting.zone_name(self.start_ns, self.site)}, {minutes:.0f} min"
+
+
+def open_session(path: str | Path) -> Session:
+    """Open a session for reading: sealed, recovered, interrupted, or while it is being recorded.
+
+    Raises
+    ------
+    SessionError
+        Where the path holds no session, one of a newer version, or one too damaged to read.
+    """
+    return open_as(Session, path)
