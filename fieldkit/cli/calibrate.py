@@ -14,14 +14,14 @@ from fieldkit.cli.common import CommandGroup
 
 @click.group(cls=CommandGroup)
 def command() -> None:
-    """Numbers one can trust, kept in calibration/ and named in fieldkit.toml as "@name"."""
+    """Calibrate instruments and surfaces; records in calibration/ are used in fieldkit.toml as "@name"."""
 
 
-for name, verb in {
+for name, subcommand in {
     "emissivity": emissivity,
     "uniformity": uniformity,
     "irradiance": irradiance,
     "surface": surface,
     "clock": clock,
 }.items():
-    command.add_command(verb, name)
+    command.add_command(subcommand, name)

@@ -1,4 +1,4 @@
-"""``fieldkit decode``: what bytes mean to a driver, without an instrument."""
+"""``fieldkit decode``: decode bytes by a driver, without an instrument."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from fieldkit.model.units import CELSIUS_ZERO_K
 if TYPE_CHECKING:
     from fieldkit.drivers.decoding import Decoded, Value
 
-PROSE = ("nmea", "gpsd", "text")
-"""Drivers whose records can be typed as they are."""
+TEXT_DRIVERS = ("nmea", "gpsd", "text")
+"""Drivers whose records are text, which can be typed as it is."""
 
 _SEPARATORS = re.compile(r"0x|[\s,:;-]", re.IGNORECASE)
-_MOST_ROWS = 200
+_MAX_ROWS = 200
 
 
 @click.command(cls=Command)
@@ -34,7 +34,7 @@ _MOST_ROWS = 200
 def command(
     ctx: click.Context, driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[str, ...]
 ) -> None:
-    r"""What bytes of an instrument mean: values, flags, or why they are rejected.
+    r"""Decode bytes of an instrument: values, flags, or why they are rejected.
 
     The bytes come as hexadecimal, in a file, or on standard input (-).
 
@@ -48,17 +48,17 @@ def command(
     given = dict(parse_option(pair) for pair in pairs)
     if register_map is not None:
         given["map"] = register_map
-    decoded = registry.decode(driver, read_bytes(data, prose=driver in PROSE), given)
+    decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), given)
     if options(ctx).json:
         print_json(as_document(decoded))
     else:
         _print(decoded)
 
 
-def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
-    """The bytes that are meant: a file's, standard input's, hexadecimal, or (with `prose`) the text itself.
+def read_bytes(words: Sequence[str], *, is_text: bool = False) -> bytes:
+    """The bytes of a file, of standard input, of hexadecimal, or with `is_text` the text itself.
 
-    Raises `ConfigError` for words that are neither.
+    Raises `ConfigError` for words that are none of these.
     """
     if list(words) == ["-"]:
         return sys.stdin.buffer.read()
@@ -68,7 +68,7 @@ def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
     digits = _SEPARATORS.sub("", text)
     if re.fullmatch(r"([0-9a-fA-F]{2})+", digits):
         return bytes.fromhex(digits)
-    if prose:
+    if is_text:
         return text.replace("\\r", "\r").replace("\\n", "\n").rstrip("\n").encode() + b"\n"  # typed: a line
     raise ConfigError(
         f"{text[:60]!r} is neither a file nor hexadecimal",
@@ -77,7 +77,7 @@ def read_bytes(words: Sequence[str], *, prose: bool = False) -> bytes:
 
 
 def _is_file(word: str) -> bool:
-    """Whether a word names a file; hexadecimal may be longer than any name may be."""
+    """Whether a word names a file; hexadecimal may be longer than the longest file name."""
     try:
         return Path(word).is_file()
     except (OSError, ValueError):
@@ -111,14 +111,14 @@ def parse_option(pair: str) -> tuple[str, Any]:
 
 
 def _print(decoded: Decoded) -> None:
-    rows = [[value.channel, _shown(value), ", ".join(value.flags)] for value in decoded.values[:_MOST_ROWS]]
+    rows = [[value.channel, _shown(value), ", ".join(value.flags)] for value in decoded.values[:_MAX_ROWS]]
     if rows:
         print_table(["channel", "value", "flags"], rows)
-    if len(decoded.values) > _MOST_ROWS:
-        click.echo(f"... and {len(decoded.values) - _MOST_ROWS} more values; --json prints all")
-    for note in decoded.notes[:_MOST_ROWS]:
+    if len(decoded.values) > _MAX_ROWS:
+        click.echo(f"... and {len(decoded.values) - _MAX_ROWS} more values; --json prints all")
+    for note in decoded.notes[:_MAX_ROWS]:
         click.echo(note)
-    for part in decoded.rejected[:_MOST_ROWS]:
+    for part in decoded.rejected[:_MAX_ROWS]:
         click.echo(f"rejected at byte {part.offset}, {part.length} bytes: {part.reason}")
     if decoded.rest:
         click.echo(f"{decoded.rest} bytes left over")

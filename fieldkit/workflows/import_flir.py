@@ -45,9 +45,9 @@ class _Frames:
     def __iter__(self) -> Iterator[Frame]:
         rows, number = np.empty((0, 0), np.uint16), 0
         for file in self.files:
-            for picture in islice(_pictures(file.path), len(file.time_ns)):
-                stamp = picture.time_ns
-                yield Frame(self.name, stamp, stamp, picture.counts, rows, device_seq=number)
+            for stored in islice(_stored_frames(file.path), len(file.time_ns)):
+                stamp = stored.time_ns
+                yield Frame(self.name, stamp, stamp, stored.counts, rows, device_seq=number)
                 number += 1
 
 
@@ -109,10 +109,10 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
     """The first frame of a file, and what can be read of it; raises `DecodeError` if nothing can."""
     found, time_ns, damage = None, [], ""
     try:
-        for number, picture in enumerate(_pictures(path)):
-            found = found or picture
-            _refuse_another(path, number, picture, first or found)
-            time_ns.append(picture.time_ns)
+        for number, stored in enumerate(_stored_frames(path)):
+            found = found or stored
+            _refuse_another(path, number, stored, first or found)
+            time_ns.append(stored.time_ns)
     except DecodeError as error:
         if found is None:
             raise
@@ -122,20 +122,20 @@ def _scanned_file(path: Path, first: FlirFrame | None) -> tuple[FlirFrame, _File
     return found, _File(path, time_ns, damage)
 
 
-def _refuse_another(path: Path, number: int, picture: FlirFrame, first: FlirFrame) -> None:
-    if picture.counts.shape != first.counts.shape or picture.constants != first.constants:
+def _refuse_another(path: Path, number: int, stored: FlirFrame, first: FlirFrame) -> None:
+    if stored.counts.shape != first.counts.shape or stored.constants != first.constants:
         raise ConfigError(
             f"{path}: frame {number} has another size or other constants than the first",
             fix="import the parts one by one",
         )
-    if picture.time_ns <= 0:
+    if stored.time_ns <= 0:
         raise ConfigError(
             f"{path}: frame {number} has no time",
             fix="export it as 16-bit TIFF, and import that with --times",
         )
 
 
-def _pictures(path: Path) -> Iterator[FlirFrame]:
+def _stored_frames(path: Path) -> Iterator[FlirFrame]:
     """The frames of a file; raises `DecodeError` at the first that is damaged."""
     try:
         if path.stat().st_size == 0:  # an empty file cannot be mapped
