@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
-from fieldkit.estimation.normal import cramer_rao, mirror, tangents
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, cramer_rao, mirror, tangents
 from fieldkit.model.slope import is_too_wide
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.energy_balance import (
@@ -26,8 +26,6 @@ from fieldkit.physics.energy_balance import (
 )
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal, tilt_azimuth
 
-GRAZING = 0.03
-"""Cosine of incidence below which a facet counts as self-shaded."""
 SKY_EMISSIVITY = 0.85
 """Of a clear sky of average humidity, for planning: downward longwave over sigma T_a^4."""
 RISING_DEG = -0.833
@@ -357,7 +355,7 @@ def bound(normals: FloatArray, sun: FloatArray, sigma: ArrayLike) -> Bound:
     sigma
         Standard deviation of the measured cosines, (n,) or (f, n); infinite excludes a minute. [-]
     """
-    lit = cos_incidence(normals, sun) > GRAZING
+    lit = cos_incidence(normals, sun) > LOWEST_COS_INCIDENCE
     weights = np.where(lit, 1.0 / np.square(sigma), 0.0)
     enough = (np.count_nonzero(weights, axis=-1) >= 3)[:, np.newaxis, np.newaxis]
     H = np.where(enough, np.einsum("fk,ki,kj->fij", weights, sun, sun, optimize=True), np.eye(3))

@@ -119,19 +119,23 @@ class _Box:
     """Ranges of the height over the plane square to the mean sun, and of the rotation about it, rad."""
 
     height: tuple[float, float]
-    turn: tuple[float, float]
+    rotation: tuple[float, float]
 
-    def grid(self, axes: FloatArray, heights: int, turns: int) -> FloatArray:
+    def grid(self, axes: FloatArray, heights: int, rotations: int) -> FloatArray:
         """Normals (heights, turns, 3) at the centres of equal cells."""
         height = _centres(self.height, heights)[:, np.newaxis]
-        turn = _centres(self.turn, turns)[np.newaxis, :]
+        rotation = _centres(self.rotation, rotations)[np.newaxis, :]
         level = np.sqrt(np.maximum(1.0 - height**2, 0.0))
-        parts = [level * np.cos(turn), level * np.sin(turn), np.broadcast_to(height, (heights, turns))]
+        parts = [
+            level * np.cos(rotation),
+            level * np.sin(rotation),
+            np.broadcast_to(height, (heights, rotations)),
+        ]
         return np.stack(parts, axis=-1) @ axes.T
 
-    def cell(self, heights: int, turns: int) -> float:
+    def cell(self, heights: int, rotations: int) -> float:
         """Solid angle of a cell: equal everywhere, since height and rotation preserve area (Archimedes)."""
-        return (self.height[1] - self.height[0]) / heights * (self.turn[1] - self.turn[0]) / turns
+        return (self.height[1] - self.height[0]) / heights * (self.rotation[1] - self.rotation[0]) / rotations
 
 
 def _centres(span: tuple[float, float], cells: int) -> FloatArray:
@@ -145,7 +149,7 @@ def patch(
     drop: float,
     *,
     heights: int = 17,
-    turns: int = 81,
+    rotations: int = 81,
 ) -> Patch:
     """Grid over the connected region ``q <= q(best) + drop`` around `best`.
 
@@ -160,18 +164,18 @@ def patch(
         Unit normal of least misfit, (3,).
     drop
         Misfit above the least that bounds the region: a chi-square quantile.
-    heights, turns
+    heights, rotations
         Cells of the grid along its two axes.
     """
     values, vectors = np.linalg.eigh(information)
     axes = vectors * np.where(vectors.T @ best < 0.0, -1.0, 1.0)
-    height, turn = float(best @ axes[:, 2]), float(np.arctan2(best @ axes[:, 1], best @ axes[:, 0]))
+    height, rotation = float(best @ axes[:, 2]), float(np.arctan2(best @ axes[:, 1], best @ axes[:, 0]))
     level = np.sqrt(max(1.0 - height**2, 1e-12))
     half = np.sqrt(drop / np.maximum(values, 1e-300))
     high, wide = float(min(1.2 * half[2], 1.0)), float(min(1.2 * half[1] / level, np.pi))
     floor = float(misfit(best))
     for _ in range(24):
-        box = _Box((max(height - high, -1.0), min(height + high, 1.0)), (turn - wide, turn + wide))
+        box = _Box((max(height - high, -1.0), min(height + high, 1.0)), (rotation - wide, rotation + wide))
         inside = misfit(box.grid(axes, 13, 33)) <= floor + drop
         up = _touches(np.any(inside, axis=1), box.height[0] > -1.0, box.height[1] < 1.0)
         around = _touches(np.any(inside, axis=0), wide < np.pi, wide < np.pi)
@@ -179,8 +183,8 @@ def patch(
             break
         high, wide = (2.0 * high if up else high), (min(2.0 * wide, np.pi) if around else wide)
     box = _closer(box, inside)
-    grid = box.grid(axes, heights, turns)
-    return Patch(grid.reshape(-1, 3), misfit(grid).ravel(), box.cell(heights, turns))
+    grid = box.grid(axes, heights, rotations)
+    return Patch(grid.reshape(-1, 3), misfit(grid).ravel(), box.cell(heights, rotations))
 
 
 def _touches(line: NDArray[np.bool_], low: bool, high: bool) -> bool:
@@ -192,7 +196,7 @@ def _closer(box: _Box, inside: NDArray[np.bool_]) -> _Box:
     if not inside.any():
         return box
     spans = []
-    for span, line in ((box.height, inside.any(axis=1)), (box.turn, inside.any(axis=0))):
+    for span, line in ((box.height, inside.any(axis=1)), (box.rotation, inside.any(axis=0))):
         step = (span[1] - span[0]) / line.size
         hits = np.flatnonzero(line)
         low, high = span[0] + (hits[0] - 1) * step, span[0] + (hits[-1] + 2) * step
@@ -310,7 +314,9 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
         return np.asarray((STUDENT_FREEDOM + 1.0) * np.sum(np.log1p(squares / STUDENT_FREEDOM), axis=-1))
 
     starts = [branches.first] if branches.merged else [branches.first, branches.second]
-    patches = [patch(misfit, information, start, POSTERIOR_DROP, heights=21, turns=121) for start in starts]
+    patches = [
+        patch(misfit, information, start, POSTERIOR_DROP, heights=21, rotations=121) for start in starts
+    ]
     floor = min(float(found.misfit.min()) for found in patches)
     sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
     moments = [

@@ -31,7 +31,7 @@ from fieldkit.estimation.likelihood import (
     region_known_azimuth,
     with_systematics,
 )
-from fieldkit.estimation.normal import Misfit, choose, solve, solve_known_azimuth
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve, solve_known_azimuth
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeState, is_too_wide
@@ -40,8 +40,6 @@ from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 ALARM_PROBABILITY = 0.01
 """Probability that chi-square rejects a good window."""
 MIN_DIFFERENCES = 8
-LOWEST_COS_INCIDENCE = 0.03
-"""Predicted cosine of incidence below which a facet counts as self-shaded."""
 SHADE_SIGMAS = 2.0
 NOWHERE = LikelihoodRegion(*(float("nan"),) * 4, vertical=False)
 

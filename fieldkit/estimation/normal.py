@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 
+LOWEST_COS_INCIDENCE = 0.03
+"""Cosine of incidence below which a facet counts as self-shaded."""
 POLISH_STEPS = 30
 _MERGED = 1e-5
 """Chord below which two branches are one: the slope lies on the fold."""

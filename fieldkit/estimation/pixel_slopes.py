@@ -21,13 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
-LOWEST_COSINE = 0.03
-"""Mean cosine of incidence below which a pixel counts as self-shaded."""
 PIECE = 16_384
 DEGREES = np.float32(180.0 / np.pi)
 STEPS = 24
@@ -187,7 +186,7 @@ class MapSums:
         chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
         self._set_states(chosen, other, chi_square, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
-        state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COSINE] = SlopeState.SHADED
+        state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE] = SlopeState.SHADED
         state[np.isnan(y1)] = SlopeState.NO_DATA
         unresolved = state == SlopeState.NOT_RESOLVED
         second[unresolved] = _arc_cosine(other[unresolved])
@@ -257,12 +256,12 @@ class _Extent:
 
     def __init__(self, tilt_deg: FloatArray, azimuth_deg: FloatArray) -> None:
         self._azimuth = azimuth_deg
-        self.tilts, self.turns = np.array([tilt_deg, tilt_deg]), np.zeros((2, tilt_deg.size))
+        self.tilts, self.azimuth_shifts = np.array([tilt_deg, tilt_deg]), np.zeros((2, tilt_deg.size))
 
     def add(self, normals: FloatArray) -> None:
         tilt, azimuth = tilt_azimuth(normals)
-        turn = (azimuth - self._azimuth + 180.0) % 360.0 - 180.0
-        for extremes, values in ((self.tilts, tilt), (self.turns, turn)):
+        azimuth_shift = (azimuth - self._azimuth + 180.0) % 360.0 - 180.0
+        for extremes, values in ((self.tilts, tilt), (self.azimuth_shifts, azimuth_shift)):
             np.minimum(extremes[0], values, out=extremes[0])
             np.maximum(extremes[1], values, out=extremes[1])
 
@@ -285,8 +284,12 @@ def with_bounds(
     low, high = own.tilts
     low = np.where(touches, np.minimum(low, other.tilts[0]), low)
     high = np.where(touches, np.maximum(high, other.tilts[1]), high)
-    left = np.where(touches, np.minimum(own.turns[0], other.turns[0]), own.turns[0])
-    right = np.where(touches, np.maximum(own.turns[1], other.turns[1]), own.turns[1])
+    left = np.where(
+        touches, np.minimum(own.azimuth_shifts[0], other.azimuth_shifts[0]), own.azimuth_shifts[0]
+    )
+    right = np.where(
+        touches, np.maximum(own.azimuth_shifts[1], other.azimuth_shifts[1]), own.azimuth_shifts[1]
+    )
     bounds = (
         np.where(is_vertical, 0.0, low),
         np.maximum(np.minimum(high, settings.tilt_limit_deg), tilt),
@@ -304,7 +307,7 @@ def _covariance(at: FloatArray, values: FloatArray, inflation: FloatArray) -> Fl
     """Of the two components in the plane of the sun's motion, (m, 2, 2), by noise alone.
 
     `at` (m, 3) are the best slopes along the mean sun, along its motion and across both; `values` (3,) are
-    what the sums say along these.
+    the information along these.
     """
     values = np.maximum(values, 1e-9 * values[0])  # rounding may make the least one negative
     outer = at[:, :2, np.newaxis] * at[:, np.newaxis, :2]

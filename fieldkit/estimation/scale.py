@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from fieldkit.estimation.methods import LOWEST_COS_INCIDENCE
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.model.errors import CalibrationError
 from fieldkit.physics.facet import FloatArray
 
@@ -200,7 +199,7 @@ class ExchangeFit:
     its standard uncertainty `steepness_sd`; `share_sd` is that of the radiative share of D. `share_is_prior`:
     the data did not even halve it, so alpha and beta separately are the prior's, not the measurement's.
     Albedo, emissivity and exchange separately are never determined by temperatures: eq. (7) is homogeneous in
-    them. `says` sums this up.
+    them. `summary` states this in words.
     """
 
     alpha: float
@@ -209,7 +208,7 @@ class ExchangeFit:
     steepness_sd: float
     share_sd: float
     share_is_prior: bool
-    says: str
+    summary: str
 
 
 def identify(
@@ -267,9 +266,11 @@ def identify(
     found, share = (float(value) for value in fit.x)
     found_sd, share_sd = (float(sd) for sd in np.sqrt(np.diag(covariance)))
     is_prior = share_sd > 0.5 * prior_share_sd
-    says = (
+    summary = (
         f"D = {found:.2f} ± {found_sd:.2f} W/m2 per kelvin is measured; "
         f"its split into alpha and beta is {'the prior, not the data' if is_prior else 'measured as well'}; "
         "albedo, emissivity and exchange separately cannot be determined from temperatures"
     )
-    return ExchangeFit(found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, says)
+    return ExchangeFit(
+        found * share / cube, found * (1.0 - share), found, found_sd, share_sd, is_prior, summary
+    )

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.contours import RadiationTable, slope_grid
-from fieldkit.estimation.day_plan import GRAZING, cosine_noise
+from fieldkit.estimation.day_plan import cosine_noise
 from fieldkit.estimation.likelihood import posterior
-from fieldkit.estimation.normal import Misfit, choose, solve
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve
 from fieldkit.estimation.statistics import mean_absolute_error, sd_of_absolute_error
 from fieldkit.physics.energy_balance import (
     SurfaceParameters,
@@ -170,7 +170,7 @@ def _least_within(misfit: Misfit, limit_deg: float) -> FloatArray:
 
 def _lit(y: FloatArray, sigma: FloatArray, estimate: FloatArray, sun: FloatArray) -> NDArray[np.bool_]:
     """Minutes (m, n) that are an equation and not an inequality: the slope sees the sun."""
-    return np.asarray((cos_incidence(estimate, sun) >= GRAZING) & (y >= 2.0 * sigma))
+    return np.asarray((cos_incidence(estimate, sun) >= LOWEST_COS_INCIDENCE) & (y >= 2.0 * sigma))
 
 
 def _by_posterior(

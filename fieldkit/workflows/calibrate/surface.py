@@ -15,7 +15,7 @@ from fieldkit.estimation import balance
 from fieldkit.estimation.balance import Rows
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.estimation.methods import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.scale import ExchangeFit, identify, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError, ConfigError
@@ -108,7 +108,7 @@ def surface(
         sources=(record_source(session.path),),
         details=_details(model, estimator.irradiance_model),
         settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
-        remarks=(model.says,),
+        remarks=(model.summary,),
     )
     summary = _summary(found, scales, estimator)
     return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)

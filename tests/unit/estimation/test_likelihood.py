@@ -60,7 +60,7 @@ def test_every_normal_outside_the_projections_is_outside_the_region():
 def test_patch_mass_is_the_gaussian_integral():
     sun, truth = window("2017-08-30T00:00", 181), normal(12.0, 135.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = patch(misfit, misfit.H, truth, 18.0, heights=41, turns=121)
+    found = patch(misfit, misfit.H, truth, 18.0, heights=41, rotations=121)
     mass = np.exp(-0.5 * found.misfit).sum() * found.solid_angle
     expected = 2.0 * np.pi * np.sqrt(np.linalg.det(cramer_rao(misfit.H, truth)))
     assert mass == pytest.approx(expected, rel=0.02)

@@ -78,9 +78,9 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth:
     found = [float(one[0, 0]) for one in (bounds.tilt_low_deg, bounds.tilt_high_deg)]
     width = exact.tilt_high_deg - exact.tilt_low_deg
     assert found == pytest.approx([exact.tilt_low_deg, exact.tilt_high_deg], abs=0.15 * width + 0.02)
-    turns = [float(one[0, 0]) for one in (bounds.azimuth_low_deg, bounds.azimuth_high_deg)]
+    azimuths = [float(one[0, 0]) for one in (bounds.azimuth_low_deg, bounds.azimuth_high_deg)]
     around = exact.azimuth_high_deg - exact.azimuth_low_deg
-    assert turns == pytest.approx([exact.azimuth_low_deg, exact.azimuth_high_deg], abs=0.15 * around + 0.1)
+    assert azimuths == pytest.approx([exact.azimuth_low_deg, exact.azimuth_high_deg], abs=0.15 * around + 0.1)
 
 
 def test_flat_pixels_are_flat_and_face_nowhere() -> None:
@@ -90,8 +90,8 @@ def test_flat_pixels_are_flat_and_face_nowhere() -> None:
     assert (slopes.state == SlopeState.OK).mean() < 0.15
     is_flat = slopes.state == SlopeState.FLAT
     assert (bounds.tilt_low_deg[is_flat] == 0.0).all()
-    turn = bounds.azimuth_high_deg[is_flat] - bounds.azimuth_low_deg[is_flat]
-    assert turn == pytest.approx(np.full(turn.size, 360.0), abs=1e-3)
+    width = bounds.azimuth_high_deg[is_flat] - bounds.azimuth_low_deg[is_flat]
+    assert width == pytest.approx(np.full(width.size, 360.0), abs=1e-3)
 
 
 def test_a_wide_region_is_uncertain_and_systematics_widen_it() -> None:
