@@ -14,7 +14,7 @@ import click
 from fieldkit.calibration.emissivity import FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import RECORD_NAME
+from fieldkit.cli.types import DURATION_TEXT, RECORD_NAME
 
 if TYPE_CHECKING:
     from fieldkit.workflows.calibrate import MeasurementOptions
@@ -157,7 +157,13 @@ def _kelvin(name: str, field: str, default: float, help: str) -> Callable[[Comma
     help="With instruments: stop after this many steady temperatures, 5 K apart; with --reflected free "
     "not before they span 15 K.",
 )
-@click.option("--for", "duration", metavar="TIME", help="With instruments: stop after this time: 3h, 90m.")
+@click.option(
+    "--for",
+    "duration",
+    type=DURATION_TEXT,
+    metavar="TIME",
+    help="With instruments: stop after this time: 3h, 90m.",
+)
 @common.set_option
 @click.pass_context
 def command(

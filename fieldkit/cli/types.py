@@ -44,6 +44,12 @@ class _Typed(click.ParamType):  # type: ignore[type-arg]
             self.fail(f"{value!r}: {error}", param, ctx)
 
 
+def check_duration(text: str) -> str:
+    """A duration as it was typed, for those who keep the text."""
+    parse_duration(text)
+    return text
+
+
 def parse_site(text: str) -> Site:
     """``LAT,LON[,ALT]`` in degrees north, degrees east, metres; the zone is UTC."""
     numbers = _numbers(text, (2, 3), "LAT,LON,ALT like 35.558675,139.395232,9")
@@ -156,6 +162,7 @@ WORDS = _Typed("TEXT", parse_storable_text)
 SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)
+DURATION_TEXT = _Typed("TIME", check_duration)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)
 DAY = _Typed("YYYY-MM-DD", parse_day)

@@ -10,14 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import main
-from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Event
-from fieldkit.recorder.marks import Mark, MarkInbox
+from fieldkit.recorder.marks import MarkInbox
 from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.running import FAR_IN_SIMULATION_S, parse_when, reject_impossible, session_in_progress
+from fieldkit.workflows.running import session_in_progress
 from tests.harness.recording import CountedClock, header
 
 TOKYO = ZoneInfo("Asia/Tokyo")
@@ -136,46 +135,6 @@ def test_half_a_span_is_wrong_usage(campaign, arguments):
     assert mark(campaign, "x", *arguments).exit_code == 2
 
 
-@pytest.mark.parametrize(("text", "seconds"), [("-30s", -30.0), ("-5m", -300.0), ("-1.5h", -5400.0)])
-def test_times_before_now(text, seconds):
-    assert parse_when(text, TOKYO, NOON) == seconds
-
-
-@pytest.mark.parametrize(
-    ("text", "moment"),
-    [
-        ("11:31", "2026-12-11T11:31:00+09:00"),
-        ("11:31:05", "2026-12-11T11:31:05+09:00"),
-        # a zone that is given stays, and its own day counts: in Denver it is still the tenth
-        ("02:00Z", "2026-12-11T02:00:00+00:00"),
-        ("19:00-07:00", "2026-12-10T19:00:00-07:00"),
-        # somebody's watch is a little ahead; what is further ahead was yesterday
-        ("12:04", "2026-12-11T12:04:00+09:00"),
-        ("12:06", "2026-12-10T12:06:00+09:00"),
-    ],
-)
-def test_a_clock_time_is_the_last_one_in_its_zone_or_the_sites(text, moment):
-    assert parse_when(text, TOKYO, NOON) == moment
-
-
-def test_around_midnight_a_clock_time_is_the_one_nearby():
-    after = datetime(2026, 12, 11, 0, 3, tzinfo=TOKYO)
-    before = datetime(2026, 12, 10, 23, 58, tzinfo=TOKYO)
-    assert parse_when("23:58", TOKYO, after) == "2026-12-10T23:58:00+09:00"
-    assert parse_when("00:01", TOKYO, before) == "2026-12-11T00:01:00+09:00"
-
-
-def test_an_iso_time_keeps_its_zone_and_without_one_is_the_sites():
-    assert parse_when("2026-12-11T12:31-07:00", TOKYO, NOON) == "2026-12-11T12:31:00-07:00"
-    assert parse_when("2026-12-11T12:31", TOKYO, NOON) == "2026-12-11T12:31:00+09:00"
-
-
-@pytest.mark.parametrize("text", ["30s", "-30", "noon", "25:00", "-1d", "2026-12"])
-def test_what_is_no_time_is_refused(text):
-    with pytest.raises(ConfigError, match="is not a valid time"):
-        parse_when(text, TOKYO, NOON)
-
-
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -190,9 +149,3 @@ def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
     assert not any((recording / "running.h5.journal" / "marks").iterdir())
-
-
-def test_a_simulated_day_may_be_decades_ago():
-    reject_impossible(Mark("x", at="1996-01-01T12:00:00-07:00"), NOON, FAR_IN_SIMULATION_S)
-    with pytest.raises(ConfigError, match="100 years"):
-        reject_impossible(Mark("x", at="2926-01-01T12:00:00-07:00"), NOON, FAR_IN_SIMULATION_S)
