@@ -1,7 +1,7 @@
-"""What a camera's band sees of a black surface: flat 8-14 micrometres, a given response, or R, B, F, O.
+"""Response of a camera's band to a black surface: flat 8-14 micrometres, a measured response, or R, B, F, O.
 
-An emissivity is a ratio of differences of band signals, so only the shape of the band counts: a factor
-and an offset (a FLIR camera's R and O) fall out. Kelvin; signals in a unit of the band's own.
+An emissivity is a ratio of differences of band signals, so only the shape of the band matters: a factor and
+an offset (a FLIR camera's R and O) cancel. Kelvin; signals in a unit of the band's own.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ SECOND_RADIATION_UM_K = 14387.76877
 
 
 class Band(Protocol):
-    """From temperature to signal and back, for a black surface."""
+    """Conversion between temperature and signal of a black surface."""
 
     @property
     def label(self) -> str:
-        """What a record says about the band."""
+        """Name of the band in a record."""
 
     def signal(self, temperature_k: ArrayLike) -> FloatArray:
-        """Signal of a black surface, same shape."""
+        """Signal of a black surface at a temperature [K], same shape."""
 
     def temperature(self, signal: ArrayLike) -> FloatArray:
-        """Temperature of a black surface of that signal, kelvin."""
+        """Temperature of a black surface with a signal, kelvin, same shape."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlatBand:
-    """Planck's law over 8-14 micrometres, all of them alike."""
+    """Planck's law over 8-14 micrometres with a flat response."""
 
     label: str = "8-14 um, flat"
 
@@ -56,7 +56,7 @@ FLAT = FlatBand()
 
 @dataclass(frozen=True, slots=True)
 class CameraBand:
-    """A FLIR camera's own law, ``R / (exp(B/T) - F) - O``."""
+    """Law of a FLIR camera, ``R / (exp(B/T) - F) - O``."""
 
     b: float
     f: float = 1.0
@@ -78,12 +78,12 @@ class CameraBand:
 
 
 class ResponseBand:
-    """Planck's law weighed with a response given at wavelengths (n,) in micrometres, straight in between."""
+    """Planck's law weighted with a response at wavelengths (n,) in micrometres, linear in between."""
 
     def __init__(self, wavelength_um: ArrayLike, response: ArrayLike, label: str = "given response") -> None:
         wavelength, weight = np.asarray(wavelength_um, np.float64), np.asarray(response, np.float64)
         if wavelength.size < 2 or np.any(np.diff(wavelength) <= 0.0) or wavelength[0] <= 0.0:
-            raise ConfigError("a response needs two or more wavelengths in micrometres, growing")
+            raise ConfigError("a response needs two or more increasing wavelengths in micrometres")
         if np.any(weight < 0.0) or not np.any(weight > 0.0):
             raise ConfigError("a response must not be negative, nor zero everywhere")
         self.label = label
@@ -95,14 +95,14 @@ class ResponseBand:
 
     @classmethod
     def read(cls, path: Path) -> ResponseBand:
-        """A table of wavelength in micrometres and response, separated by comma, one heading allowed."""
+        """Read a table of wavelength in micrometres and response, comma-separated, with or without header."""
         try:
             text = [line for line in path.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
             table = np.array([[float(cell) for cell in line.split(",")[:2]] for line in text])
             return cls(table[:, 0], table[:, 1], f"response {path.name}")
         except (ValueError, IndexError) as error:
             raise ConfigError(
-                f"{path} is no table of wavelength and response", fix="two columns: micrometres,response"
+                f"{path} is not a table of wavelength and response", fix="two columns: micrometres,response"
             ) from error
 
     def signal(self, temperature_k: ArrayLike) -> FloatArray:
@@ -119,15 +119,47 @@ class ResponseBand:
 def before_camera_settings(
     reported_k: ArrayLike, emissivity: float, reflected_k: float, band: Band = FLAT
 ) -> FloatArray:
-    """Brightness temperature of what a camera reports after applying an emissivity of its own, kelvin."""
+    """Undo an emissivity that the camera has already applied.
+
+    Parameters
+    ----------
+    reported_k
+        Temperature that the camera reports, any shape. [K]
+    emissivity
+        Emissivity set in the camera, in (0, 1]. [-]
+    reflected_k
+        Reflected temperature set in the camera. [K]
+    band
+        Band of the camera.
+
+    Returns
+    -------
+    Brightness temperature, same shape. [K]
+    """
     seen = emissivity * band.signal(reported_k) + (1.0 - emissivity) * band.signal(reflected_k)
     return band.temperature(seen)
 
 
 def transmission(distance_m: float, air_k: float, humidity: float) -> float:
-    """Share of the band that comes through air, 1 at no distance; `humidity` is a fraction.
+    """Transmission of the band through air.
 
-    The law FLIR cameras use (Minkina and Dudzik, "Infrared Thermography: Errors and Uncertainties", 2009).
+    Parameters
+    ----------
+    distance_m
+        Length of the path. [m]
+    air_k
+        Air temperature along the path. [K]
+    humidity
+        Relative humidity, 0 to 1. [-]
+
+    Returns
+    -------
+    1 at no distance. [-]
+
+    References
+    ----------
+    .. [1] W. Minkina and S. Dudzik, Infrared Thermography: Errors and Uncertainties, Wiley, 2009; the law
+       of FLIR cameras.
     """
     # the law is written for half of a path with a window in its middle
     path = Planck(1.0, 1.0, 1.0, 0.0, distance_m=2.0 * distance_m, air_k=air_k, humidity=humidity)
@@ -135,6 +167,22 @@ def transmission(distance_m: float, air_k: float, humidity: float) -> float:
 
 
 def without_air(brightness_k: ArrayLike, transmitted: float, air_k: float, band: Band = FLAT) -> FloatArray:
-    """Brightness temperature just before the air between surface and camera, kelvin."""
+    """Remove the effect of the air between surface and camera.
+
+    Parameters
+    ----------
+    brightness_k
+        Brightness temperature at the camera, any shape. [K]
+    transmitted
+        See `transmission`. [-]
+    air_k
+        Air temperature along the path. [K]
+    band
+        Band of the camera.
+
+    Returns
+    -------
+    Brightness temperature at the surface, same shape. [K]
+    """
     seen = band.signal(brightness_k) - (1.0 - transmitted) * band.signal(air_k)
     return band.temperature(seen / transmitted)

@@ -1,8 +1,8 @@
-"""A calibration as a file: what was found, how well, with what, from which session.
+"""A calibration as a file: value, uncertainty, instrument, source sessions; and warnings for its use.
 
-One TOML file each in the campaign's ``calibration/`` folder, named by time and name
-(``20261210T013000Z-dry-silica-sand.toml``), never changed afterwards. A configuration names the newest of
-a name by ``"@dry-silica-sand"``, or an older one by its whole file name. Celsius in the file, for readers.
+One TOML file each in the campaign's ``calibration/`` folder, named by time and name (``20261210T013000Z-dry-
+silica-sand.toml``), never changed afterwards. A configuration names the latest of a name by ``"@dry-silica-
+sand"``, or an older one by its whole file name. Celsius in the file, for readers.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ FOLDER = "calibration"
 LIFETIME_DAYS: Mapping[str, float] = {
     "emissivity": 365.0, "uniformity": 1.0, "irradiance": 90.0, "surface": 30.0, "clock": 1.0
 }  # fmt: skip
-"""How long a calibration is good for unless somebody says otherwise; a warning comes after that."""
+"""Default validity of a calibration; a warning follows after that."""
 UNKNOWN: Mapping[str, Any] = {"uncertainty": math.nan, "unit": "", "effect": math.nan}
-"""What a line of a budget may lack in a file because it was not known."""
+"""Fields that a budget line may lack in a file because they were unknown."""
 
 RANGE_KEYS = ("gain", "range", "range_max_lx")
-"""Where streams say which of their ranges is in use."""
+"""Settings of streams that name the active range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """The instrument that was calibrated; `range` is its gain or measuring range."""
+    """The calibrated instrument; `range` is its gain or measuring range."""
 
     stream: str = ""
     model: str = ""
@@ -47,7 +47,7 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A session that the calibration was worked out from, with the SHA-256 of its file."""
+    """A session from which the calibration was computed, with the SHA-256 of its file."""
 
     session: str
     sha256: str
@@ -55,11 +55,11 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationRecord:
-    """What one calibration found.
+    """Result of one calibration.
 
     `value` and `standard_uncertainty` in `unit`; `values` are those of single regions where there are
     several. `degrees_of_freedom` are those of the fit. `details` holds what belongs to the kind alone
-    (temperatures, angles, pairs); `settings` the options by which it can be worked out again.
+    (temperatures, angles, pairs); `settings` the options with which it can be repeated.
     """
 
     kind: Kind
@@ -90,7 +90,7 @@ class CalibrationRecord:
 
     @property
     def file_name(self) -> str:
-        """Where it stands in the folder."""
+        """Name of its file in the folder."""
         return f"{self.date.astimezone(UTC):%Y%m%dT%H%M%SZ}-{self.name}.toml"
 
 
@@ -100,29 +100,29 @@ def expiry(kind: Kind, date: datetime) -> datetime:
 
 
 def to_toml(record: CalibrationRecord) -> str:
-    """The record as TOML text; unknown numbers are left out."""
+    """The record as TOML text; unknown numbers are omitted."""
     document = as_document(record)
     single = {key: value for key, value in document.items() if not isinstance(value, dict | list)}
     return tomlkit.dumps({**single, **document})  # tables come after all single values
 
 
 def as_document(record: CalibrationRecord) -> dict[str, Any]:
-    """The record as a plain document, as in the file; unknown numbers are left out."""
+    """The record as a plain document, as in the file; unknown numbers are omitted."""
     expanded = {"expanded_uncertainty": record.expanded, "coverage_factor": COVERAGE_FACTOR}
-    told: dict[str, Any] = _told({"schema": SCHEMA, **asdict(record), **expanded})
-    return told
+    known: dict[str, Any] = _known({"schema": SCHEMA, **asdict(record), **expanded})
+    return known
 
 
-def _told(value: Any) -> Any:
-    """Without what is not known: NaN, None, infinity, empty text and tables; in a list it is NaN."""
+def _known(value: Any) -> Any:
+    """The value without unknown parts: NaN, None, infinity, empty texts and tables; NaN in a list."""
     if isinstance(value, Mapping):
-        kept = {str(key): _told(item) for key, item in value.items()}
+        kept = {str(key): _known(item) for key, item in value.items()}
         return {key: item for key, item in kept.items() if item not in (None, "", {}, [])}
     if isinstance(value, list | tuple):
         # nothing is left out of a list, where the place of a number says what it belongs to
-        return [math.nan if (told := _told(item)) is None else told for item in value]
+        return [math.nan if (known := _known(item)) is None else known for item in value]
     if hasattr(value, "tolist"):  # a numpy number or array
-        return _told(value.tolist())
+        return _known(value.tolist())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
@@ -138,7 +138,7 @@ def from_toml(text: str, where: str) -> CalibrationRecord:
 
 
 def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
-    """The record in a parsed document. Raises `ConfigError` for what is none, or of a newer layout."""
+    """The record in a parsed document. Raises `ConfigError` for another document, or a newer layout."""
     if document.get("schema") != SCHEMA:
         raise ConfigError(
             f"{where} has layout {document.get('schema')!r}, this fieldkit reads {SCHEMA}",
@@ -152,9 +152,9 @@ def from_document(document: Mapping[str, Any], where: str) -> CalibrationRecord:
         given["remarks"] = tuple(given.get("remarks", ()))
         found = CalibrationRecord(**given)
     except TypeError as error:
-        raise ConfigError(f"{where} is no calibration record: {error}") from error
+        raise ConfigError(f"{where} is not a calibration record: {error}") from error
     if found.kind not in get_args(Kind) or not _is_number(found.value, found.standard_uncertainty):
-        raise ConfigError(f"{where} is no calibration record of a kind known here")
+        raise ConfigError(f"{where} is not a calibration record of a known kind")
     return found
 
 
@@ -163,9 +163,9 @@ def _is_number(*values: Any) -> bool:
 
 
 def save(record: CalibrationRecord, folder: Path) -> Path:
-    """Write the record into the folder; the path.
+    """Write the record into the folder and return its path.
 
-    The same record once more is left as it is. Raises `StorageError`, also where another one is there.
+    An identical record that exists is left as it is. Raises `StorageError` if another one is there.
     """
     path, text = folder / record.file_name, to_toml(record)
     try:
@@ -176,7 +176,7 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
         if path.read_text(encoding="utf-8") == text:
             return path
         raise StorageError(
-            f"{path} exists already: a record is never changed", fix="give the calibration another --name"
+            f"{path} already exists: a record is never changed", fix="give the calibration another --name"
         ) from error
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror}") from error
@@ -184,9 +184,9 @@ def save(record: CalibrationRecord, folder: Path) -> Path:
 
 
 def find(reference: str, folder: Path) -> tuple[CalibrationRecord, Path]:
-    """The newest record called `reference`, or the one whose file is, both without ``@`` and suffix.
+    """The latest record named `reference`, or the one with that file name, both without ``@`` and suffix.
 
-    Raises `ConfigError` naming what is there instead.
+    Raises `ConfigError` that lists the available names.
     """
     files = sorted(folder.glob("*.toml")) if folder.is_dir() else []
     for file in reversed(files):
@@ -194,33 +194,33 @@ def find(reference: str, folder: Path) -> tuple[CalibrationRecord, Path]:
             return from_toml(file.read_text(encoding="utf-8"), str(file)), file
     names = sorted({file.stem.partition("-")[2] for file in files})
     raise ConfigError(
-        f"there is no calibration {reference!r} in {folder}",
-        fix=f"there are {', '.join(names)}" if names else "make one: fieldkit calibrate",
+        f"no calibration named {reference!r} in {folder}",
+        fix=f"available: {', '.join(names)}" if names else "make one: fieldkit calibrate",
     )
 
 
 def instrument_of(info: StreamInfo) -> Instrument:
-    """An instrument as a record names it."""
+    """The instrument of a stream, as a record names it."""
     chosen = next((str(info.settings[key]) for key in RANGE_KEYS if key in info.settings), "")
     return Instrument(info.name, info.model, info.serial_number, chosen)
 
 
 def record_warnings(record: CalibrationRecord, streams: Sequence[StreamInfo], now: datetime) -> list[str]:
-    """Sentences, each a warning; empty if the record fits. `now` is aware."""
+    """Warnings, one sentence each; empty if the record fits. `now` is aware."""
     return [*expiry_warnings(record, now), *_other_instrument(record, streams)]
 
 
 def expiry_warnings(record: CalibrationRecord, now: datetime) -> list[str]:
-    """Of them, those that need no instrument."""
-    said = []
+    """Warnings that depend on the date alone."""
+    warnings = []
     if record.expires is not None and now > record.expires:
         days = (now - record.date).days
-        said.append(
-            f"{record.name} is {days} days old and was good until {record.expires:%Y-%m-%d}: calibrate again"
+        warnings.append(
+            f"{record.name} is {days} days old and was valid until {record.expires:%Y-%m-%d}: calibrate again"
         )
     if now < record.date - timedelta(days=1):  # the same day counts as now
-        said.append(f"{record.name} was made on {record.date:%Y-%m-%d}, after now: is the clock right?")
-    return said
+        warnings.append(f"{record.name} was made on {record.date:%Y-%m-%d}, after now: is the clock right?")
+    return warnings
 
 
 def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:
@@ -230,7 +230,7 @@ def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) 
     here = [instrument_of(info) for info in streams if info.name == made_with.stream]
     here = here or [instrument_of(info) for info in streams if info.is_camera]
     if not here:
-        return [f"{record.name} was made with {_title(made_with)}, which is not here"]
+        return [f"{record.name} was made with {_title(made_with)}, which is not connected"]
     found = here[0]
     if (found.model, found.serial_number) != (made_with.model, made_with.serial_number):
         return [f"{record.name} was made with {_title(made_with)}; here is {_title(found)}"]

@@ -1,10 +1,10 @@
-"""How far a clock is off: against times read elsewhere, or against the sun.
+"""Offset of a clock, against times read elsewhere or against the sun.
 
-The offset is what must be added to the recorded times. Against the sun the logarithm of a light meter's
+The offset is what must be added to recorded times. Against the sun, the logarithm of a light meter's
 reading, ``a + log sin(h) - k m(h)`` with h the sun's elevation and m the air mass, is fitted with a shift of
-time; three clear hours determine it to some minutes, enough to catch a wrong zone or a forgotten daylight
+time; three clear hours determine it to some minutes, enough to detect a wrong zone or a forgotten daylight
 saving time. That is the law of global irradiance of P. Ineichen and R. Perez, "A new airmass independent
-formulation for the Linke turbidity coefficient", Solar Energy 73, 2002.
+formulation for the Linke turbidity coefficient", Solar Energy 73, 151-157, 2002.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fieldkit.physics.sun import sun_vectors
 LOWEST = 0.15
 """Sine of the sun's elevation (8.6 degrees) below which sky light and horizon decide what a meter reads."""
 HORIZON = 0.01
-"""Least sine of the elevation that the law is asked about: a shift with the sun below is far off anyway."""
+"""Least sine of the elevation in the law: a shift that puts the sun below is far off anyway."""
 DARK_LX = 1000.0
 ROLLOVER_S = 1024 * 7 * DAY_S
 """GPS counts weeks in ten bits: an old receiver's date jumps back by 1024 weeks (IS-GPS-200)."""
@@ -35,23 +35,23 @@ FIRST_STEP_S = 900.0
 MIN_SPAN_S = 3600.0
 MIN_READINGS = 20
 WORST_SCATTER = 0.05
-ALIKE_NS = 300e9
-"""Readings nearer than this err alike."""
+CORRELATED_NS = 300e9
+"""Readings closer than this have correlated errors."""
 LEVEL_SD_DEG = 0.5
-"""Of a bubble level on a meter's case."""
+"""Standard uncertainty of a bubble level on a meter's case."""
 HAZE_SD = 0.006
 """Half of the change of k, 0.04 per unit of Linke turbidity, in a session: 0.3 units from first to last."""
 LAW_SD = 0.008
-"""How far light bends away from the law per factor e of air mass: lumens per watt of sun and sky differ.
+"""Curvature of the residuals per factor e of air mass: sun and sky differ in lumens per watt.
 
 A parabola of this size is what Perez's efficacies, or Littlefair's constant ones, leave of a clear sky.
 """
-LEAST_HAZE, MOST_HAZE = 0.02, 0.8
+MIN_HAZE, MAX_HAZE = 0.02, 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """Seconds to add to recorded times, with the budget of that; `readings` were used."""
+    """Seconds to add to recorded times, with their uncertainty budget; `readings` were used."""
 
     offset_s: float
     budget: tuple[Contribution, ...]
@@ -71,13 +71,29 @@ class ClockOffset:
 def offset_from_times(
     own_ns: NDArray[np.int64], true_ns: NDArray[np.int64], reading_sd_s: float, source: str
 ) -> ClockOffset:
-    """The offset against another clock read at the same moments (n,).
+    """Offset against another clock read at the same moments.
 
-    `reading_sd_s` is how well the moments are the same: half a second by hand, 0.3 s of a receiver's
-    sentences; it is shared by all. Raises `CalibrationError` without a moment or if the clocks drift apart.
+    Parameters
+    ----------
+    own_ns, true_ns
+        Times by the recording computer and by the other clock, shape (n,). [ns]
+    reading_sd_s
+        Standard uncertainty of one pair's simultaneity: half a second by hand, 0.3 s for a receiver's
+        sentences; common to all pairs. [s]
+    source
+        The other clock, for messages.
+
+    Returns
+    -------
+    Median offset with its budget.
+
+    Raises
+    ------
+    CalibrationError
+        Without a pair, if the clocks differ by changing amounts, or after a GPS week rollover.
     """
     if own_ns.size == 0:
-        raise CalibrationError("no moment at which both clocks were read", fix="read the other clock once")
+        raise CalibrationError("no pair of readings of both clocks", fix="read the other clock once")
     apart_s = (true_ns - own_ns) / 1e9
     rollovers = round(float(np.median(apart_s)) / ROLLOVER_S)
     if rollovers and abs(np.median(apart_s) - rollovers * ROLLOVER_S) < DAY_S:
@@ -99,19 +115,36 @@ def offset_from_times(
 
 
 def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site: Site) -> ClockOffset:
-    """The offset at which a light meter lying flat, read over an hour or more, fits the sun's elevation.
+    """Offset at which a horizontal light meter, read over an hour or more, fits the sun's elevation.
 
-    Only light from more than 8.6 degrees of sun counts, and readings darker than the rest (clouds) are
-    excluded. Raises `CalibrationError` where the light does not determine the time.
+    Only readings with the sun above 8.6 degrees count, and those darker than the rest (clouds) are excluded.
+
+    Parameters
+    ----------
+    time_ns
+        Recorded times, shape (n,). [ns]
+    illuminance_lx
+        Readings, shape (n,). [lx]
+    site
+        Where the meter lies.
+
+    Returns
+    -------
+    Offset with its budget.
+
+    Raises
+    ------
+    CalibrationError
+        If illuminance does not determine the time.
     """
     known = np.isfinite(illuminance_lx) & (illuminance_lx > DARK_LX)
-    light = _Light(time_ns[known], np.log(illuminance_lx[known]), site)
+    light = _ClearSkyFit(time_ns[known], np.log(illuminance_lx[known]), site)
     _refuse_short(light.time_ns, "less than an hour of daylight")
     shift_s = light.coarse_shift_s()
     high = clear = np.ones(light.time_ns.size, np.bool_)
     for _ in range(4):
         high = light.height(shift_s) > LOWEST
-        _refuse_short(light.time_ns[high], "less than an hour of light with the sun above 9°")
+        _refuse_short(light.time_ns[high], "less than an hour of daylight with the sun above 9°")
         used = high & clear if (high & clear).sum() >= MIN_READINGS else high
         shift_s, left = light.fit(shift_s, used)
         clear = left > -3.0 * max(0.01, float(np.median(np.abs(left[used]))))
@@ -119,8 +152,8 @@ def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site
     scatter = float(np.std(left[used])) if used.any() else np.inf
     if scatter > WORST_SCATTER or used.sum() < MIN_READINGS:
         raise CalibrationError(
-            f"the light scatters by {scatter:.0%} about a clear sky's: clouds, or a shaded meter",
-            fix="take a clear session, or compare with a phone: --told",
+            f"illuminance scatters by {scatter:.0%} about a clear sky: clouds, or a shaded meter",
+            fix="use a session under a clear sky, or compare with a phone: --told",
         )
     return ClockOffset(shift_s, light.budget(shift_s, used, scatter), int(used.sum()))
 
@@ -128,22 +161,22 @@ def offset_from_sun(time_ns: NDArray[np.int64], illuminance_lx: FloatArray, site
 def _refuse_short(time_ns: NDArray[np.int64], what: str) -> None:
     if time_ns.size < MIN_READINGS or np.ptp(time_ns) < MIN_SPAN_S * 1e9:
         raise CalibrationError(
-            f"{what}: the sun does not determine the time from it",
-            fix="take a session of three hours or more in the middle of the day, or compare with a phone: "
+            f"{what}: the sun does not determine the time",
+            fix="use a session of three hours or more in the middle of the day, or compare with a phone: "
             "--told",
         )
 
 
 @dataclass(frozen=True, slots=True)
-class _Light:
-    """Logarithms of a flat meter's readings (n,) and the law of a clear sky that they should follow."""
+class _ClearSkyFit:
+    """Logarithms of a horizontal meter's readings (n,) and the law of a clear sky that they should follow."""
 
     time_ns: NDArray[np.int64]
     log_light: FloatArray
     site: Site
 
     def sun(self, shift_s: float) -> FloatArray:
-        """Unit vectors (n, 3) to the sun were the times so far off."""
+        """Unit vectors (n, 3) to the sun for times shifted by `shift_s`."""
         return sun_vectors(self.time_ns + round(shift_s * 1e9), self.site, refraction=True)
 
     def height(self, shift_s: float) -> FloatArray:
@@ -151,22 +184,22 @@ class _Light:
         return np.asarray(self.sun(shift_s)[:, 2])
 
     def coarse_shift_s(self) -> float:
-        """The multiple of a quarter of an hour at which a clear sky's law fits best."""
+        """The multiple of 15 minutes at which the law of a clear sky fits best."""
         shifts = np.arange(-LONGEST_S, LONGEST_S + 1.0, FIRST_STEP_S)
         return float(shifts[int(np.argmin([self._misfit(float(shift)) for shift in shifts]))])
 
     def _misfit(self, shift_s: float) -> float:
-        """Mean deviation at one shift with the best haze; light that had no sun counts as it should."""
+        """Mean deviation at one shift with the best haze; the sun is never taken as below the horizon."""
         height = np.maximum(self.height(shift_s), HORIZON)
         y, mass = self.log_light - np.log(height), air_mass(height, self.site.elevation_m)
         slope = np.polyfit(mass, y, 1)[0] if np.ptp(mass) > 1e-6 else 0.0
-        left = y + np.clip(-slope, LEAST_HAZE, MOST_HAZE) * mass
+        left = y + np.clip(-slope, MIN_HAZE, MAX_HAZE) * mass
         return float(np.mean(np.abs(left - np.median(left))))
 
     def fit(self, start_s: float, used: NDArray[np.bool_]) -> tuple[float, FloatArray]:
-        """The best shift near a first one by the readings `used`, and what it leaves of all (n,)."""
+        """Best shift near a first guess by the readings `used`, and the residuals of all (n,)."""
         begin = [0.0, float(self.log_light.max()), 0.2]
-        bounds = ([-2.0, 5.0, LEAST_HAZE], [2.0, 20.0, MOST_HAZE])
+        bounds = ([-2.0, 5.0, MIN_HAZE], [2.0, 20.0, MAX_HAZE])
 
         def left(unknown: FloatArray) -> FloatArray:
             return self._left(unknown, start_s)[used]
@@ -175,27 +208,27 @@ class _Light:
         return start_s + float(found.x[0]) * FIRST_STEP_S, self._left(found.x, start_s)
 
     def _left(self, unknown: FloatArray, start_s: float) -> FloatArray:
-        """What is left of the logarithm of the light; unknown are the shift in steps, a and k."""
+        """Residuals of the logarithm of illuminance; unknowns are the shift in steps, a and k."""
         height = np.maximum(self.height(start_s + float(unknown[0]) * FIRST_STEP_S), HORIZON)
         mass = air_mass(height, self.site.elevation_m)
         return np.asarray(self.log_light - (unknown[1] + np.log(height) - unknown[2] * mass))
 
     def budget(self, shift_s: float, used: NDArray[np.bool_], scatter: float) -> tuple[Contribution, ...]:
-        """Scatter, and by how much a meter off its level and a haze that changes move the best shift."""
+        """Scatter, and the effect on the best shift of a meter out of level and of changing haze."""
         sun, later = self.sun(shift_s)[used], self.height(shift_s + 1.0)[used]
         mass, later_mass = (air_mass(height, self.site.elevation_m) for height in (sun[:, 2], later))
-        k = float(np.clip(-np.polyfit(mass, self.log_light[used] - np.log(sun[:, 2]), 1)[0], 0.0, MOST_HAZE))
+        k = float(np.clip(-np.polyfit(mass, self.log_light[used] - np.log(sun[:, 2]), 1)[0], 0.0, MAX_HAZE))
         per_second = np.log(later / sun[:, 2]) - k * (later_mass - mass)
         # the shift's row of the least squares solution: seconds per unit of error of each logarithm
         gain = np.linalg.pinv(np.column_stack([per_second, np.ones_like(mass), -mass]))[0]
-        alike = max(1.0, used.sum() * ALIKE_NS / np.ptp(self.time_ns[used]))
+        correlated = max(1.0, used.sum() * CORRELATED_NS / np.ptp(self.time_ns[used]))
         east_north = gain @ (sun[:, :2] / sun[:, 2:])
         elapsed = np.interp(self.time_ns[used], self.time_ns[used][[0, -1]], [-1.0, 1.0])
         level = float(np.radians(LEVEL_SD_DEG) * np.hypot(*east_north))
         haze = HAZE_SD * float(gain @ (elapsed * mass))
         place = np.interp(mass, [mass.min(), mass.max()], [-1.0, 1.0])
         law = LAW_SD * float(np.log(mass.max() / mass.min()) * (gain @ place**2))
-        noise = scatter * float(np.sqrt(alike) * np.linalg.norm(gain))
+        noise = scatter * float(np.sqrt(correlated) * np.linalg.norm(gain))
         return (
             Contribution("scatter of the light", scatter, "1", "A", noise),
             Contribution("level of the meter", LEVEL_SD_DEG, "deg", "B", level),

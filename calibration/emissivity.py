@@ -3,7 +3,7 @@
 At emissivity 1 the camera reports the brightness temperature of emitted plus reflected light, so over
 many pairs ``M(T_app) - M(T_refl) = e (M(T) - M(T_refl))`` with M the band signal: a line through the
 origin whose slope is the emissivity. Errors that all pairs share do not average out and are added
-afterwards (GUM, type B). What the data do not determine is refused, with what would determine it.
+afterwards (GUM, type B). What the data do not determine is refused, with a fix that names what would.
 
 Crumpled foil in the surface's plane shows what the surface mirrors. Foil is not a perfect mirror: the few
 hundredths that it emits itself make a cold sky some kelvins too warm; and under a cold sky it may be colder
@@ -40,35 +40,35 @@ Reflected = Literal["fixed", "free"]
 
 MIN_PAIRS = 3
 MIN_CONTRAST_K = 10.0
-"""Between surface and reflected temperature, ASTM E1933's usual rule."""
+"""Least contrast between surface and reflected temperature, the usual rule of ASTM E1933."""
 GOOD_CONTRAST_K = 25.0
 MIN_SPAN_K = 15.0
-"""Of surface temperatures, to find the reflected temperature as well."""
-LARGEST_UNCERTAINTY = 0.05
-"""Standard uncertainty beyond which an emissivity says nothing about soils, 0.85 to 0.98."""
+"""Least span of surface temperatures for fitting the reflected temperature as well."""
+MAX_UNCERTAINTY = 0.05
+"""Standard uncertainty beyond which an emissivity does not tell soils apart, 0.85 to 0.98."""
 UNLIKELY = 1e-3
-LEAST_SOIL, MOST_SOIL = 0.6, 1.02
+MIN_SOIL, MAX_SOIL = 0.6, 1.02
 DARK = 0.985
 WARM_SKY_K = 253.15
-"""Stands for the sky where it is to be found: -20 °C, that of humid clear air in the window band."""
-LEAST_MIRRORED = 0.02
-"""Least reflectance to reckon with where it is found together with the sky."""
+"""Sky temperature assumed where it is fitted: -20 °C, humid clear air in the window band."""
+MIN_REFLECTANCE = 0.02
+"""Least reflectance assumed where it is fitted together with the sky."""
 
 FOIL_EMISSIVITY, FOIL_EMISSIVITY_SD = 0.04, 0.02
 """Aluminium foil at 10 micrometres and 27 °C in the emissivity tables of thermal camera manuals; dust and
 folds add, and its own temperature is only known as the surface's it lies on."""
 
 SATURATED_SHARE = 0.25
-"""Of a foil's pixels at one lowest count; noise alone leaves a few of a hundred there."""
+"""Share of a foil's pixels at one lowest count; noise alone leaves a few per cent there."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """What was read at n moments, each array (n,), kelvin.
+    """Readings at n moments, each array (n,), kelvin.
 
-    `apparent_k` is the camera's region mean at emissivity 1 with the air taken out, `contact_k` the
-    thermometer, `reflected_k` the band temperature of what the surface mirrors (foil). `apparent_sd_k`
-    and `contact_sd_k` are standard uncertainties that differ from pair to pair.
+    `apparent_k` is the camera's region mean at emissivity 1 without the effect of the air, `contact_k` the
+    thermometer, `reflected_k` the band temperature of what the surface reflects (foil). `apparent_sd_k` and
+    `contact_sd_k` are standard uncertainties that are independent from pair to pair.
     """
 
     apparent_k: FloatArray
@@ -82,29 +82,29 @@ class Pairs:
 
     @property
     def span_k(self) -> float:
-        """How far the surface temperatures lie apart."""
+        """Range of the surface temperatures."""
         return float(np.ptp(self.contact_k))
 
     @property
     def follows_the_sky(self) -> bool:
-        """Whether the reflected temperature was measured with each pair: one given for all stands still."""
+        """Whether the reflected temperature was measured with each pair, not one for all."""
         return float(np.ptp(self.reflected_k)) > 0.0
 
     @property
     def contrast_k(self) -> float:
-        """Least distance between surface and reflected temperature."""
+        """Least difference between surface and reflected temperature."""
         return float(np.min(np.abs(self.contact_k - self.reflected_k)))
 
 
 @dataclass(frozen=True, slots=True)
 class SharedUncertainties:
-    """Standard uncertainties that all pairs share, kelvin (transmission: 1).
+    """Standard uncertainties common to all pairs, kelvin (transmission: 1).
 
-    Defaults are those of a camera checked against ice water, a good thermometer, a fine wire under one
-    layer of grains in the sun, and a crumpled foil. `sky_drift_k` and `probe_gradient_k` are half of what
-    sky and probe error change by from the coldest pair to the warmest: a sky between -10 and +10 K of its
-    mean (rectangular; that of Alamosa, 2016-01-01, kept within 3 K by day), and a probe a millimetre deep
-    in sand of 0.25 W/(m K) whose heat flow swings by 150 W/m2, as on the simulated field.
+    Defaults are those of a camera checked against ice water, a good thermometer, a fine wire under one layer
+    of grains in the sun, and a crumpled foil. `sky_drift_k` and `probe_gradient_k` are half of the change of
+    sky and probe error from the coldest pair to the warmest: a sky between -10 and +10 K of its mean
+    (rectangular; that of Alamosa, 2016-01-01, kept within 3 K by day), and a probe a millimetre deep in sand
+    of 0.25 W/(m K) whose heat flux swings by 150 W/m2, as on the simulated field.
     """
 
     camera_k: float = 0.3
@@ -121,11 +121,11 @@ DEFAULT_SHARED_UNCERTAINTIES = SharedUncertainties()
 
 @dataclass(frozen=True, slots=True)
 class Emissivity:
-    """An emissivity with its budget.
+    """An emissivity with its uncertainty budget.
 
-    `reflected_k` is a result when it was left free, else the mean of what was given. `freedom` are the
-    degrees of freedom of the fit, `chi_square` is per degree of freedom, `residual_k` the root mean
-    square of what the line leaves, as camera temperature. `remarks` are doubts short of a refusal.
+    `reflected_k` is a result when it was left free, else the mean of the values given. `freedom` are the
+    degrees of freedom of the fit, `chi_square` is per degree of freedom, `residual_k` the RMS residual of
+    the line as camera temperature. `remarks` are warnings short of a refusal.
     """
 
     value: float
@@ -149,7 +149,7 @@ class Emissivity:
 
     @property
     def largest(self) -> Contribution:
-        """The contribution to work on first."""
+        """The contribution with the largest effect."""
         return largest(self.budget)
 
     @property
@@ -159,7 +159,23 @@ class Emissivity:
 
 
 def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: Band = FLAT) -> float:
-    """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``; no uncertainty."""
+    """Emissivity from one pair, ``(M(T_app) - M(T_refl)) / (M(T_c) - M(T_refl))``, without an uncertainty.
+
+    Parameters
+    ----------
+    apparent_k
+        Brightness temperature. [K]
+    contact_k
+        Surface temperature. [K]
+    reflected_k
+        Reflected temperature, other than that of the surface. [K]
+    band
+        Band of the camera.
+
+    Returns
+    -------
+    Emissivity in the band. [-]
+    """
     mirror = band.signal(reflected_k)
     return float((band.signal(apparent_k) - mirror) / (band.signal(contact_k) - mirror))
 
@@ -167,7 +183,21 @@ def single_pair(apparent_k: float, contact_k: float, reflected_k: float, band: B
 def tape_temperature_k(
     apparent_k: FloatArray, tape_emissivity: float, reflected_k: FloatArray, band: Band = FLAT
 ) -> FloatArray:
-    """Surface temperature under a tape or paint of known emissivity, to stand in for a thermometer."""
+    """Surface temperature under a tape or paint of known emissivity, in place of a thermometer.
+
+    Parameters
+    ----------
+    apparent_k, reflected_k
+        Brightness and reflected temperature, shape (n,). [K]
+    tape_emissivity
+        Emissivity of the tape in the band, in (0, 1]. [-]
+    band
+        Band of the camera.
+
+    Returns
+    -------
+    Shape (n,). [K]
+    """
     own = band.signal(apparent_k) - (1.0 - tape_emissivity) * band.signal(reflected_k)
     return band.temperature(own / tape_emissivity)
 
@@ -182,27 +212,37 @@ def fit_emissivity(
     tape_emissivity: float = 1.0,
     foil_emissivity_sd: float = 0.0,
 ) -> Emissivity:
-    """Emissivity, its uncertainty and its budget.
+    """Emissivity with its uncertainty budget, from pairs of camera and thermometer.
 
     Parameters
     ----------
     pairs
-        At least three, the surface at least 10 K from what it mirrors.
+        At least three, the surface at least 10 K from what it reflects.
     shared
-        Uncertainties common to all pairs.
+        Standard uncertainties common to all pairs.
     reflected
         ``free`` also fits the reflected temperature; the surface must then span 15 K.
     band
-        What the camera sees.
+        Band of the camera.
     tape_emissivity, tape_emissivity_sd
-        Of the tape that stood in for the thermometer, where one did.
+        Emissivity of the tape in place of a thermometer, and its standard uncertainty; 0 if unused. [-]
     foil_emissivity_sd
-        Of the foil that showed the reflected temperature, where one did.
+        Standard uncertainty of the emissivity of the foil that showed the reflected temperature. [-]
+
+    Returns
+    -------
+    Emissivity, budget and quality of the fit.
 
     Raises
     ------
     CalibrationError
         If the data do not determine the emissivity to 0.05, or contradict the model.
+
+    References
+    ----------
+    .. [1] ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
+       Radiometers.
+    .. [2] JCGM 100:2008, Guide to the expression of uncertainty in measurement.
     """
     refuse_before(len(pairs), pairs.contrast_k, shared.reflected_k, pairs.span_k, reflected == "free")
     fit = _line(pairs, reflected, band)
@@ -216,18 +256,18 @@ def fit_emissivity(
         effect = fit.slope / tape * tape_emissivity_sd
         budget += (Contribution("emissivity of the tape", tape_emissivity_sd, "1", "B", effect),)
     if foil_emissivity_sd > 0.0:
-        budget += (_of_the_foil(pairs, foil_emissivity_sd, band, fit),)
+        budget += (_foil_contribution(pairs, foil_emissivity_sd, band, fit),)
     found = Emissivity(
         value=fit.slope,
-        reflected_k=_mirrored(fit, pairs, reflected, band),
+        reflected_k=_reflected_k(fit, pairs, reflected, band),
         chi_square=fit.chi_square / max(1, fit.freedom),
         freedom=fit.freedom,
-        residual_k=float(np.sqrt(np.mean((fit.residuals / _steepness(pairs.apparent_k, band)) ** 2))),
+        residual_k=float(np.sqrt(np.mean((fit.residuals / _signal_per_k(pairs.apparent_k, band)) ** 2))),
         span_k=pairs.span_k,
         budget=budget,
     )
     spread = _disagreement(fit, pairs, shared, reflected, band)
-    fahrenheit = _as_fahrenheit(pairs, shared, band)
+    fahrenheit = _emissivity_if_fahrenheit(pairs, shared, band)
     remarks = refuse_after(
         found.value, found.standard_uncertainty, found.largest, spread, fit.freedom, fahrenheit
     )
@@ -241,18 +281,18 @@ def _line(pairs: Pairs, reflected: Reflected, band: Band) -> Line:
     points = Points(
         black - mirror,
         seen - mirror,
-        _steepness(pairs.contact_k, band) * pairs.contact_sd_k,
-        _steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
+        _signal_per_k(pairs.contact_k, band) * pairs.contact_sd_k,
+        _signal_per_k(pairs.apparent_k, band) * pairs.apparent_sd_k,
     )
     return fit_line(points, origin=reflected == "fixed")
 
 
-def _steepness(temperature_k: FloatArray, band: Band) -> FloatArray:
+def _signal_per_k(temperature_k: FloatArray, band: Band) -> FloatArray:
     """dM/dT of the band signal per kelvin."""
     return np.asarray(band.signal(temperature_k + 0.5) - band.signal(temperature_k - 0.5))
 
 
-def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> float:
+def _reflected_k(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> float:
     """The reflected temperature: as given, or from the intercept ``(1 - e) M(T_refl)``."""
     if reflected == "fixed":
         return float(np.mean(pairs.reflected_k))
@@ -262,7 +302,7 @@ def _mirrored(fit: Line, pairs: Pairs, reflected: Reflected, band: Band) -> floa
 def _shared_effects(
     pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band, fit: Line, tape: float | None
 ) -> Iterator[Contribution]:
-    """What each shared error would move the emissivity by, found by moving the data and fitting again."""
+    """Change of the emissivity for each shared error, found by shifting the data and fitting again."""
     value = fit.slope
 
     def moved(
@@ -283,7 +323,7 @@ def _shared_effects(
         ):
             yield Contribution(name, error_k, "K", "B", moved(probe_k=error_k))
         gradient_k = shared.probe_gradient_k
-        effect = moved(probe_k=gradient_k * _place(pairs))
+        effect = moved(probe_k=gradient_k * _position(pairs))
         yield Contribution("probe error with heat flow", gradient_k, "K", "B", effect)
     if reflected == "fixed" or tape is not None:
         shift = moved(reflected_k=shared.reflected_k)
@@ -291,35 +331,36 @@ def _shared_effects(
     if not pairs.follows_the_sky:
         drift_k = shared.sky_drift_k
         given = reflected == "fixed"
-        effect = moved(reflected_k=drift_k * _place(pairs)) if given else _of_drift(pairs, drift_k, band, fit)
+        shift_k = drift_k * _position(pairs)
+        effect = moved(reflected_k=shift_k) if given else _drift_effect(pairs, drift_k, band, fit)
         yield Contribution("drift of the sky", drift_k, "K", "B", effect)
     yield Contribution("air in between", shared.transmission, "1", "B", value * shared.transmission)
 
 
-def _place(pairs: Pairs) -> FloatArray:
-    """How far each pair is from their mean, in halves of the span; zeros if all are alike."""
+def _position(pairs: Pairs) -> FloatArray:
+    """Position of each pair relative to their mean, in halves of the span; zeros if all are alike."""
     away = pairs.contact_k - pairs.contact_k.mean()
     return np.asarray(away / max(0.5 * pairs.span_k, 1e-9))
 
 
-def _of_drift(pairs: Pairs, drift_k: float, band: Band, fit: Line) -> float:
-    """What a sky that drifts as the surface warms does where its temperature is to be found as well.
+def _drift_effect(pairs: Pairs, drift_k: float, band: Band, fit: Line) -> float:
+    """Effect of a sky that drifts as the surface warms, where its temperature is fitted as well.
 
-    The effect c (1 - e) is in proportion to a reflectance that is known no better, so s = c (1 - e + s): a
-    drift that makes the emissivity too large hides itself, since it also makes the mirror too small.
+    The effect c (1 - e) is proportional to a reflectance that is known no better, so s = c (1 - e + s): a
+    drift that makes the emissivity too large hides itself, because it also makes the reflectance too small.
     """
-    mirrored = max(1.0 - fit.slope, LEAST_MIRRORED)
+    mirrored = max(1.0 - fit.slope, MIN_REFLECTANCE)
     sky_k = np.full(len(pairs), WARM_SKY_K)
-    per_k = mirrored * _steepness(sky_k, band) / _steepness(pairs.apparent_k, band)
-    seen = replace(pairs, apparent_k=pairs.apparent_k + per_k * drift_k * _place(pairs))
+    per_k = mirrored * _signal_per_k(sky_k, band) / _signal_per_k(pairs.apparent_k, band)
+    seen = replace(pairs, apparent_k=pairs.apparent_k + per_k * drift_k * _position(pairs))
     effect = _line(seen, "free", band).slope - fit.slope
     return effect / max(1.0 - abs(effect) / mirrored, 0.25)
 
 
-def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contribution:
-    """What a foil that emits more or less than assumed does: the sky would be colder or warmer."""
+def _foil_contribution(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contribution:
+    """Effect of a foil that emits more or less than assumed: the sky would be colder or warmer."""
     own = band.signal(pairs.contact_k) - band.signal(pairs.reflected_k)
-    shift_k = -foil_sd * own / _steepness(pairs.reflected_k, band)
+    shift_k = -foil_sd * own / _signal_per_k(pairs.reflected_k, band)
     moved = _line(replace(pairs, reflected_k=pairs.reflected_k + shift_k), "fixed", band)
     return Contribution("emissivity of the foil", foil_sd, "1", "B", moved.slope - fit.slope)
 
@@ -327,16 +368,16 @@ def _of_the_foil(pairs: Pairs, foil_sd: float, band: Band, fit: Line) -> Contrib
 def _disagreement(
     fit: Line, pairs: Pairs, shared: SharedUncertainties, reflected: Reflected, band: Band
 ) -> float:
-    """Chi-square of what the line leaves, allowing for shared errors, which also bend it.
+    """Chi-square of the residuals, allowing for shared errors, which also bend the line.
 
-    How far the probe is from the skin changes with the heat that flows past it: it counts as an error of
-    each pair by itself.
+    The distance of the probe from the skin acts through a heat flux that changes: it counts as an
+    independent error of each pair as well.
     """
-    per_k, mirror_per_k = _steepness(pairs.contact_k, band), _steepness(pairs.reflected_k, band)
-    own = np.hypot(_steepness(pairs.apparent_k, band) * pairs.apparent_sd_k,
+    per_k, mirror_per_k = _signal_per_k(pairs.contact_k, band), _signal_per_k(pairs.reflected_k, band)
+    own = np.hypot(_signal_per_k(pairs.apparent_k, band) * pairs.apparent_sd_k,
                    fit.slope * per_k * np.hypot(pairs.contact_sd_k, shared.probe_to_skin_k))  # fmt: skip
     together = [
-        _steepness(pairs.apparent_k, band) * shared.camera_k,
+        _signal_per_k(pairs.apparent_k, band) * shared.camera_k,
         fit.slope * per_k * np.hypot(shared.thermometer_k, shared.probe_to_skin_k),
     ]
     if reflected == "fixed":
@@ -346,12 +387,12 @@ def _disagreement(
 
 
 def agree(chi_square: float, freedom: int) -> bool:
-    """Whether pairs scatter about their line as their uncertainties say."""
+    """Whether pairs scatter about their line as their uncertainties predict."""
     return freedom <= 0 or float(stats.chi2.sf(chi_square, freedom)) >= UNLIKELY
 
 
-def _as_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
-    """The emissivity had the thermometer's numbers been °F and not °C; NaN where the pairs then disagree."""
+def _emissivity_if_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
+    """Emissivity if the thermometer's numbers were °F; NaN where the pairs then disagree."""
     contact = (pairs.contact_k - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K
     converted = replace(pairs, contact_k=contact)
     if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
@@ -364,9 +405,9 @@ def _as_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> flo
 def refuse_before(
     pairs: int, contrast_k: float, reflected_sd_k: float, span_k: float, reflected_is_free: bool
 ) -> None:
-    """Raise `CalibrationError` if what was measured cannot tell, whatever it says.
+    """Raise `CalibrationError` if the data cannot determine an emissivity, whatever its value.
 
-    The surface must be clear of what it mirrors by 10 K, and by three uncertainties of that.
+    The surface must differ from what it reflects by 10 K, and by three standard uncertainties of that.
     """
     if pairs < MIN_PAIRS:
         raise CalibrationError(
@@ -376,13 +417,13 @@ def refuse_before(
     least_k = max(MIN_CONTRAST_K, 3.0 * reflected_sd_k)
     if contrast_k < least_k:
         raise CalibrationError(
-            f"the surface is only {contrast_k:.0f} K from what it mirrors, not {least_k:.0f} K: "
+            f"the surface is only {contrast_k:.0f} K from what it reflects, not {least_k:.0f} K: "
             "its emissivity hardly shows",
             fix="heat the sample, or go outdoors under a clear sky; 25 K or more is good",
         )
     if reflected_is_free and span_k < MIN_SPAN_K:
         raise CalibrationError(
-            f"the surface spans {span_k:.0f} K: emissivity and reflected temperature cannot be told apart",
+            f"the surface spans {span_k:.0f} K: emissivity and reflected temperature cannot be separated",
             fix=f"measure over {MIN_SPAN_K:.0f} K or more, or measure the reflected temperature with foil",
         )
 
@@ -390,20 +431,20 @@ def refuse_before(
 def refuse_after(
     value: float, standard: float, worst: Contribution, chi_square: float, freedom: int, in_fahrenheit: float
 ) -> tuple[str, ...]:
-    """Raise `CalibrationError` if the fit contradicts the model or tells too little; else the doubts left.
+    """Raise `CalibrationError` if the fit contradicts the model or is too uncertain; else return warnings.
 
-    `in_fahrenheit` is the emissivity that a thermometer showing °F would give, NaN where that fits no better.
+    `in_fahrenheit` is the emissivity for a thermometer that shows °F, NaN where that fits no better.
     """
     is_impossible = value > 1.0 + COVERAGE_FACTOR * standard
     disagrees = not agree(chi_square, freedom)
-    if (is_impossible or disagrees or value < LEAST_SOIL) and LEAST_SOIL <= in_fahrenheit <= MOST_SOIL:
+    if (is_impossible or disagrees or value < MIN_SOIL) and MIN_SOIL <= in_fahrenheit <= MAX_SOIL:
         raise CalibrationError(
             f"the emissivity would be {value:.2f}; read as °F the thermometer gives {in_fahrenheit:.2f}",
-            fix="the thermometer shows °F, it seems: set it to °C, or give --unit F",
+            fix="the thermometer seems to show °F: set it to °C, or give --unit F",
         )
     if is_impossible:
         raise CalibrationError(
-            f"the emissivity would be {value:.2f}, which cannot be",
+            f"the emissivity would be {value:.2f}, which is impossible",
             fix="does the camera apply an emissivity already (it must be 1)? is the probe in this region, "
             "the camera's offset checked, the foil under the same sky?",
         )
@@ -414,11 +455,11 @@ def refuse_after(
             fix="look for unsteady moments, a probe outside the region, clocks that differ between logs, "
             "or a reflected temperature from another sky",
         )
-    if standard > LARGEST_UNCERTAINTY:
+    if standard > MAX_UNCERTAINTY:
         raise CalibrationError(
             f"the emissivity would be {value:.2f} ± {COVERAGE_FACTOR * standard:.2f} (k=2): not determined",
             fix=f"the largest contribution is {worst.name} ({abs(worst.effect):.3f}): work on it first, "
-            "or make the surface warmer against what it mirrors",
+            "or make the surface warmer than what it reflects",
         )
     if value > DARK:
         return ("blacker than any dry soil: check that the camera applies no emissivity of its own",)
@@ -428,22 +469,35 @@ def refuse_after(
 def mirrored_temperature_k(
     foil_k: FloatArray, surface_k: FloatArray, foil_emissivity: float, band: Band = FLAT
 ) -> FloatArray:
-    """Band temperature of what a foil mirrors, its own emission taken out, kelvin, (n,).
+    """Band temperature of what a foil reflects, without the foil's own emission (ISO 18434-1, annex A).
 
-    `foil_k` is how the camera reads it at emissivity 1, `surface_k` its own temperature.
+    Parameters
+    ----------
+    foil_k
+        Brightness temperature of the foil at emissivity 1, shape (n,). [K]
+    surface_k
+        Temperature of the foil itself, shape (n,). [K]
+    foil_emissivity
+        Emissivity of the foil in the band, in [0, 1). [-]
+    band
+        Band of the camera.
+
+    Returns
+    -------
+    Shape (n,). [K]
     """
     own = foil_emissivity * band.signal(surface_k)
     return band.temperature((band.signal(foil_k) - own) / (1.0 - foil_emissivity))
 
 
 def is_saturated(counts: NDArray[np.uint16]) -> bool:
-    """Whether the foil's pixels (n,) of one picture stand at the end of the camera's range."""
+    """Whether the foil's pixels (n,) of one frame are at the end of the camera's range."""
     return bool(np.mean(counts == counts.min()) >= SATURATED_SHARE)
 
 
-def refuse_saturated(pictures: int, saturated: int, lowest_k: float) -> None:
-    """Raise `CalibrationError` if the foil was at the end of the range in half of the pictures or more."""
-    if pictures and 2 * saturated >= pictures:
+def refuse_saturated(frames: int, saturated: int, lowest_k: float) -> None:
+    """Raise `CalibrationError` if the foil was at the end of the range in half of the frames or more."""
+    if frames and 2 * saturated >= frames:
         raise CalibrationError(
             f"the foil reads the camera's lowest temperature, {lowest_k - CELSIUS_ZERO_K:.0f} °C: saturated",
             fix="give the sky's temperature in the camera's band with --reflected, from another instrument, "

@@ -1,8 +1,8 @@
-"""The factor from a light meter's reading to irradiance on its plane, against a better instrument.
+"""Factor from a light meter's reading to irradiance on its plane, against a reference instrument.
 
-Through the origin, with errors in both: in the dark both read zero. The reference is a pyranometer on the
-same plane, or a pyrheliometer or station whose beam is laid on the meter's plane with the sky's light added
-as measured, or as the configured diffuse model says. W/m2, and the reading's own unit.
+A line through the origin with errors in both coordinates: in the dark both read zero. The reference is a
+pyranometer on the same plane, or a pyrheliometer or station whose beam is projected onto the meter's plane,
+plus diffuse light as measured or as the configured diffuse model gives it. W/m2, and the reading's own unit.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from fieldkit.physics.irradiance import IrradianceModel, direct_normal
 
 MIN_MINUTES = 10
 UNSTEADY = 0.05
-"""Relative change between neighbouring minutes beyond which two instruments no longer see the same light."""
+"""Relative change between neighbouring minutes beyond which the response times of two instruments matter."""
 METER_SD, REFERENCE_NOISE = 0.01, 0.005
-LARGEST_SCATTER, LEAST_ALIKE = 0.10, 0.7
-"""Minutes farther off the others' ratio had a cloud over one of the two; most must be nearer."""
-TELLING_INTERCEPT = 0.05
+MAX_SCATTER, MIN_CONSISTENT = 0.10, 0.7
+"""Minutes farther from the median ratio had a cloud over one instrument; the share that must be nearer."""
+MAX_INTERCEPT = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class LightFactor:
-    """W/m2 per unit of the reading, with its budget; `scatter` is relative, `minutes` those used."""
+    """W/m2 per unit of the reading, with its budget; `scatter` is relative, `minutes` were used."""
 
     value: float
     budget: tuple[Contribution, ...]
@@ -56,9 +56,24 @@ def on_plane(
     sun: FloatArray,
     time_ns: NDArray[np.int64],
 ) -> FloatArray:
-    """Irradiance on the meter's plane (n,) from a measured beam, W/m2; NaN where the sun is too low.
+    """Irradiance on the meter's plane from a measured beam.
 
-    With measured diffuse light (n,) on the horizontal that is taken, else `model`'s share of the sky.
+    Parameters
+    ----------
+    model
+        Mounting and diffuse model of the meter.
+    dni_w_m2
+        Measured direct normal irradiance, shape (n,). [W/m2]
+    dhi_w_m2
+        Measured diffuse horizontal irradiance, shape (n,); without it the model's share is used. [W/m2]
+    sun
+        Unit vectors to the sun, shape (n, 3).
+    time_ns
+        UTC nanoseconds since 1970, shape (n,).
+
+    Returns
+    -------
+    Shape (n,); NaN where the sun is too low. [W/m2]
     """
     unit = replace(model, kind="calibrated", factor=1.0)
     if dhi_w_m2 is not None:
@@ -66,15 +81,13 @@ def on_plane(
         cosine = 1.0 / direct_normal(bare, np.ones_like(dni_w_m2), sun, time_ns)
         return np.asarray(dni_w_m2 * cosine + dhi_w_m2 * _view(model, sun))
     guess = np.array(dni_w_m2)
-    for _ in range(
-        40
-    ):  # where the sky's share depends on the light itself (Erbs) whole steps would overshoot
+    for _ in range(40):  # whole steps would overshoot where the diffuse share depends on the beam (Erbs)
         guess = guess * (dni_w_m2 / direct_normal(unit, guess, sun, time_ns)) ** 0.4
     return guess
 
 
 def _view(model: IrradianceModel, sun: FloatArray) -> FloatArray:
-    """The meter's view of the sky, (n,)."""
+    """Fraction of the meter's hemisphere that is sky, (n,)."""
     if model.mounting == "sun-pointing":
         return sky_view(sun[:, 2])
     tilt = np.radians(model.plane_tilt_deg) if model.mounting == "in-plane" else 0.0
@@ -89,14 +102,28 @@ def light_factor(
     cosine_sd: float = 0.015,
     diffuse_sd: float = 0.0,
 ) -> LightFactor:
-    """The factor through the origin from minutes (n,) of both; relative uncertainties of what is shared.
+    """Factor through the origin from minutes of both instruments.
 
-    Minutes in which either changes by more than a twentieth, or a cloud stood over one of them, are left out.
+    Minutes in which either changes by more than 5 %, or a cloud shades one of them, are excluded.
+
+    Parameters
+    ----------
+    reading
+        Readings of the meter, shape (n,).
+    plane_w_m2
+        Irradiance on its plane by the reference, shape (n,). [W/m2]
+    reference_sd, cosine_sd, diffuse_sd
+        Relative standard uncertainties that all minutes share: reference instrument, cosine error and level,
+        diffuse share. [-]
+
+    Returns
+    -------
+    Factor with its budget.
 
     Raises
     ------
     CalibrationError
-        With fewer than ten steady minutes, or if the two do not go together.
+        With fewer than ten steady minutes, or if no single factor fits the two instruments.
     """
     kept = np.isfinite(reading) & np.isfinite(plane_w_m2) & (reading > 0.0) & (plane_w_m2 > 20.0)
     kept &= _steady(reading) & _steady(plane_w_m2)
@@ -106,13 +133,13 @@ def light_factor(
             fix="compare them for half an hour under a clear sky, the sun above 12°; check their clocks",
         )
     ratio = plane_w_m2 / np.where(kept, reading, np.nan)
-    alike = kept & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < LARGEST_SCATTER)
-    if alike.sum() < LEAST_ALIKE * kept.sum():
+    consistent = kept & (np.abs(ratio / np.nanmedian(ratio) - 1.0) < MAX_SCATTER)
+    if consistent.sum() < MIN_CONSISTENT * kept.sum():
         raise CalibrationError(
-            f"the instruments do not go together: only {alike.sum()} of {kept.sum()} minutes fit one factor",
+            f"the instruments disagree: only {consistent.sum()} of {kept.sum()} minutes fit one factor",
             fix="compare their clocks (time zone?), levels and mounting; is one of them shaded?",
         )
-    x, y = reading[alike], plane_w_m2[alike]
+    x, y = reading[consistent], plane_w_m2[consistent]
     points = Points(x, y, METER_SD * x, REFERENCE_NOISE * y)
     line = fit_line(points, origin=True)
     scatter = float(np.std(line.residuals / y))
@@ -122,12 +149,12 @@ def light_factor(
         "cosine and level": cosine_sd,
         "share of the sky's light": diffuse_sd,
     }
-    # neighbouring minutes err alike: the scatter is not divided by their number
+    # errors of neighbouring minutes are correlated, so the scatter is not divided by their number
     budget = (
         Contribution("scatter", scatter, "1", "A", value * scatter),
         *(Contribution(name, sd, "1", "B", value * sd) for name, sd in shared.items() if sd > 0.0),
     )
-    return LightFactor(value, budget, scatter, int(alike.sum()), _intercept(points))
+    return LightFactor(value, budget, scatter, int(consistent.sum()), _intercept(points))
 
 
 def _steady(values: FloatArray) -> NDArray[np.bool_]:
@@ -139,12 +166,12 @@ def _steady(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def _intercept(points: Points) -> tuple[str, ...]:
-    """A remark where the line through the points misses the origin by more than a twentieth."""
+    """A remark where the free line misses the origin by more than 5 % of the mean."""
     if np.ptp(points.x) < 0.2 * points.x.mean():
         return ()
     free = fit_line(points, origin=False)
     miss = free.intercept / float(points.y.mean())
-    if abs(miss) < TELLING_INTERCEPT:
+    if abs(miss) < MAX_INTERCEPT:
         return ()
     return (
         f"a free line misses the origin by {miss:+.0%} of the mean: cosine error, sky share or dark offset",

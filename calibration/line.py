@@ -42,9 +42,23 @@ class Line:
 
 
 def fit_line(points: Points, *, origin: bool) -> Line:
-    """The most likely line, through the `origin` or free.
+    """Most likely straight line through points with errors in both coordinates.
 
-    Two points or more (three when free), not all at one place; n - 1 or n - 2 degrees of freedom.
+    Parameters
+    ----------
+    points
+        Two points or more (three for a line with an intercept), not all at one place.
+    origin
+        Whether the line passes through the origin.
+
+    Returns
+    -------
+    The line, with n - 1 or n - 2 degrees of freedom.
+
+    References
+    ----------
+    .. [1] D. York et al., "Unified equations for the slope, intercept, and standard errors of the best
+       straight line", Am. J. Phys. 72, 367-375, 2004, doi:10.1119/1.1632486.
     """
 
     def intercept(slope: float) -> float:
@@ -71,7 +85,7 @@ def fit_line(points: Points, *, origin: bool) -> Line:
 
 
 def _ordinary(points: Points, origin: bool) -> float:
-    """Ordinary least squares, to begin with."""
+    """Slope by ordinary least squares, as a first guess."""
     x, y = (points.x, points.y) if origin else (points.x - points.x.mean(), points.y - points.y.mean())
     slope = float(x @ y) / max(float(x @ x), 1e-300)
     return slope if slope != 0.0 else 1e-3

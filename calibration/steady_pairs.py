@@ -1,9 +1,9 @@
-"""From what camera and thermometer read over hours to steady pairs, and what speaks against their pairing.
+"""From hours of camera and thermometer readings to steady pairs, with checks of their pairing.
 
-A surface and a probe in it are compared only while both stand still: a minute or more in which the probe
-drifts by less than 0.1 K a minute, at most five at a time. Medians of the probe, means of the camera. Before
-that the whole curves are laid over each other: a clock that differs between logs, or a probe in another
-bed, shows there.
+A surface and a probe in it are compared only while both are steady: intervals of a minute or more in which
+the probe drifts by less than 0.1 K per minute, at most five minutes each. Medians of the probe, means of the
+camera. Before that the whole time series are compared, which reveals an offset between the clocks of two
+logs, or a probe in another bed.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from fieldkit.physics.facet import FloatArray
 
 Times = NDArray[np.int64]
 STEADY_K_MIN = 0.1
-BLOCK_S, LONGEST_BLOCKS = 60.0, 5
+BLOCK_S, MAX_BLOCKS = 60.0, 5
 CAMERA_NOISE_K, PLACEMENT_K = 0.05, 0.15
-"""What differs from pair to pair at least: noise of a region's mean, and how the probe lies each time."""
-LONGEST_LAG_S, LAG_STEP_S, TELLING_LAG_S = 1800.0, 15.0, 90.0
+"""Least uncertainty of each pair: noise of a region's mean, and placement of the probe."""
+MAX_LAG_S, LAG_STEP_S, SIGNIFICANT_LAG_S = 1800.0, 15.0, 90.0
 BETTER_LAG, BETTER_PROBE = 2.0, 1.3
-"""How many times better another shift, or another probe, must fit to be believed."""
+"""How many times better another shift, or another probe, must fit to be accepted."""
 MIN_VARIATION_K = 1.0
 
 
@@ -42,7 +42,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class SteadyInterval:
-    """Some steady minutes: means and standard uncertainties in kelvin, drifts in kelvin per minute."""
+    """Consecutive steady minutes: means and standard uncertainties in kelvin, drifts in kelvin per minute."""
 
     start_ns: int
     end_ns: int
@@ -56,13 +56,13 @@ class SteadyInterval:
 
     @property
     def agrees(self) -> bool:
-        """Whether the camera also finds the surface steady, as far as it can tell."""
+        """Whether the camera also finds the surface steady."""
         return not abs(self.apparent_drift_k_min) > 3.0 * STEADY_K_MIN
 
 
 @dataclass(frozen=True, slots=True)
 class _Blocks:
-    """Minutes that have pictures and probe readings, side by side (b,); `run` numbers unbroken rows."""
+    """Minutes that have frames and probe readings, side by side (b,)."""
 
     start_ns: Times
     apparent_k: FloatArray
@@ -75,24 +75,24 @@ class _Blocks:
 
 
 def steady_intervals(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
-    """Every stretch in which the probe stood still, in order of time."""
+    """Every interval in which the probe stood still, in order of time."""
     blocks = _blocks(readings)
-    return [_stretch(blocks, rows) for rows in _runs(blocks, steady_k_min)]
+    return [_interval(blocks, rows) for rows in _runs(blocks, steady_k_min)]
 
 
 def pairs_of(
-    stretches: list[SteadyInterval], reflected_k: float | None = None
+    intervals: list[SteadyInterval], reflected_k: float | None = None
 ) -> tuple[Pairs, tuple[str, ...]]:
-    """Pairs of the stretches that camera and probe agree on, and remarks on the others.
+    """Pairs of the intervals that camera and probe agree on, and remarks on the others.
 
     `reflected_k` replaces what the reflector showed.
     """
-    good = [one for one in stretches if one.agrees]
+    good = [one for one in intervals if one.agrees]
     remarks = []
-    if len(good) < len(stretches):
-        count = len(stretches) - len(good)
+    if len(good) < len(intervals):
+        count = len(intervals) - len(good)
         remarks.append(
-            f"{count} stretches left out: the probe stood still, the surface seen by the camera did not"
+            f"{count} intervals left out: the probe stood still, the surface seen by the camera did not"
         )
     columns = [(s.apparent_k, s.contact_k, s.reflected_k, s.apparent_sd_k, s.contact_sd_k) for s in good]
     table = np.array(columns, np.float64).reshape(-1, 5).T
@@ -105,7 +105,19 @@ def pairs_of(
 
 
 def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
-    """Drift by a straight line, kelvin per minute; NaN of fewer than three values."""
+    """Drift by a straight line.
+
+    Parameters
+    ----------
+    time_ns
+        UTC nanoseconds since 1970, shape (n,).
+    value_k
+        Temperatures, shape (n,), NaN where unknown. [K]
+
+    Returns
+    -------
+    NaN for fewer than three values. [K/min]
+    """
     known = np.isfinite(value_k)
     if known.sum() < 3:
         return float("nan")
@@ -114,26 +126,35 @@ def drift_k_min(time_ns: Times, value_k: FloatArray) -> float:
 
 
 def refuse_shifted_clocks(readings: Readings) -> None:
-    """Raise `CalibrationError` if the probe's curve fits the camera's much better at another time."""
+    """Raise `CalibrationError` if the probe's series fits the camera's much better at another time."""
     found = best_lag_s(readings)
-    if found is not None and abs(found) > TELLING_LAG_S:
+    if found is not None and abs(found) > SIGNIFICANT_LAG_S:
         raise CalibrationError(
-            f"the thermometer's curve fits the camera's best when moved by {found / 60.0:+.1f} min",
+            f"the thermometer's readings fit the camera's best when shifted by {found / 60.0:+.1f} min",
             fix="the clocks of the two logs differ: import the thermometer again with --offset "
             f"{found:+.0f}s, or set its clock",
         )
 
 
 def best_lag_s(readings: Readings) -> float | None:
-    """Seconds to add to the probe's times for the best fit; 0 where none is twice as good, None if unclear.
+    """Time shift of the probe that fits the camera best.
 
-    Looks half an hour either way, or a third of the time that there is.
+    Shifts of up to 30 minutes either way are tried, or a third of the time span.
+
+    Parameters
+    ----------
+    readings
+        Of camera and probe.
+
+    Returns
+    -------
+    Seconds to add to the probe's times; 0 where no shift is twice as good, None if undetermined. [s]
     """
     seen = readings.apparent_k[np.isfinite(readings.apparent_k)]
     if seen.size == 0 or np.ptp(seen) < MIN_VARIATION_K:
         return None
     span_s = float(readings.contact_ns[-1] - readings.contact_ns[0]) / 1e9
-    steps = int(min(LONGEST_LAG_S, span_s / 3.0) // LAG_STEP_S)
+    steps = int(min(MAX_LAG_S, span_s / 3.0) // LAG_STEP_S)
     lags = LAG_STEP_S * np.arange(-steps, steps + 1)
     misfits = np.array([_misfit(readings, readings.contact_k, float(lag), float(lags[-1])) for lag in lags])
     if not np.isfinite(misfits).all():
@@ -144,7 +165,7 @@ def best_lag_s(readings: Readings) -> float | None:
 def refuse_other_bed(readings: Readings, others_k: Mapping[str, FloatArray], chosen: str) -> None:
     """Raise `CalibrationError` if another probe, read at the same times, follows the region much better.
 
-    Beds within some ten degrees of each other are too much alike for that.
+    Beds within about ten degrees of each other are too similar for that.
     """
     own = _misfit(readings, readings.contact_k)
     misfits = {name: _misfit(readings, values) for name, values in others_k.items()}
@@ -158,9 +179,10 @@ def refuse_other_bed(readings: Readings, others_k: Mapping[str, FloatArray], cho
 
 
 def _misfit(readings: Readings, contact_k: FloatArray, lag_s: float = 0.0, margin_s: float = 0.0) -> float:
-    """Root mean square of what a straight line from the probe, `lag_s` later, to the camera leaves, kelvin.
+    """RMS residual of a straight line from the probe, `lag_s` later, to the camera, kelvin.
 
-    Pictures nearer than `margin_s` to the probe's ends stay out, so that every lag is judged by the same.
+    Frames within `margin_s` of the probe's ends are excluded, so that every lag is judged by the same
+    frames.
     """
     known, seen = np.isfinite(contact_k), np.isfinite(readings.apparent_k)
     if not known.any():
@@ -195,7 +217,7 @@ def _blocks(readings: Readings) -> _Blocks:
 
 
 def _within(time_ns: Times, start_ns: int, end_ns: int) -> slice:
-    """Rows of times in order that lie in between."""
+    """Rows of sorted times within a range."""
     first, last = np.searchsorted(time_ns, [start_ns, end_ns])
     return slice(int(first), int(last))
 
@@ -206,12 +228,12 @@ def _mean(values: FloatArray) -> float:
 
 
 def _runs(blocks: _Blocks, steady_k_min: float) -> Iterator[NDArray[np.int64]]:
-    """Rows of unbroken steady minutes, five at most."""
+    """Rows of consecutive steady minutes, five at most."""
     steady = np.abs(blocks.contact_drift_k_min) < steady_k_min
     run: list[int] = []
     for row in range(len(blocks)):
         follows = bool(run) and blocks.start_ns[row] - blocks.start_ns[run[-1]] <= 1.5 * BLOCK_S * 1e9
-        if run and not (steady[row] and follows and len(run) < LONGEST_BLOCKS):
+        if run and not (steady[row] and follows and len(run) < MAX_BLOCKS):
             yield np.array(run)
             run = []
         if steady[row]:
@@ -220,7 +242,7 @@ def _runs(blocks: _Blocks, steady_k_min: float) -> Iterator[NDArray[np.int64]]:
         yield np.array(run)
 
 
-def _stretch(blocks: _Blocks, rows: NDArray[np.int64]) -> SteadyInterval:
+def _interval(blocks: _Blocks, rows: NDArray[np.int64]) -> SteadyInterval:
     around = slice(max(0, rows[0] - 2), rows[-1] + 3)
     apparent, contact = blocks.apparent_k[rows], blocks.contact_k[rows]
     return SteadyInterval(
@@ -237,7 +259,7 @@ def _stretch(blocks: _Blocks, rows: NDArray[np.int64]) -> SteadyInterval:
 
 
 def _scatter(values: FloatArray) -> float:
-    """Standard error of the mean of values, their trend taken out."""
+    """Standard error of the mean of values after removing their trend."""
     if values.size < 4:
         return 0.0
     at = np.arange(values.size)

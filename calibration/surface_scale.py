@@ -1,8 +1,8 @@
 """One scale kappa for the differences between beds, from several beds of known slope.
 
-Each bed by itself gives a kappa (measured over true ``delta S / S``); here they are taken together. Where
-they disagree by more than noise, the disagreement is the uncertainty. What single parameters are, albedo,
-emissivity, exchange, temperatures cannot tell.
+Each bed gives a kappa (measured over true ``delta S / S``); here they are pooled. Where they disagree by
+more than noise, the disagreement is the uncertainty. Temperatures cannot separate albedo, emissivity and
+exchange.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from fieldkit.calibration.uncertainty import COVERAGE_FACTOR, Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
 
-LEAST, MOST = 0.3, 3.0
-LARGEST_UNCERTAINTY = 0.25
+MIN_KAPPA, MAX_KAPPA = 0.3, 3.0
+MAX_UNCERTAINTY = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class BedScale:
-    """kappa of one bed, its standard uncertainty from noise, its change with the inclinometer's error."""
+    """kappa of one bed, its standard uncertainty from noise, and its change with the inclinometer's error."""
 
     kappa: float
     kappa_sd: float
@@ -31,7 +31,7 @@ class BedScale:
 
 @dataclass(frozen=True, slots=True)
 class PooledScale:
-    """kappa of all beds together with its budget."""
+    """kappa of all beds with its budget."""
 
     kappa: float
     budget: tuple[Contribution, ...]
@@ -49,14 +49,25 @@ class PooledScale:
 
 
 def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
-    """The weighted mean of the beds' scales.
+    """Weighted mean of the beds' scales.
 
-    Weights allow for noise and for the inclinometer; each bed's inclinometer error counts as its own.
+    Weights allow for noise and for the inclinometer, whose error is independent from bed to bed.
+
+    Parameters
+    ----------
+    beds
+        Scale of each bed, by name.
+    tilt_sd_deg
+        Standard uncertainty of the inclinometer. [degrees]
+
+    Returns
+    -------
+    The pooled scale with its budget.
 
     Raises
     ------
     CalibrationError
-        Without a bed, with a scale no surface has, or if the beds disagree by more than a quarter.
+        Without a bed, for a scale outside 0.3 to 3, or if the beds disagree by more than 0.25.
     """
     if not beds:
         raise CalibrationError(
@@ -85,12 +96,12 @@ def pool(beds: Mapping[str, BedScale], tilt_sd_deg: float) -> PooledScale:
 
 def _refuse(found: PooledScale, beds: Mapping[str, BedScale]) -> None:
     each = ", ".join(f"{name} {bed.kappa:.2f}" for name, bed in beds.items())
-    if not LEAST < found.kappa < MOST:
+    if not MIN_KAPPA < found.kappa < MAX_KAPPA:
         raise CalibrationError(
             f"the scale would be {found.kappa:.2f} ({each}), which no surface has",
             fix="check irradiance (eq. (10) counts 400-700 nm only), the beds' azimuths, the clock",
         )
-    if found.standard_uncertainty > LARGEST_UNCERTAINTY:
+    if found.standard_uncertainty > MAX_UNCERTAINTY:
         raise CalibrationError(
             f"the beds disagree: {each}",
             fix="are two regions exchanged, or a tilt or azimuth wrong? use one bed with --bed to see",

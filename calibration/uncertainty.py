@@ -1,4 +1,4 @@
-"""An uncertainty budget after the GUM: its lines, their sum, and which of them to work on first."""
+"""Uncertainty budget after the GUM (JCGM 100): contributions and their combined uncertainty."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 COVERAGE_FACTOR = 2.0
-"""k of every expanded uncertainty here, about 95 %."""
+"""Coverage factor k of expanded uncertainties, about 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """One line of a budget: what is uncertain and by how much, and what that does to the result.
+    """One line of an uncertainty budget: its standard uncertainty, and the effect of that on the result.
 
-    `uncertainty` is a standard uncertainty in `unit`; `effect` is the change of the result with it, signed.
-    Kind A is evaluated from the scatter of the data, kind B from elsewhere (JCGM 100).
+    `uncertainty` is a standard uncertainty in `unit`; `effect` is the signed change of the result for it.
+    Kind A is evaluated from the scatter of the data, kind B by other means (JCGM 100).
     """
 
     name: str
@@ -27,19 +27,42 @@ class Contribution:
 
 
 def combined_uncertainty(budget: Sequence[Contribution]) -> float:
-    """Standard uncertainty of the result: root of the sum of squares of independent effects."""
+    """Combined standard uncertainty: root sum of squares of independent effects.
+
+    Parameters
+    ----------
+    budget
+        Contributions.
+
+    Returns
+    -------
+    In the unit of the result.
+    """
     return math.hypot(*(line.effect for line in budget))
 
 
 def largest(budget: Sequence[Contribution]) -> Contribution:
-    """The contribution to work on first."""
+    """The contribution with the largest effect."""
     return max(budget, key=lambda line: abs(line.effect))
 
 
 def effective_freedom(budget: Sequence[Contribution], freedom: int) -> float:
-    """Effective degrees of freedom (Welch and Satterthwaite, JCGM 100 G.4.1).
+    """Effective degrees of freedom after Welch and Satterthwaite.
 
-    `freedom` are those of the lines of kind A together; what is of kind B counts as known well.
+    Parameters
+    ----------
+    budget
+        Contributions; those of kind B are taken as exactly known.
+    freedom
+        Degrees of freedom of the contributions of kind A together.
+
+    Returns
+    -------
+    Infinite without a contribution of kind A.
+
+    References
+    ----------
+    .. [1] JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.4.1.
     """
     scatter = combined_uncertainty([line for line in budget if line.kind == "A"])
     return math.inf if scatter == 0.0 else freedom * (combined_uncertainty(budget) / scatter) ** 4

@@ -1,8 +1,8 @@
-"""Offsets between regions from a uniform target seen by all of them, before and after a session.
+"""Offsets between regions from a uniform target in view of all of them, before and after a session.
 
-What the slope method feels is the difference between regions, and averaging does not take a constant one
-away. A target of one temperature over all regions (cardboard in the shade, a lid) shows it. Offsets are
-brightness temperatures, measured minus the reference's; kelvin.
+The slope method uses differences between regions, and averaging does not remove a constant one. A target of
+uniform temperature over all regions (cardboard in the shade, a lid) shows it. Offsets are brightness
+temperatures of a region less that of the reference; kelvin.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ from dataclasses import dataclass
 
 from fieldkit.calibration.uncertainty import Contribution, combined_uncertainty
 from fieldkit.model.errors import CalibrationError
+from fieldkit.model.units import HOUR_NS
 
-LARGEST_OFFSET_K = 3.0
-"""Beyond what cameras do between their pixels: then the regions did not see one target."""
+MAX_OFFSET_K = 3.0
+"""Larger than differences between pixels of a camera: the regions did not view one target."""
 STEADY_K = 0.3
-"""How far regions may drift apart during one look."""
+"""How far regions may drift apart during one view."""
 
 
 @dataclass(frozen=True, slots=True)
 class TargetView:
-    """Offsets of regions and their standard errors in one look at the target; `time_ns` is its middle.
+    """Offsets of regions and their standard errors from one view of the target; `time_ns` is its middle.
 
-    `change_k` is how far a region drifted against the reference during the look.
+    `change_k` is how far a region drifted against the reference during the view.
     """
 
     time_ns: int
@@ -35,7 +36,7 @@ class TargetView:
 
 @dataclass(frozen=True, slots=True)
 class Uniformity:
-    """Offsets to use, their budgets, and how they drifted between two looks (NaN after one)."""
+    """Offsets to use, their budgets, and their drift between two views (NaN after one)."""
 
     offset_k: Mapping[str, float]
     budget: Mapping[str, tuple[Contribution, ...]]
@@ -47,21 +48,34 @@ class Uniformity:
 
     @property
     def worst(self) -> str:
-        """The region whose offset is known least well."""
+        """The region whose offset has the largest uncertainty."""
         return max(self.budget, key=self.standard_uncertainty_k)
 
 
 def uniformity(
     before: TargetView, after: TargetView | None = None, *, target_sd_k: float = 0.05
 ) -> Uniformity:
-    """Offsets from one look, or the mean of two with half their change as a bound of what lay between.
+    """Offsets from one view, or the mean of two, with half their change as a bound for the time between.
 
-    `target_sd_k` is how uniform the target itself was. Raises `CalibrationError` where the regions
-    cannot have seen one target.
+    Parameters
+    ----------
+    before, after
+        Views of the target.
+    target_sd_k
+        Standard uncertainty of the target's own uniformity. [K]
+
+    Returns
+    -------
+    Offsets by region, with budgets and drifts.
+
+    Raises
+    ------
+    CalibrationError
+        If the regions cannot have viewed one uniform target.
     """
     views = [before] if after is None else sorted((before, after), key=lambda view: view.time_ns)
     _refuse_no_target(views)
-    hours = (views[-1].time_ns - views[0].time_ns) / 3.6e12
+    hours = (views[-1].time_ns - views[0].time_ns) / HOUR_NS
     regions = list(before.offset_k)
     change = {name: views[-1].offset_k[name] - views[0].offset_k[name] for name in regions}
     return Uniformity(
@@ -74,9 +88,9 @@ def uniformity(
 def _refuse_no_target(views: list[TargetView]) -> None:
     for view in views:
         for name, offset in view.offset_k.items():
-            if not abs(offset) <= LARGEST_OFFSET_K:
+            if not abs(offset) <= MAX_OFFSET_K:
                 raise CalibrationError(
-                    f"{name} differs from the reference by {offset:+.1f} K: they did not see one target",
+                    f"{name} differs from the reference by {offset:+.1f} K: they did not view one target",
                     fix="put one board over all regions, in the shade, and let it settle for ten minutes",
                 )
         if view.change_k > STEADY_K:
@@ -86,7 +100,7 @@ def _refuse_no_target(views: list[TargetView]) -> None:
             )
     if any(view.offset_k.keys() != views[0].offset_k.keys() for view in views):
         raise CalibrationError(
-            "the regions before and after are not the same", fix="take both looks with the same regions"
+            "the regions before and after are not the same", fix="take both views with the same regions"
         )
 
 

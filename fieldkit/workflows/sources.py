@@ -15,7 +15,7 @@ import tomlkit
 from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
-from fieldkit.model.errors import ConfigError, FieldkitError, SessionError
+from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import SessionReader, open_session
 
@@ -36,7 +36,9 @@ def reading(path: Path) -> Iterator[SessionReader]:
     except FieldkitError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise SessionError(f"{path} cannot be read: {error}", fix=f"fieldkit check {path}") from error
+        raise SessionError(
+            f"{path} cannot be read: {message_of(error)}", fix=f"fieldkit check {path}"
+        ) from error
 
 
 def notify_damage(session: SessionReader, notify: Callable[[str], None]) -> None:

@@ -190,11 +190,11 @@ def twice_corrected(sample: Sample) -> Sample:
     ("change", "options", "said"),
     [
         (in_fahrenheit, (), "°F"),
-        (ten_minutes_late, (), "moved by -10"),
+        (ten_minutes_late, (), "shifted by -10"),
         (twice_corrected, ("--reflected", "-44"), "applied an emissivity|apply an emissivity"),
         (None, ("--region", "steep"), "follows the probe T3, not T1"),
-        (None, ("--reflected", "0"), "from what it mirrors"),
-        (None, ("--reflected", "free"), "cannot be told apart"),
+        (None, ("--reflected", "0"), "from what it reflects"),
+        (None, ("--reflected", "free"), "cannot be separated"),
     ],
     ids=["fahrenheit", "clock", "twice", "bed", "contrast", "span"],
 )

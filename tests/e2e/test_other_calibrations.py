@@ -365,4 +365,4 @@ def test_a_board_before_and_after_gives_offsets_drift_and_a_record_that_corrects
 def test_what_is_no_uniform_target_is_refused(three_beds: Path, tmp_path: Path) -> None:
     session = tmp_path / "beds.h5"
     session.write_bytes(three_beds.read_bytes())
-    assert "did not see one target" in fieldkit("calibrate", "uniformity", session, code=8).output
+    assert "did not view one target" in fieldkit("calibrate", "uniformity", session, code=8).output

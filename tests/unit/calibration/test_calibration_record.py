@@ -95,7 +95,7 @@ def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
         save(record, tmp_path)
     assert find("dry-silica-sand", tmp_path)[0].value == 0.93
     assert find("20261210T013000Z-dry-silica-sand", tmp_path)[0].value == 0.915
-    with pytest.raises(ConfigError, match="there is no calibration 'sand'") as missing:
+    with pytest.raises(ConfigError, match="no calibration named 'sand'") as missing:
         find("sand", tmp_path)
     assert "dry-silica-sand" in (missing.value.fix or "")
 
@@ -105,9 +105,9 @@ def test_the_newest_of_a_name_is_found_and_an_older_one_by_its_file(tmp_path):
     [
         ("schema = 2", "layout 2"),
         ("schema =", "not valid TOML"),
-        ("schema = 1\nname = 'x'", "no calibration record"),
-        (to_toml(SAND).replace('"emissivity"', '"colour"', 1), "kind known here"),
-        (to_toml(SAND).replace("value = 0.915", "value = true"), "no calibration record"),
+        ("schema = 1\nname = 'x'", "not a calibration record"),
+        (to_toml(SAND).replace('"emissivity"', '"colour"', 1), "of a known kind"),
+        (to_toml(SAND).replace("value = 0.915", "value = true"), "not a calibration record"),
     ],
 )
 def test_what_is_no_record_is_refused(text, said):

@@ -130,7 +130,7 @@ def test_a_flat_response_is_the_flat_band():
     ("given", "options", "said", "fix"),
     [
         (pairs((45.0, 50.0)), {}, "2 steady pairs", "3 temperatures"),
-        (pairs((20.0, 24.0, 30.0), sky_c=18.0), {}, "from what it mirrors", "heat the sample"),
+        (pairs((20.0, 24.0, 30.0), sky_c=18.0), {}, "from what it reflects", "heat the sample"),
         (pairs((40.0, 44.0, 48.0)), {"reflected": "free"}, "spans 8 K", "foil"),
         (pairs(noise_k=8.0), {}, "not determined", "scatter of the pairs"),
         (pairs(emissivity=1.0, sky_c=-20.0), {}, "", ""),
@@ -159,7 +159,7 @@ def test_an_emissivity_applied_twice_cannot_be():
     twice = tape_temperature_k(
         truth.contact_k, 0.90, truth.reflected_k
     )  # corrected by the camera, then again
-    with pytest.raises(CalibrationError, match="cannot be") as refused:
+    with pytest.raises(CalibrationError, match="is impossible") as refused:
         fit_emissivity(replace(truth, apparent_k=twice), NO_ERROR)
     assert "emissivity already" in (refused.value.fix or "")
 

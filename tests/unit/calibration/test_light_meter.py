@@ -74,7 +74,7 @@ def test_too_little_and_what_does_not_go_together_is_refused():
     plane = np.linspace(300.0, 600.0, 100)
     with pytest.raises(CalibrationError, match="only 5 steady minutes"):
         light_factor(plane[:5] / 0.009, plane[:5])
-    with pytest.raises(CalibrationError, match="do not go together"):
+    with pytest.raises(CalibrationError, match="the instruments disagree"):
         light_factor(plane[::-1] / 0.009, plane)  # as with a wrong zone: rising beside falling
 
 

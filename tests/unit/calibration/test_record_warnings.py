@@ -25,12 +25,12 @@ def test_a_fresh_record_of_this_camera_is_not_doubted():
 @pytest.mark.parametrize(
     ("streams", "days", "said"),
     [
-        ([CAMERA], 400, "400 days old and was good until 2027-12-10"),
+        ([CAMERA], 400, "400 days old and was valid until 2027-12-10"),
         ([CAMERA], -2, "after now"),
         ([replace(CAMERA, serial_number="13")], 1, "made with Lepton serial 12; here is Lepton serial 13"),
         ([replace(CAMERA, name="thermal", model="Boson")], 1, "here is Boson serial 12"),
         ([replace(CAMERA, settings={"gain": "low"})], 1, "in range high; here is low"),
-        ([LUX], 1, "which is not here"),
+        ([LUX], 1, "which is not connected"),
     ],
 )
 def test_age_and_mismatch_are_warnings(streams, days, said):

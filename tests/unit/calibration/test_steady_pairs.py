@@ -84,7 +84,7 @@ def test_clocks_that_differ_between_logs_are_found(late_min):
     readings = day(120, swing)
     shifted = replace(readings, contact_ns=readings.contact_ns + late_min * MINUTE)
     assert best_lag_s(shifted) == pytest.approx(-60.0 * late_min, abs=30.0)
-    with pytest.raises(CalibrationError, match=re.escape(f"moved by {-late_min:+.1f} min")) as refused:
+    with pytest.raises(CalibrationError, match=re.escape(f"shifted by {-late_min:+.1f} min")) as refused:
         refuse_shifted_clocks(shifted)
     assert "--offset" in (refused.value.fix or "")
 

@@ -199,7 +199,7 @@ def test_doctor_doubts_an_old_calibration(tmp_path):
     text = '\n[surface]\nemissivity = "@sand"\n[irradiance]\nmodel = "calibrated"\nfactor = "@roof"\n'
     checks = configuration_checks(tmp_path / "hill", text)
     assert checks["surface.emissivity"]["level"] == "warn"
-    assert "was good until 2021-01-01" in checks["surface.emissivity"]["text"]
+    assert "was valid until 2021-01-01" in checks["surface.emissivity"]["text"]
     assert checks["surface.emissivity"]["fix"] == "fieldkit calibrate emissivity"
     assert checks["irradiance.factor"]["level"] == "ok"
 

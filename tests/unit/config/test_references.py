@@ -104,7 +104,7 @@ def test_a_light_meters_uncertainty_counts_only_where_its_factor_does(folder):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('[surface]\nemissivity = "@mud"\n', "toml:5: surface.emissivity: there is no calibration 'mud'"),
+        ('[surface]\nemissivity = "@mud"\n', "toml:5: surface.emissivity: no calibration named 'mud'"),
         ('[surface]\nemissivity = "@beds"\n', "of kind surface, not emissivity"),
         ('[surface]\nemissivity = "sand"\n', "expected a number"),
         (REGIONS.replace("b15", "b16"), "has no value for region 'b16'; it has b15"),
