@@ -526,10 +526,29 @@ def _in_turn(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
 
 
 def open_session(path: str | Path) -> SessionReader:
-    """Open a session for reading.
+    """Open a session for reading, also while it is recorded or after a crash.
 
-    Raises `SessionError` where the path holds no session, one of a newer version, or one
-    too damaged to read; the error's `fix` is the next step.
+    Parameters
+    ----------
+    path : str or Path
+        The session file, ``NAME.h5``.
+
+    Returns
+    -------
+    SessionReader
+        Open until it is closed; best used in a ``with`` statement.
+
+    Raises
+    ------
+    SessionError
+        The path holds no session, one of a newer version, or one too damaged to read; the error's `fix` is
+        the next step.
+
+    Examples
+    --------
+    >>> with open_session("recordings/20261211T025512Z-three-beds.h5") as session:  # doctest: +SKIP
+    ...     frames = session["camera"].kelvin(0, 10)
+    ...     lux = session["lux"].to_pandas()
     """
     return open_as(SessionReader, path)
 
@@ -540,7 +559,8 @@ S = TypeVar("S", bound=SessionReader)
 def open_as(kind: type[S], path: str | Path) -> S:
     """Open a session as an object of a class that extends `SessionReader`; raises as `open_session`."""
     path = Path(path)
-    is_written = is_locked(journal_path(path))  # asked first: one that releases it later has sealed it
+    # before the file is opened: a writer that releases the lock in between has sealed it
+    is_written = is_locked(journal_path(path))
     if _is_closed(path):
         unfinished = "recording" if is_written else "interrupted"  # to compare it may take minutes
         return _opened(kind, path, lambda: h5py.File(path, "r"), unfinished=unfinished)

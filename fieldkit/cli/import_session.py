@@ -143,10 +143,10 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
 
 def _print(made: ImportedSession) -> None:
     if options().json:
-        remarks = [text for _, text in made.remarks]
-        print_json({"session": str(made.path), "samples": made.samples, "remarks": remarks})
+        notes = [text for _, text in made.notes]
+        print_json({"session": str(made.path), "samples": made.samples, "remarks": notes})
         return
-    for severity, text in made.remarks:
+    for severity, text in made.notes:
         say(f"  {'warning: ' if severity is Severity.WARNING else ''}{text}")
     counts = ", ".join(f"{name} {count}" for name, count in made.samples.items())
     click.echo(f"{made.path}  {counts} samples, {made.size_bytes / 1e6:.1f} MB")

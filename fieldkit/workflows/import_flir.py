@@ -67,9 +67,9 @@ def read_flir(source: Path, name: str) -> ImportedRecording:
     first, files, skipped = _scanned(source)
     time_ns = [stamp for file in files for stamp in file.time_ns]
     samples: Iterable[Frame] = _Frames(files, name)
-    rate_hz, remarks = usual_rate_hz(time_ns), skipped
+    rate_hz, notes = usual_rate_hz(time_ns), skipped
     if not source.is_dir():  # in a folder each frame was taken by hand, at no rate
-        samples, remarks = flag_bunched(partial(_Frames, files, name), time_ns)
+        samples, notes = flag_bunched(partial(_Frames, files, name), time_ns)
         rate_hz = first.rate_hz
     damages = tuple((Severity.WARNING, file.damage) for file in files if file.damage)
     info = StreamInfo(
@@ -78,7 +78,7 @@ def read_flir(source: Path, name: str) -> ImportedRecording:
         serial_number=first.serial_number, settings=flir_file.settings(first),
     )  # fmt: skip
     note = "times are the camera's own clock; the emissivity set in the camera was not applied"
-    return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *remarks))
+    return ImportedRecording((info,), samples, ((Severity.INFO, note), *damages, *notes))
 
 
 def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:

@@ -89,18 +89,18 @@ class ImportOptions:
 class ImportedSession:
     """A session made from another program's recording; `samples` counts those of each stream.
 
-    `remarks` tell how the recording was read: those of `Severity.WARNING` may change results.
+    `notes` tell how the recording was read: those of `Severity.WARNING` may change results.
     """
 
     path: Path
     samples: dict[str, int]
     size_bytes: int
-    remarks: tuple[tuple[Severity, str], ...]
+    notes: tuple[tuple[Severity, str], ...]
 
     @classmethod
     def of(cls, report: SealReport, recording: ImportedRecording) -> ImportedSession:
         """What a sealed session and the recording it was made from have to report."""
-        return cls(report.path, report.counts, report.bytes, recording.remarks)
+        return cls(report.path, report.counts, report.bytes, recording.notes)
 
 
 def import_recording(
@@ -239,7 +239,7 @@ def _warned_of_irradiance(session: SessionReader, recording: ImportedRecording) 
 
 
 def _warned(recording: ImportedRecording, text: str) -> ImportedRecording:
-    return replace(recording, remarks=(*recording.remarks, (Severity.WARNING, text)))
+    return replace(recording, notes=(*recording.notes, (Severity.WARNING, text)))
 
 
 def _default_path(config: Config | None, recording: ImportedRecording, source: Path) -> Path:

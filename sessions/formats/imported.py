@@ -38,7 +38,7 @@ class ImportedRecording:
 
     streams: tuple[StreamInfo, ...]
     samples: Iterable[Sample]
-    remarks: tuple[tuple[Severity, str], ...] = ()
+    notes: tuple[tuple[Severity, str], ...] = ()
     site: Site | None = None
 
 
@@ -91,7 +91,7 @@ def write_imported(path: Path, header: SessionHeader, imported: ImportedRecordin
     writer = SessionWriter(path, header, clock)
     try:
         _tell(writer, clock, Severity.INFO, f"imported from {source}")
-        for severity, text in imported.remarks:
+        for severity, text in imported.notes:
             _tell(writer, clock, severity, text)
         for sample in _chain(first, samples):
             clock.now_ns = max(clock.now_ns, sample.time_ns)
@@ -181,8 +181,8 @@ def parse_times_ns(texts: Sequence[str], zone: tzinfo | None, time_format: str |
     }
     for row, moment in moments.items():
         if _hours_back(moment) < 0:
-            said = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
-            raise ConfigError(said, fix=_fixed_offset(moment))
+            note = f"{texts[row]!r} does not exist in {moment.tzinfo}: clocks were put forward over it"
+            raise ConfigError(note, fix=_fixed_offset(moment))
     for row in _second_times(moments, texts):
         moments[row] = moments[row].replace(fold=1)
     return [utc_ns(moments[row]) if known is None else known for row, known in enumerate(exact)]

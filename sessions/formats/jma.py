@@ -166,7 +166,7 @@ def _foreign(
                 Reading(info.name, time_ns, time_ns, tuple(_value(item, row, step) for item in ours))
             )
     readings.sort(key=lambda reading: reading.time_ns)
-    return ImportedRecording(tuple(streams), readings, tuple(_remarks(path, items, body, step)))
+    return ImportedRecording(tuple(streams), readings, tuple(_notes(path, items, body, step)))
 
 
 def _stream(name: str, kind: _Kind, labels: tuple[str, ...], step: timedelta) -> StreamInfo:
@@ -184,7 +184,7 @@ def _to_middle(kind: _Kind, step: timedelta) -> timedelta:
     return -step / 2 if kind.is_sum else timedelta(0)
 
 
-def _remarks(
+def _notes(
     path: Path, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
 ) -> Iterator[tuple[Severity, str]]:
     values = "hourly" if step < _DAY else "daily"
@@ -323,8 +323,8 @@ def read_radiation_table(path: Path, name: str) -> ImportedRecording:
         f"{name}-{word}", quantity, "W m-2", (1,), measures=(component,), rate_hz=1 / 3600, driver="import",
         vendor=VENDOR, model=f"station {named[4]}",
     )  # fmt: skip
-    said = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
-    return ImportedRecording((info,), readings, ((Severity.INFO, said),))
+    note = f"{path.name}: hourly sums of {len(days)} days as means, stamped at half past, from Japan's time"
+    return ImportedRecording((info,), readings, ((Severity.INFO, note),))
 
 
 def _readings(path: Path, stream: str, first: datetime, days: list[tuple[int, list[float]]]) -> list[Reading]:

@@ -102,13 +102,13 @@ def read_log(
     ]
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
     applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
-    said = f"{path.name}: {len(rows)} rows{applied}"
+    note = f"{path.name}: {len(rows)} rows{applied}"
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
     warnings = [
         *_warnings(*_without_value(rows, meant), unknown, rate_hz if table.averages else 0.0),
         *chain.from_iterable(map(_unmeasured, infos)),
     ]
-    return ImportedRecording(infos, ordered, ((Severity.INFO, said), *warnings))
+    return ImportedRecording(infos, ordered, ((Severity.INFO, note), *warnings))
 
 
 class _Column(NamedTuple):
@@ -244,14 +244,14 @@ def _warnings(
         yield Severity.WARNING, f"excluded for their unit: {', '.join(unknown)}; known units: {_KNOWN}"
     if means_hz > 0:
         half_s = 0.5 / means_hz
-        said = "means are stamped at their end; if no clock is wrong, import them with"
-        yield Severity.WARNING, f"{said} --offset -{half_s:g}s"
+        note = "means are stamped at their end; if no clock is wrong, import them with"
+        yield Severity.WARNING, f"{note} --offset -{half_s:g}s"
 
 
 def _unmeasured(info: StreamInfo) -> Iterator[tuple[Severity, str]]:
     if info.unit == UNIT and not info.measures:
-        said = f"what {', '.join(info.channels)} measures is not known, so slopes cannot use it"
-        yield Severity.WARNING, f"{said}: import it with --measures ghi, or {how_to_state(info.name)}"
+        note = f"what {', '.join(info.channels)} measures is not known, so slopes cannot use it"
+        yield Severity.WARNING, f"{note}: import it with --measures ghi, or {how_to_state(info.name)}"
 
 
 def _unit(cell: str) -> str:

@@ -48,8 +48,8 @@ def cut_to(session: SessionReader, imported: ImportedRecording) -> ImportedRecor
     excluded = sum(1 for _ in imported.samples) - sum(1 for _ in kept)
     if not excluded:
         return imported
-    said = f"{excluded} samples from before or after the session were left out"
-    return replace(imported, samples=kept, remarks=(*imported.remarks, (Severity.INFO, said)))
+    note = f"{excluded} samples from before or after the session were excluded"
+    return replace(imported, samples=kept, notes=(*imported.notes, (Severity.INFO, note)))
 
 
 def merge(session: SessionReader, imported: ImportedRecording, path: Path, source: str) -> SealReport:
@@ -80,7 +80,7 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
         for entry in session.entries():
             if not isinstance(entry, RegionRecord) or (entry.region.name, entry.region.vertices) not in drawn:
                 writer.put(entry)
-        for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.remarks):
+        for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.notes):
             now = clock.mono_ns()
             writer.event(Event(EventKind.IMPORTED, now, clock.to_utc_ns(now), text, "", severity))
         for sample in _by_time(session, imported.samples, steps):
@@ -121,14 +121,14 @@ def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedReco
     name, found = _best_stream(session, imported.streams, readings)
     shift_ns = round(found.offset_s * 1e9)
     moved = [one._replace(time_ns=one.time_ns + shift_ns, mono_ns=one.mono_ns + shift_ns) for one in readings]
-    said = (
+    note = (
         f"clock offset {found.offset_s:+.1f} s ± {found.uncertainty_s:.1f} s (k=2) found on {name}, "
         f"correlation {found.correlation:.3f}"
     )
-    remarks = [*imported.remarks, (Severity.INFO, said)]
+    notes = [*imported.notes, (Severity.INFO, note)]
     if abs(found.offset_s) > _ZONE_S:
-        remarks.append((Severity.WARNING, "too much for a clock's drift: check --zone and summer time"))
-    return ImportedRecording(imported.streams, moved, tuple(remarks), imported.site)
+        notes.append((Severity.WARNING, "too much for a clock's drift: check --zone and summer time"))
+    return ImportedRecording(imported.streams, moved, tuple(notes), imported.site)
 
 
 def _best_stream(

@@ -46,7 +46,7 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
     It is read twice, once for its stamps, and never kept whole. Raises `ConfigError` where the
     file is not such a recording.
     """
-    remarks: list[tuple[Severity, str]] = []
+    notes: list[tuple[Severity, str]] = []
     time_ns: list[int] = []
     median = float("nan")
     try:
@@ -55,14 +55,14 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
                 median = float(np.median(frame.counts)) / 100.0
             time_ns.append(frame.time_ns)
     except gzip.BadGzipFile:
-        remarks.append((Severity.WARNING, f"{path.name} does not match its checksum: frames may be wrong"))
+        notes.append((Severity.WARNING, f"{path.name} does not match its checksum: frames may be wrong"))
     except (EOFError, OSError, zlib.error):
-        remarks.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was excluded"))
+        notes.append((Severity.WARNING, f"{path.name} ends within frame {len(time_ns)}: it was excluded"))
     scale = 0.01 if _PLAUSIBLE_K[0] <= median <= _PLAUSIBLE_K[1] else float("nan")
     if scale == scale:
-        remarks.append((Severity.INFO, f"counts taken as K/100: the first frame's median is {median:.1f} K"))
+        notes.append((Severity.INFO, f"counts taken as K/100: the first frame's median is {median:.1f} K"))
     else:
-        remarks.append((Severity.WARNING, "the counts are not K/100 (TLinear off): temperatures unknown"))
+        notes.append((Severity.WARNING, "the counts are not K/100 (TLinear off): temperatures unknown"))
     with gzip.open(path) as file:
         shape, rate_hz = _header(path, file)
     flagged, bunches = flag_bunched(lambda: _frames(path, name), time_ns)
@@ -70,7 +70,7 @@ def read_purethermal(path: Path, name: str = "camera") -> ImportedRecording:
         name, "brightness_temperature", "K", shape, scale,
         rate_hz=rate_hz, driver="import", vendor="GroupGets", model="PureThermal",
     )  # fmt: skip
-    return ImportedRecording((info,), flagged, (*remarks, *bunches))
+    return ImportedRecording((info,), flagged, (*notes, *bunches))
 
 
 def _frames(path: Path, name: str) -> Iterator[Frame]:

@@ -38,8 +38,8 @@ def read_station(path: Path, name: str) -> ImportedRecording:
         for info, value in zip(streams, row, strict=True)
     ]
     minutes = half_step_ns(weather.time_ns) / 30e9
-    said = f"{weather.source}: {weather.time_ns.size} means of {minutes:g} min, stamped in their middle"
-    return ImportedRecording(streams, readings, ((Severity.INFO, said),), weather.site)
+    note = f"{weather.source}: {weather.time_ns.size} means of {minutes:g} min, stamped in their middle"
+    return ImportedRecording(streams, readings, ((Severity.INFO, note),), weather.site)
 
 
 def _stream(name: str, key: str, weather: Weather) -> StreamInfo:

@@ -68,7 +68,7 @@ def read_stills(
             f"{source} has no frames with temperatures",
             fix="name the folder that has the .tif, .tiff or .irg files, or FLIR's .jpg, .fff or .seq",
         )
-    first, own, remarks = _first(paths)
+    first, own, notes = _first(paths)
     if scale is None and own is None:
         raise ConfigError(
             f"what one count of these {_kind(paths[0])} frames means is not known",
@@ -83,7 +83,7 @@ def read_stills(
         known.kelvin_at_zero, rate_hz=usual_rate_hz(time_ns), driver="import",
     )  # fmt: skip
     flagged, bunches = flag_bunched(lambda: _frames(ordered, time_ns, info), time_ns)
-    return ImportedRecording((info,), flagged, (*remarks, *bunches))
+    return ImportedRecording((info,), flagged, (*notes, *bunches))
 
 
 def _stamps(
@@ -117,8 +117,8 @@ def _first(
         return _tiff(paths[0]), _own_scale(paths), ()
     frame = read_irg(paths[0])
     own = None if math.isnan(frame.kelvin_per_count) else Scale(frame.kelvin_per_count)
-    said = f"the camera's emissivity was {frame.emissivity:g}; whether the counts allow for it is not known"
-    return frame.counts, own, ((Severity.WARNING, said),)
+    note = f"the camera's emissivity was {frame.emissivity:g}; whether the counts allow for it is not known"
+    return frame.counts, own, ((Severity.WARNING, note),)
 
 
 def _own_scale(paths: Sequence[Path]) -> Scale | None:

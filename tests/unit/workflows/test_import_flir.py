@@ -79,7 +79,7 @@ def test_a_folder_of_radiometric_jpegs_is_a_recording_in_order_of_time(tmp_path:
     assert [frame.device_seq for frame in frames] == [0, 1, 2]
     assert not any(frame.quality for frame in frames)
     assert recording.streams[0].rate_hz == 0.1
-    (warning,) = [text for severity, text in recording.remarks if severity is Severity.WARNING]
+    (warning,) = [text for severity, text in recording.notes if severity is Severity.WARNING]
     assert warning.startswith("skipped, without temperatures: DC_0002.jpg (a JPEG without")
     assert warning.endswith("and 1 more")
 
@@ -123,6 +123,6 @@ def test_flir_sequence_with_a_damaged_end_gives_what_stands_before_it(tmp_path: 
     (tmp_path / "a.seq").write_bytes(whole + damage)
     recording = read_flir(tmp_path / "a.seq", "camera")
     assert len(list(recording.samples)) == 2
-    severity, words = recording.remarks[1]
+    severity, words = recording.notes[1]
     assert severity is Severity.WARNING
     assert "nothing after frame 2" in words

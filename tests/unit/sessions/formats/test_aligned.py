@@ -117,11 +117,11 @@ def test_log_is_moved_onto_the_sessions_curve_and_says_so(session: SessionReader
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
     assert first.mono_ns == first.time_ns
-    assert "s ± 1.0 s (k=2) found on thermometer" in moved.remarks[-1][1]
+    assert "s ± 1.0 s (k=2) found on thermometer" in moved.notes[-1][1]
 
 
 def test_whole_hours_are_suspected_to_be_a_zone(session: SessionReader, tmp_path: Path) -> None:
-    assert "check --zone" in aligned(session, log(tmp_path, 3600.0)).remarks[-1][1]
+    assert "check --zone" in aligned(session, log(tmp_path, 3600.0)).notes[-1][1]
 
 
 def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path: Path) -> None:
@@ -137,7 +137,7 @@ def test_regions_of_the_pictures_tell_the_offset_of_a_probe_in_the_sand(tmp_path
     write_imported(tmp_path / "a.h5", head, ImportedRecording((info,), frames), "here")
     with open_session(tmp_path / "a.h5") as session:
         moved = aligned(session, log(tmp_path, -20.0))
-    assert "found on region b05 of camera" in moved.remarks[-1][1]
+    assert "found on region b05 of camera" in moved.notes[-1][1]
     first = next(iter(moved.samples))
     assert (first.time_ns - START_NS) / 1e9 == pytest.approx(100.0, abs=1.0)
 

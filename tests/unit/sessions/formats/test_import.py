@@ -37,9 +37,9 @@ def written(path: Path, stamps_s: list[float], cut: int = 0, count: int = 29_500
 def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
     """Expected numbers: the README beside the recording."""
     source = shared("data/frames/purethermal3/thermal_20260512_151542.raw.y16.gz")
-    foreign = read_purethermal(source)
+    imported = read_purethermal(source)
     report = write_imported(
-        tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, source.name
+        tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, source.name
     )
     assert report.counts == {"camera": 82}
     with open_session(tmp_path / "a.h5") as session:
@@ -57,16 +57,16 @@ def test_real_recording_comes_through_whole(tmp_path: Path) -> None:
 
 def test_recording_cut_off_keeps_its_whole_frames(tmp_path: Path) -> None:
     path = written(tmp_path / "cut.raw.y16.gz", [1.7e9 + n / 9 for n in range(5)], cut=10)
-    foreign = read_purethermal(path)
-    assert len(list(foreign.samples)) == 4
-    assert len(list(foreign.samples)) == 4, "read again whenever asked for"
-    assert "ends within frame 4" in foreign.remarks[0][1]
+    imported = read_purethermal(path)
+    assert len(list(imported.samples)) == 4
+    assert len(list(imported.samples)) == 4, "read again whenever asked for"
+    assert "ends within frame 4" in imported.notes[0][1]
 
 
 def test_counts_that_are_no_kelvin_get_no_scale(tmp_path: Path) -> None:
-    foreign = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
-    assert np.isnan(foreign.streams[0].scale)
-    assert "TLinear off" in foreign.remarks[0][1]
+    imported = read_purethermal(written(tmp_path / "raw.raw.y16.gz", [1.7e9], count=8192))
+    assert np.isnan(imported.streams[0].scale)
+    assert "TLinear off" in imported.notes[0][1]
 
 
 @pytest.mark.parametrize(
@@ -124,11 +124,11 @@ def test_tiffs_are_ordered_by_their_stamps_and_keep_their_counts(tmp_path: Path)
     times.write_text(
         "file,time\na.tif,2026-05-12T10:00:01\nb.tiff,2026-05-12T10:00:02\nc.tif,2026-05-12T10:00:00.5\n"
     )
-    foreign = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
-    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    imported = read_stills(folder, Scale(0.04, 0.0), times=times, zone=ZoneInfo("Asia/Tokyo"))
+    frames = [frame for frame in imported.samples if isinstance(frame, Frame)]
     assert [int(frame.counts[0, 0]) for frame in frames] == [6900, 6901, 6902]
     assert frames[0].time_ns == 1_778_547_600_500_000_000  # 2026-05-12T01:00:00.5Z by date(1)
-    assert foreign.streams[0].scale == 0.04
+    assert imported.streams[0].scale == 0.04
 
 
 @pytest.mark.parametrize("mark", [";", "\t"])
@@ -142,12 +142,12 @@ def test_table_of_times_may_be_parted_otherwise_than_by_commas(tmp_path: Path, m
 
 def test_stamps_may_stand_in_the_names(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["IR_20260512T010000.tif", "IR_20260512T010001.tif"])
-    foreign = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
-    assert [frame.time_ns for frame in foreign.samples] == [
+    imported = read_stills(folder, Scale(float("nan")), time_format="IR_%Y%m%dT%H%M%S", zone=UTC)
+    assert [frame.time_ns for frame in imported.samples] == [
         1_778_547_600_000_000_000,
         1_778_547_601_000_000_000,
     ]
-    assert np.isnan(foreign.streams[0].scale)
+    assert np.isnan(imported.streams[0].scale)
 
 
 def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
@@ -175,15 +175,15 @@ def test_trouble_with_tiffs_is_told(tmp_path: Path) -> None:
 def test_failed_import_leaves_nothing(tmp_path: Path) -> None:
     folder = tiffs(tmp_path / "f", ["20260512T010000.tif", "20260512T010001.tif"])
     (folder / "20260512T010001.tif").write_bytes(b"not a picture")
-    foreign = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
+    imported = read_stills(folder, Scale(0.01), time_format="%Y%m%dT%H%M%S", zone=UTC)
     with pytest.raises(ConfigError):
-        write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "f")
+        write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "f")
     assert [path.name for path in tmp_path.iterdir()] == ["f"]
 
 
 def test_origin_is_told_in_an_event(tmp_path: Path) -> None:
-    foreign = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
-    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, foreign.streams), foreign, "a.gz")
+    imported = read_purethermal(written(tmp_path / "a.gz", [1.7e9, 1.7e9 + 0.1]))
+    write_imported(tmp_path / "a.h5", SessionHeader("t", SITE, imported.streams), imported, "a.gz")
     with open_session(tmp_path / "a.h5") as session:
         assert session.events()[0].kind is EventKind.IMPORTED
         assert session.events()[0].text == "imported from a.gz"
@@ -226,12 +226,12 @@ COUNTS = np.arange(18_000, 18_035, dtype=np.uint16).reshape(5, 7)
 def test_irg_pictures_are_tenths_of_a_kelvin_where_all_readers_agree(tmp_path: Path) -> None:
     for second, magic in enumerate((b"\xba\xab", b"\xb0\x0b")):
         (tmp_path / f"23020115291{second}.irg").write_bytes(irg(COUNTS // 6, magic))
-    foreign = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
-    frames = [frame for frame in foreign.samples if isinstance(frame, Frame)]
+    imported = read_stills(tmp_path, None, time_format="%y%m%d%H%M%S", zone=ZoneInfo("Europe/Amsterdam"))
+    frames = [frame for frame in imported.samples if isinstance(frame, Frame)]
     assert all(np.array_equal(frame.counts, COUNTS // 6) for frame in frames)
     assert frames[0].time_ns == 1_675_261_750_000_000_000  # 2023-02-01T14:29:10Z by date(1)
-    assert foreign.streams[0].scale == 0.1
-    assert "emissivity was 0.95" in foreign.remarks[0][1]
+    assert imported.streams[0].scale == 0.1
+    assert "emissivity was 0.95" in imported.notes[0][1]
 
 
 def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
@@ -240,8 +240,8 @@ def test_irg_pictures_of_disputed_scale_ask_for_it(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="what one count of these IRG") as caught:
         read_stills(path, None, time_format="%Y%m%d", zone=UTC)
     assert "0.0625" in (caught.value.fix or "")
-    foreign = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
-    assert foreign.streams[0].scale == 0.0625
+    imported = read_stills(path, Scale(1 / 16), time_format="%Y%m%d", zone=UTC)
+    assert imported.streams[0].scale == 0.0625
 
 
 @pytest.mark.parametrize(
@@ -274,11 +274,11 @@ def test_frames_that_came_in_bunches_are_flagged_whenever_they_are_read() -> Non
     time_ns[5] = time_ns[4] + 20_000_000
     counts = np.zeros((2, 2), np.uint16)
     frames = [Frame("ir", int(at), int(at), counts, counts[:0]) for at in time_ns]
-    flagged, remarks = flag_bunched(lambda: iter(frames), time_ns.tolist())
+    flagged, notes = flag_bunched(lambda: iter(frames), time_ns.tolist())
     for _ in range(2):
         late = [n for n, frame in enumerate(flagged) if frame.quality]
         assert late == [4, 5]
-    ((severity, said),) = remarks
+    ((severity, said),) = notes
     assert severity is Severity.WARNING
     assert said.startswith("2 of 12 ")
     steady, nothing = flag_bunched(lambda: iter(frames[6:]), time_ns[6:].tolist())

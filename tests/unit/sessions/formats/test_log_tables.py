@@ -53,9 +53,7 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     assert first.values == (293.65, 304.4)
     assert np.isnan(second.values[0])
     assert imported.streams[0].channels == ("Tair_Avg", "Tsand_Avg")
-    assert any(
-        "--offset -30s" in text for _, text in imported.remarks
-    )  # the rows stand at the ends of minutes
+    assert any("--offset -30s" in text for _, text in imported.notes)  # the rows stand at the ends of minutes
 
 
 def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
@@ -79,20 +77,20 @@ def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tm
     sun = LogColumns(values=("SWin_Avg",))
     unknown = read_log(path, "sun", zone=DENVER, columns=sun)
     assert unknown.streams[0].measures == ()
-    warned = [text for severity, text in unknown.remarks if severity is Severity.WARNING]
+    warned = [text for severity, text in unknown.notes if severity is Severity.WARNING]
     assert any("--measures ghi" in text and "irradiance.measures.sun" in text for text in warned)
     said = read_log(path, "sun", zone=DENVER, columns=sun, measures="ghi")
     assert said.streams[0].measures == ("ghi",)
     named = written(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"))
     imported = read_log(named, "sun", zone=DENVER, columns=LogColumns(values=("DNI_Avg",)))
     assert imported.streams[0].measures == ("dni",)
-    assert not any("--measures" in text for _, text in [*said.remarks, *imported.remarks])
+    assert not any("--measures" in text for _, text in [*said.notes, *imported.notes])
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
     imported = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
-    assert not any("--offset" in text for _, text in imported.remarks)
+    assert not any("--offset" in text for _, text in imported.notes)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])

@@ -69,7 +69,7 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     assert readings["logger-irradiance"][0] == (850.0,)
     times = [one.time_ns for one in imported.samples]
     assert times == sorted(times)
-    said = [text for _, text in imported.remarks]
+    said = [text for _, text in imported.notes]
     assert said[0] == "log.csv: 2 rows"
     assert "1 cells stand for no value (like -9999 or inf)" in said
     assert any("excluded for their unit: wind [m/s]" in text for text in said)

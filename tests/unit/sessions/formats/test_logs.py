@@ -41,7 +41,7 @@ def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
     assert second.values == (294.15, 292.15)
     (info,) = imported.streams
     assert (info.unit, info.channels, info.rate_hz) == ("K", ("T1", "T2"), 0.1)
-    assert "+12 s" in imported.remarks[0][1]
+    assert "+12 s" in imported.notes[0][1]
 
 
 def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
@@ -87,16 +87,16 @@ def test_numbers_that_stand_for_no_value_are_missing(
     imported = read_log(table(tmp_path, f"time,x [{unit}]\n{rows}"), "logger")
     values = [one.values[0] for one in imported.samples if isinstance(one, Reading)]
     assert np.isnan(values).sum() == missing
-    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in imported.remarks]
+    assert f"{missing} cells stand for no value (like -9999 or inf)" in [text for _, text in imported.notes]
 
 
 def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C],RH [%],P [hPa],note\n2026-05-12T01:00:00Z,3,40,1000,dry\n")
     imported = read_log(path, "logger")
     assert [
-        text for _, text in imported.remarks if text.startswith("excluded for their unit: RH [%], P [hPa];")
+        text for _, text in imported.notes if text.startswith("excluded for their unit: RH [%], P [hPa];")
     ]
-    assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).remarks) == 1
+    assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).notes) == 1
 
 
 def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_marks_in_numbers_between_semicolons_are_what_the_numbers_show(
     rows = "".join(f"2026-05-12T01:0{minute}:00Z;{cell}\n" for minute, cell in enumerate(cells))
     imported = read_log(table(tmp_path, f"time;E [lx]\n{rows}"), "lux")
     assert [one.values[0] for one in imported.samples if isinstance(one, Reading)] == expected
-    assert len(imported.remarks) == 1
+    assert len(imported.notes) == 1
 
 
 @pytest.mark.parametrize("mark", [";", "\t"])
@@ -209,8 +209,8 @@ def test_cells_that_are_not_numbers_are_counted(tmp_path: Path) -> None:
     path = table(
         tmp_path, "time,T1 [C]\n2026-05-12T01:00:00Z,ERR\n2026-05-12T01:01:00Z,\n2026-05-12T01:02:00Z,3\n"
     )
-    remarks = [text for _, text in read_log(path, "logger").remarks]
-    assert "1 cells are not numbers and have no value, such as 'ERR'" in remarks
+    notes = [text for _, text in read_log(path, "logger").notes]
+    assert "1 cells are not numbers and have no value, such as 'ERR'" in notes
 
 
 def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_log_that_ran_longer_is_cut_to_the_session(tmp_path: Path) -> None:
         found = [one.values[0] - 273.15 for one in cut.samples if isinstance(one, Reading)]
         # it is twenty milliseconds long: of readings a second apart, two on either side and the one within
         assert found == pytest.approx([-2, -1, 0, 1, 2], abs=1e-9)
-        assert "16 samples from before or after" in cut.remarks[-1][1]
+        assert "16 samples from before or after" in cut.notes[-1][1]
         assert merge(session, cut, tmp_path / "new.h5", "log.csv").counts["logger"] == 5
 
 

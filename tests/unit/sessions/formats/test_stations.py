@@ -69,8 +69,8 @@ def test_hourly_sums_become_means_in_the_middle_of_their_hour(tmp_path: Path) ->
     assert [one.values for one in readings(imported, "jma-wind")] == [(2.5,), (3.0,), (1.0,)]
     times = [one.time_ns for one in imported.samples if isinstance(one, Reading)]
     assert times == sorted(times)
-    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were excluded") in imported.remarks
-    assert any("風速: station or instrument changed" in text for _, text in imported.remarks)
+    assert (Severity.WARNING, "日射量: 1 values whose quality is not 8 were excluded") in imported.notes
+    assert any("風速: station or instrument changed" in text for _, text in imported.notes)
 
 
 def test_date_may_be_split_into_cells(tmp_path: Path) -> None:
