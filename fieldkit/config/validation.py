@@ -264,9 +264,9 @@ def _incomplete_pairs(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if ("width_px" in camera) != ("height_px" in camera):
         yield Mistake(("camera",), "width_px and height_px belong together")
     for path, region in _regions(document):
-        tilt = region.get("tilt_deg")
-        if isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
-            yield Mistake((*path, "tilt_deg"), "a tilted bed also needs azimuth_deg")
+        tilt, is_reference = region.get("tilt_deg"), region.get("kind") == "reference"
+        if is_reference and isinstance(tilt, int | float) and tilt > 0 and "azimuth_deg" not in region:
+            yield Mistake((*path, "tilt_deg"), "a tilted reference also needs azimuth_deg")
 
 
 def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:

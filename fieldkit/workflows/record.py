@@ -36,10 +36,10 @@ from fieldkit.recorder.marks import MarkInbox, marks_folder
 from fieldkit.recorder.recorder import Shown
 from fieldkit.sessions.layout import SessionHeader, journal_path
 from fieldkit.sessions.lock import SessionLock
-from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.workflows.running import session_in_progress
+from fieldkit.workflows.session import Session, open_session
 
 if TYPE_CHECKING:
     from fieldkit.workflows.campaign import Campaign
@@ -65,8 +65,8 @@ def record(
     allow_missing: bool = False,
     on_minute: Callable[[Minute], None] | None = None,
     notify: Notify = log.warning,
-) -> RecordedSession:
-    """Record a session of a campaign and seal it.
+) -> Session:
+    """Record a session of a campaign and seal it; the session, open for reading.
 
     No signal handler is installed: an interrupt (Ctrl-C, "stop" of a notebook) ends the recording at once
     and keeps its journal, from which ``fieldkit recover`` finishes the session. ``fieldkit record`` seals
@@ -110,7 +110,7 @@ def record(
         recorded = prepared.run(() if on_minute is None else (MinuteView(on_minute),))
     if recorded.summary.failure is not None:
         raise recorded.summary.failure
-    return recorded
+    return open_session(recorded.path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +119,6 @@ class RecordedSession:
 
     path: Path
     summary: Summary
-
-    def open(self) -> SessionReader:
-        """The session, for reading; a context manager."""
-        return open_session(self.path)
 
 
 @dataclass(frozen=True, slots=True)

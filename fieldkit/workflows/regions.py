@@ -199,8 +199,9 @@ class RegionInspection:
 
 
 def slope_text(region: Region) -> str:
-    """``15/180``, or a dash where the slope is not known."""
-    return "-" if math.isnan(region.tilt_deg) else f"{region.tilt_deg:g}/{region.azimuth_deg:g}"
+    """``15/180``, ``15`` where the azimuth is not known, or a dash."""
+    known = [f"{angle:g}" for angle in (region.tilt_deg, region.azimuth_deg) if not math.isnan(angle)]
+    return "-" if math.isnan(region.tilt_deg) else "/".join(known)
 
 
 def check_regions(

@@ -33,7 +33,8 @@ from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.series import series
 from fieldkit.weather import Weather, packaged, read_station_file
 from fieldkit.workflows.campaign import create_campaign
-from fieldkit.workflows.record import RecordedSession, record
+from fieldkit.workflows.record import record
+from fieldkit.workflows.session import Session
 
 PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
@@ -56,8 +57,8 @@ def simulate(
     duration: str | float = "20m",
     seed: int = 1,
     on_minute: Callable[[Minute], None] | None = None,
-) -> RecordedSession:
-    """Record a session on simulated instruments, as fast as possible.
+) -> Session:
+    """Record a session on simulated instruments, as fast as possible; the session, open for reading.
 
     Parameters
     ----------

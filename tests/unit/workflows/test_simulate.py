@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from fieldkit.model.errors import ConfigError, RefusedError
@@ -14,10 +16,9 @@ def own_home(tmp_path, monkeypatch):
 
 def test_a_session_is_simulated_with_the_beds_that_were_asked_for(tmp_path):
     minutes = []
-    recorded = simulate(
+    with simulate(
         tmp_path / "c", beds={"gentle": (10, 180), "west": (20, 270)}, duration="3m", on_minute=minutes.append
-    )
-    with recorded.open() as session:
+    ) as session:
         slopes = {region.name: (region.tilt_deg, region.azimuth_deg) for region in session.regions}
         assert session.state == "sealed"
         assert session.header.command_line == ""  # of a notebook it would name the kernel
@@ -38,8 +39,7 @@ def test_a_minute_callback_that_raises_does_not_end_the_recording(tmp_path):
     def fails(minute):
         raise ZeroDivisionError
 
-    recorded = simulate(tmp_path / "c", duration=150, on_minute=fails)
-    with recorded.open() as session:
+    with simulate(tmp_path / "c", duration=150, on_minute=fails) as session:
         assert session.state == "sealed"
         assert any("view stopped" in event.text for event in session.events())
 
@@ -50,6 +50,8 @@ def test_a_campaign_made_in_python_takes_regions_and_is_recorded(tmp_path):
     corner = campaign.config.regions[-1]
     assert (corner.name, corner.kind, corner.tilt_deg) == ("corner", RegionKind.TARGET, 7.0)
     assert corner.vertices == ((1, 1), (12, 1), (12, 12), (1, 12))
+    campaign.add_region("tilt-alone", rect=(20, 1, 12, 12), tilt_deg=15)  # the azimuth is not known
+    assert math.isnan(campaign.regions[-1].azimuth_deg)
     with pytest.raises(ConfigError, match="not a valid duration"):
         record(campaign, duration="soon")
     with pytest.raises(ConfigError, match="corners or a rectangle"):
