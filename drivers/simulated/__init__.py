@@ -1,9 +1,7 @@
-"""The simulated field: the far ends of the cables, looking at a scene.
+"""The far ends of simulated cables: instruments that look at a scene, read by the real drivers.
 
-Drivers stay the real ones. `terminal` is a serial line (a pseudo-terminal opened by
-pyserial on the other side), `meters` the light meter and the thermometer that answer on
-it, `lepton` the camera's source of buffers, `field` plugs them in. To simulate one more
-instrument, write its far end and add it to a table of `field`.
+`field` connects them, `lepton` is the camera's source of buffers, `meters` reply on a `pseudo_terminal`. To
+simulate another instrument, write its far end and add it to a table of `field`.
 """
 
 from fieldkit.drivers.simulated.field import PORT, SimulatedField
