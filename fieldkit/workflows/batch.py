@@ -54,18 +54,18 @@ class Run:
 
     @cached_property
     def bins_key(self) -> str:
-        """What its minutes are made of."""
+        """Digest of everything that its minute bins depend on."""
         return digest(self.source.checksum, self.site, self.source.regions, bin_settings(self.settings))
 
     @cached_property
     def key(self) -> str:
-        """What its slopes are made of."""
+        """Digest of everything that its slopes depend on."""
         return digest(self.bins_key, self.settings)
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run gave, and whether that was known before."""
+    """The estimates of a run, and whether they came from the cache."""
 
     run: Run
     estimates: Estimates
@@ -74,7 +74,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a run gave nothing."""
+    """Why a run has no estimates."""
 
     run: Run
     error: FieldkitError
@@ -87,9 +87,9 @@ def run_of(source: Source, settings: Sequence[str] = (), number: int = 0) -> Run
 
 
 def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
-    """The settings that enter the minutes themselves, everything else at its default.
+    """The settings that the minute bins depend on, everything else at its default.
 
-    From counts to surface temperature (emissivity, reflected temperature), from light reading
+    From counts to surface temperature (emissivity, reflected temperature), from light readings
     to DNI (streams, irradiance model, refraction), and what flags a minute (low sun, settling).
     """
     return EstimatorSettings(
@@ -240,7 +240,7 @@ def estimate_sessions(
 
 
 def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterator[Outcome | Failure]:
-    """The outcome of every run, in whatever order they come; each is cached before it is yielded.
+    """The outcome of every run, in the order they finish; each is cached before it is yielded.
 
     Sessions that cannot be read give failures, and the others go on.
     """
@@ -252,20 +252,20 @@ def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterat
             texts = tuple(str(text) for text in entry["texts"])
             yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions), cached=True)
     firsts = [same[0] for same in missing.values()]
-    for outcome in _Carrying(executor, cache).outcomes(firsts) if firsts else ():
+    for outcome in _RunScheduler(executor, cache).outcomes(firsts) if firsts else ():
         yield from (replace(outcome, run=run) for run in missing[outcome.run.key])
 
 
 @dataclass(frozen=True)
 class _Note:
-    """The runs a piece of work concerns, and what its result leads to: outcomes, or none and more work."""
+    """The runs that a piece of work is for, and what to do with its result: yield outcomes or submit more."""
 
     runs: Sequence[Run]
     follow: Callable[[Any], list[Outcome]]
 
 
-class _Carrying:
-    """Runs handed to an executor: first the minutes of each session, then slopes from the minutes."""
+class _RunScheduler:
+    """Runs on an executor: first the minute bins of each session, then slopes from the bins."""
 
     def __init__(self, executor: Executor, cache: Cache) -> None:
         # the estimator takes a second to import, more than all else where everything is known
@@ -286,7 +286,7 @@ class _Carrying:
                 yield from note.follow(made)
 
     def _begin(self, runs: Sequence[Run]) -> None:
-        """Estimate what has its minutes in the cache; read the session once for all others."""
+        """Estimate the runs whose minute bins are cached; read the session once for all others."""
         unread: list[list[Run]] = []
         for group in _grouped(runs, lambda run: run.bins_key):
             if (entry := self._cache.load(group[0].bins_key)) is None:
@@ -297,7 +297,7 @@ class _Carrying:
             source = runs[0].source
             wanted = [(group[0].site, bin_settings(group[0].settings)) for group in unread]
             note = _Note([run for group in unread for run in group], partial(self._minutes_read, unread))
-            self._work.hand_out(note, partial(self._read_minutes, source.path, source.regions, wanted))
+            self._work.submit(note, partial(self._read_minutes, source.path, source.regions, wanted))
 
     def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome]:
         for group, history in zip(groups, made, strict=True):
@@ -309,7 +309,7 @@ class _Carrying:
     def _estimate(self, history: History, group: Sequence[Run]) -> None:
         for run in group:
             note = _Note([run], partial(self._estimated, run))
-            self._work.hand_out(note, partial(self._slopes, history, run.source.regions, run.settings))
+            self._work.submit(note, partial(self._slopes, history, run.source.regions, run.settings))
 
     def _estimated(self, run: Run, made: Estimates) -> list[Outcome]:
         self._cache.store(run.key, {"rows": made.rows, "texts": np.array(made.texts, np.str_)})

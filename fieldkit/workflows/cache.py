@@ -30,7 +30,7 @@ from fieldkit.disk import replacing
 Arrays = dict[str, NDArray[Any]]
 
 PACKAGES = ("numpy", "scipy", "astropy", "h5py")
-"""Libraries whose version can move the last digits of a slope."""
+"""Libraries whose version can change the last digits of a slope."""
 
 _CHECKSUM_BYTES = hashlib.sha256().digest_size
 _log = logging.getLogger(__name__)
@@ -43,14 +43,14 @@ class Cache:
         self.folder = folder or platformdirs.user_cache_path("fieldkit") / "estimates"
 
     def load(self, key: str) -> Arrays | None:
-        """The arrays stored under a key; None where there are none, or damaged ones."""
+        """The arrays stored under a key; None if there are none or they are damaged."""
         try:
             entry = self._path(key).read_bytes()
         except OSError:
             return None
         checksum, packed = entry[:_CHECKSUM_BYTES], entry[_CHECKSUM_BYTES:]
         if hashlib.sha256(packed).digest() != checksum:
-            _log.warning("an entry of %s is damaged and made again", self.folder)
+            _log.warning("an entry of %s is damaged; it is computed again", self.folder)
             return None
         try:
             with np.load(io.BytesIO(packed), allow_pickle=False) as arrays:
@@ -59,7 +59,7 @@ class Cache:
             return None
 
     def store(self, key: str, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Keep arrays; a disk that refuses costs the next run time, nothing else."""
+        """Store arrays; if the write fails, the next run takes longer and nothing else happens."""
         packed = io.BytesIO()
         np.savez(packed, **arrays)  # type: ignore[arg-type]  # names of arrays are not its options
         path = self._path(key)
@@ -81,9 +81,9 @@ def digest(*made_of: object) -> str:
 
 @functools.cache
 def code_version() -> str:
-    """Version of fieldkit and a digest of everything that has a part in a slope's digits.
+    """Version of fieldkit and a digest of everything that a slope's digits depend on.
 
-    That is the source of the rooms from session to slope, and `PACKAGES` on this machine.
+    That is the source code of the packages from session to slope, and `PACKAGES` on this machine.
     """
     digest = hashlib.sha256(platform.machine().encode())
     for package in PACKAGES:

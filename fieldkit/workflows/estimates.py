@@ -36,12 +36,12 @@ ROW = np.dtype(
         *((name, "<f8") for name in (*ANGLES, *MEASURED)),
     ]
 )
-"""One estimate; `region`, `model` and `reason` are places in the lists of names beside the rows."""
+"""One estimate; `region`, `model` and `reason` are indices into the lists beside the rows."""
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """Every slope of a session: rows of `ROW` by time, then by target; texts and regions they point at.
+    """Every slope of a session: rows of `ROW` by time, then by target; texts and regions they index.
 
     ``estimates["b05"]`` is the final estimate of a region, `to_frame` the table of all minutes.
 
@@ -133,7 +133,7 @@ class Estimates:
 
     @property
     def minutes(self) -> int:
-        """How many minutes there are."""
+        """Number of minutes."""
         return int(np.unique(self.rows["time_ns"]).size)
 
     def of_region(self, region: Region) -> NDArray[np.void]:

@@ -1,4 +1,4 @@
-"""Where runs are carried out: here, in processes of this computer, or on a Dask cluster that runs."""
+"""Where runs are carried out: in this process, in others of this computer, or on a running Dask cluster."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from fieldkit.workflows.cache import code_version
 Note = TypeVar("Note")
 
 RETRIES = 3
-"""How often work is given to another worker after the one that had it died."""
-ANSWER_S = 5
-"""How long a Dask scheduler may take to answer."""
+"""How often work is given to another worker after its worker died."""
+CONNECT_WITHIN_S = 5
+"""Time limit for connecting to a Dask scheduler."""
 
 
 class Work(Generic[Note]):
-    """Work handed to an executor, each piece with a note of what it is.
+    """Pieces of work submitted to an executor, each with a note of what it is.
 
-    What a killed process had is handed out again.
+    The piece of a killed process is submitted again.
     """
 
     def __init__(self, executor: Executor) -> None:
@@ -38,16 +38,16 @@ class Work(Generic[Note]):
         self._under_way: dict[Future[Any], tuple[Note, Callable[[], Any]]] = {}
         self._finished: SimpleQueue[Future[Any]] = SimpleQueue()
 
-    def hand_out(self, note: Note, work: Callable[[], Any]) -> None:
-        """Begin a piece, a callable that can be pickled.
+    def submit(self, note: Note, work: Callable[[], Any]) -> None:
+        """Submit a piece, a callable that can be pickled.
 
-        Raises `FieldkitError` where processes are killed again and again.
+        Raises `FieldkitError` if processes are killed repeatedly.
         """
         try:
             future = self._executor.submit(work)
         except BrokenProcessPool as error:
             raise FieldkitError(
-                "worker processes are killed again and again, perhaps for want of memory",
+                "worker processes are killed repeatedly, perhaps for lack of memory",
                 fix="what was finished is kept: run the same again, with fewer processes (-j)",
             ) from error
         self._under_way[future] = note, work
@@ -64,7 +64,7 @@ class Work(Generic[Note]):
             try:
                 result = future.result()
             except BrokenProcessPool:
-                self.hand_out(note, work)
+                self.submit(note, work)
                 continue
             except FieldkitError as error:
                 result = error
@@ -102,7 +102,7 @@ THIS_PROCESS: Workers = Workers(1)
 
 @contextmanager
 def local(processes: int) -> Iterator[Executor]:
-    """So many processes of this computer; one means this very process."""
+    """Processes of this computer; a single one is this process itself, in a thread."""
     pool: Executor = ThreadPoolExecutor(1) if processes == 1 else Processes(processes)
     try:
         yield pool
@@ -111,7 +111,7 @@ def local(processes: int) -> Iterator[Executor]:
 
 
 class Processes(Executor):
-    """So many processes, all started anew when one of them was killed; work under way must be given again."""
+    """A process pool that is restarted when a process was killed; work under way must be submitted again."""
 
     def __init__(self, count: int) -> None:
         self._count, self._restarts = count, 0
@@ -135,29 +135,29 @@ class Processes(Executor):
     def _started(self) -> ProcessPoolExecutor:
         # spawned: a forked copy of a process with threads may hang
         spawn = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._count, spawn, initializer=_begin)
+        return ProcessPoolExecutor(self._count, spawn, initializer=_start_worker)
 
 
 @contextmanager
 def dask(address: str) -> Iterator[Executor]:
     """The workers of a Dask cluster whose scheduler is at an address such as ``tcp://10.0.0.5:8786``.
 
-    Raises `ConfigError` where nothing answers or Dask is not installed, `RefusedError` where
-    a worker has another fieldkit.
+    Raises `ConfigError` if no scheduler answers or Dask is not installed, `RefusedError` if a worker has
+    another fieldkit.
     """
     try:
         from distributed import Client
     except ImportError as error:
         raise ConfigError("Dask is not installed", fix="pip install 'fieldkit[dask]'") from error
     try:
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+        client = Client(address, timeout=CONNECT_WITHIN_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConfigError(
             f"no Dask scheduler answers at {address}: {error}",
             fix="start one: dask scheduler, and dask worker ADDRESS",
         ) from error
     with client:
-        _refuse_other_versions(client.run(_asking_for_version()))
+        _refuse_other_versions(client.run(_version_probe()))
         executor = client.get_executor(pure=False, retries=RETRIES)
         try:
             yield executor
@@ -165,10 +165,11 @@ def dask(address: str) -> Iterator[Executor]:
             executor.shutdown(wait=False)
 
 
-def _asking_for_version() -> Callable[[], str]:
-    """A function that gives a worker's version of the code, empty where it has no such fieldkit.
+def _version_probe() -> Callable[[], str]:
+    """A function that returns a worker's version of the code, empty if it cannot import fieldkit.
 
-    It stands inside another one so that Dask sends its code, not its name, which means nothing there.
+    It is nested so that Dask sends its code; a module's function would be sent by name, which an older
+    worker cannot import.
     """
 
     def version() -> str:
@@ -198,8 +199,8 @@ def _refuse_other_versions(found: dict[str, str]) -> None:
         )
 
 
-def _begin() -> None:
-    """In a new worker: Ctrl-C is for the process that hands out the work; end with it, however it ends."""
+def _start_worker() -> None:
+    """In a new worker: leave Ctrl-C to the parent process, and end with it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
 

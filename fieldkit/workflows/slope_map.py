@@ -241,7 +241,7 @@ def map_sessions(
         work: Work[Path] = Work(executor)
         for path in bases:
             piece = partial(slope_map, path.resolve(), window, settings=settings, present=present)
-            work.hand_out(path, piece)
+            work.submit(path, piece)
         for done, (path, found) in enumerate(work.results(), start=1):
             on_progress(done, len(bases))
             if isinstance(found, FieldkitError):

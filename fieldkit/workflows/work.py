@@ -1,8 +1,8 @@
-"""What worker processes do: read a session into minutes, and work slopes out of minutes.
+"""What worker processes do: read a session into minute bins, and estimate slopes from the bins.
 
-A session is read once for all parameters: most of them are used after the minutes are made,
-so that estimating again costs no reading. What does enter the minutes is what `batch.bin_settings`
-keeps. The results are those of the `Estimator`, to the last bit.
+A session is read once for all parameters: most of them are used after the bins are made, so that
+estimating again costs no reading. What the bins do depend on is what `batch.bin_settings` keeps.
+The results are those of the `Estimator`, to the last bit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fieldkit.workflows.sources import reading
 def read_minutes(
     path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
 ) -> list[History]:
-    """The minutes of a session for each site and `batch.bin_settings` wanted, in one pass over its samples.
+    """The minute bins of a session for each site and `batch.bin_settings`, in one pass over its samples.
 
     Raises `SessionError`.
     """
@@ -49,5 +49,5 @@ def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorS
         for row, minute in enumerate(minutes)
         for one in minute
     ]
-    light_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
-    return Estimates.of([one for minute in minutes for one in minute], temperature_k, light_w_m2, regions)
+    dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
+    return Estimates.of([one for minute in minutes for one in minute], temperature_k, dni_w_m2, regions)

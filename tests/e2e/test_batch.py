@@ -146,7 +146,7 @@ def test_processes_killed_again_and_again_are_told_and_what_was_done_is_kept(
                 os.kill(pid, signal.SIGKILL)
     _, told = sweep.communicate()
     assert sweep.returncode == 1
-    assert "killed again and again" in told
+    assert "killed repeatedly" in told
     assert "with fewer processes" in told
     again = run("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "again", cache=tmp_path)
     known = re.search(r"done, (\d+) of them known before", again.stderr)

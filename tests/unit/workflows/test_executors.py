@@ -47,7 +47,7 @@ def test_work_on_a_dask_cluster_comes_back_and_other_versions_are_refused(
         with dask(cluster.scheduler_address) as executor:
             work: Work[int] = Work(executor)
             for number in range(5):
-                work.hand_out(number, partial(squared, number))
+                work.submit(number, partial(squared, number))
             assert sorted(work.results()) == [(number, number**2) for number in range(5)]
         monkeypatch.setattr(executors, "code_version", lambda: "another")
         with pytest.raises(RefusedError, match="here is another"), dask(cluster.scheduler_address):
@@ -68,8 +68,8 @@ def test_processes_that_die_again_and_again_end_a_sweep_with_advice(monkeypatch:
     started: Callable[..., Any] = lambda self: Pool()  # noqa: E731
     monkeypatch.setattr(Processes, "_started", started)
     work: Work[int] = Work(Processes(2))
-    with pytest.raises(FieldkitError, match="killed again and again") as caught:
-        work.hand_out(0, partial(squared, 3))
+    with pytest.raises(FieldkitError, match="killed repeatedly") as caught:
+        work.submit(0, partial(squared, 3))
     assert "-j" in str(caught.value.fix)
     assert Pool.asked == RETRIES + 1
 
@@ -78,5 +78,5 @@ def test_every_piece_comes_back_with_its_note() -> None:
     with local(1) as executor:
         work: Work[str] = Work(executor)
         for number in range(6):
-            work.hand_out(f"n{number}", partial(squared, number))
+            work.submit(f"n{number}", partial(squared, number))
         assert dict(work.results()) == {f"n{number}": number**2 for number in range(6)}

@@ -1,0 +1,75 @@
+"""What a notebook calls: estimates, maps, reports and plans without a command line."""
+
+from __future__ import annotations
+
+from datetime import date
+
+import numpy as np
+import pytest
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.batch import estimate_sessions
+from fieldkit.workflows.estimate import estimate
+from fieldkit.workflows.plan import PlanOptions, plan
+from fieldkit.workflows.report import report
+from fieldkit.workflows.slope_map import slope_map
+
+
+def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
+    with open_session(sessions[0]) as session:
+        configured = estimate(session)
+    brighter = estimate(sessions[0], {"surface.albedo": 0.4})
+    assert list(configured.final) == ["b05", "b15", "b25"]
+    assert configured["b15"].region == "b15"
+    assert configured["b15"].tilt_deg != brighter["b15"].tilt_deg
+    assert brighter["b15"].tilt_deg == estimate(sessions[0], albedo=0.4)["b15"].tilt_deg
+    assert estimate(sessions[0], model="full")["b15"].model.startswith("full")
+
+
+def test_a_parameter_that_does_not_exist_is_named(sessions):
+    with pytest.raises(ConfigError, match="no parameter is called colour"):
+        estimate(sessions[0], colour=1.0)
+
+
+def test_several_sessions_are_estimated_together_and_a_torn_one_does_not_stop_them(sessions, tmp_path):
+    torn = tmp_path / "torn.h5"
+    torn.write_bytes(sessions[0].read_bytes()[:1000])
+    steps = []
+    found = estimate_sessions([*sessions, torn], on_progress=lambda *step: steps.append(step))
+    assert list(found.estimates) == [path.stem for path in sessions]
+    assert list(found.failures) == [torn]
+    assert steps == [(1, 2), (2, 2)]
+    alone = estimate(sessions[1])
+    together = found.estimates[sessions[1].stem]
+    assert np.array_equal(alone.rows["tilt_deg"], together.rows["tilt_deg"], equal_nan=True)
+
+
+def test_a_slope_map_has_its_arrays_by_pixel(sessions):
+    xr = pytest.importorskip("xarray")
+    found = slope_map(sessions[0], "all")
+    arrays = found.to_xarray()
+    assert isinstance(arrays, xr.Dataset)
+    assert arrays["tilt_deg"].dims == ("y", "x")
+    assert arrays["tilt_deg"].attrs["units"] == "degree"
+    assert {one.region for one in found.by_region()} >= {"b05", "b15", "b25"}
+    assert slope_map(sessions[0], "4m").minutes < found.minutes
+
+
+def test_a_report_is_written_where_asked(sessions, tmp_path):
+    made = report(sessions[0], tmp_path / "one.html")
+    assert made.path == tmp_path / "one.html"
+    assert made.path.read_text(encoding="utf-8").lower().startswith("<!doctype html>")
+    both = report([*sessions, tmp_path / "none.h5"], tmp_path / "all.html")
+    assert list(both.failures) == [tmp_path / "none.h5"]
+
+
+def test_a_plan_is_a_table_of_times_and_facets():
+    pytest.importorskip("pandas")
+    site = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
+    made = plan(site, date(2026, 12, 11), [(5.0, 180.0), (15.0, 180.0)], PlanOptions(step_min=60))
+    frame = made.to_frame()
+    assert set(frame["tilt_deg"]) == {5.0, 15.0}
+    assert len(frame) == 2 * len(made.rows)
+    assert (frame["kelvin_per_degree"].between(0.0, 1.0)).all()
