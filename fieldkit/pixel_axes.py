@@ -1,7 +1,7 @@
-"""Axes and a grid in camera pixels around an enlarged picture, so that regions can be read off it.
+"""Axes and a grid in camera pixels around an enlarged image, so that region corners can be read off it.
 
-Shared by every picture that people draw regions by: exports, ``live --png``, maps, the report.
-Coordinates as in `fieldkit.model.site.Region`: pixel centres at whole numbers.
+Shared by all images from which regions are drawn: exports, ``live --png``, maps, the report. Coordinates as
+in `fieldkit.model.site.Region`: pixel centres at whole numbers.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ _INK, _PAPER, _FAINT = 0, 255, 0.35
 
 
 def ticks(length: int) -> list[int]:
-    """Whole pixels of an axis of `length` pixels that get a number: at most eight, from 0."""
+    """Labelled whole pixels of an axis of `length` pixels: at most eight, from 0."""
     step = next((step for step in _STEPS if length <= step * _MOST_TICKS), length)
     return list(range(0, length, step))
 
 
 def with_axes(image: Image, factor: int) -> Image:
-    """The picture (rows * factor, cols * factor, 3) with a faint grid, numbers on the left and below.
+    """The image (rows * factor, cols * factor, 3) with a faint grid, and labels on the left and below.
 
-    Below stands also how large the picture was and how much it is enlarged.
+    The caption gives the size of the original and the enlargement.
     """
     rows, cols = image.shape[0] // factor, image.shape[1] // factor
     framed = np.full((image.shape[0] + BELOW_PX, image.shape[1] + LEFT_PX, 3), _PAPER, np.uint8)
@@ -42,7 +42,7 @@ def with_axes(image: Image, factor: int) -> Image:
 
 
 def _with_grid(image: Image, factor: int, rows: list[int], cols: list[int]) -> Image:
-    """Lines through the centres of the numbered pixels, faint enough to see the picture below."""
+    """Lines through the centres of the labelled pixels, faint enough to see the image below."""
     grid = image.astype(np.float64)
     lines = np.zeros(image.shape[:2], np.bool_)
     lines[[_centre(y, factor) for y in rows]] = True
@@ -56,7 +56,7 @@ def _centre(pixel: int, factor: int) -> int:
 
 
 def _write(image: Image, text: str, x: int, y: int, *, align: float) -> None:
-    """Letters at (x, y); `align` 0 begins there, 1 ends there."""
+    """Text at (x, y); `align` 0 begins there, 1 ends there."""
     import cv2
 
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45

@@ -83,9 +83,8 @@ _NEAR_DEG = 0.1
 class Weather:
     """Measured weather at one station; every array has shape (n,), NaN where not measured.
 
-    `time_ns` is the middle of each averaged minute (or three), UTC nanoseconds since 1970. Direct
-    normal (`dni_w_m2`), diffuse horizontal (`dhi_w_m2`) and global horizontal (`ghi_w_m2`) irradiance and
-    the two long-wave fluxes are in W/m², pressure in Pa.
+    `time_ns` is the middle of each averaging interval, UTC nanoseconds since 1970. Direct normal, diffuse
+    horizontal and global horizontal irradiance and both longwave fluxes are in W/m², pressure in Pa.
     """
 
     time_ns: NDArray[np.int64]
@@ -102,15 +101,27 @@ class Weather:
 
 
 def packaged() -> Weather:
-    """The day that comes with the package: Alamosa, Colorado, 2016-01-01, clear all day."""
+    """The packaged day: Alamosa, Colorado, 2016-01-01, clear all day."""
     text = (resources.files("fieldkit") / "data" / PACKAGED).read_text(encoding="utf-8")
     return read_table(io.StringIO(text))
 
 
 def read_table(lines: Iterable[str]) -> Weather:
-    """Weather from a table as `write_table` makes it.
+    """Weather from a table in the form of `write_table`.
 
-    Raises `ConfigError` where a header line or a column is missing.
+    Parameters
+    ----------
+    lines
+        Lines of the table.
+
+    Returns
+    -------
+    The weather.
+
+    Raises
+    ------
+    ConfigError
+        If a header line or a column is missing.
     """
     about: dict[str, str] = {}
     body: list[str] = []
@@ -132,7 +143,7 @@ def read_table(lines: Iterable[str]) -> Weather:
         values = {name: np.array([float(row[name] or "nan") for row in rows]) for name in _COLUMNS}
     except KeyError as missing:
         raise ConfigError(
-            f"the weather table lacks {missing}", fix="make it anew with: python -m fieldkit.weather"
+            f"the weather table lacks {missing}", fix="make it again: python -m fieldkit.weather"
         ) from None
     return _table_weather(ends, values, site, about.get("source", ""))
 
@@ -157,13 +168,13 @@ def _table_weather(
 
 
 def half_step_ns(stamps_ns: NDArray[np.int64]) -> int:
-    """Half of what each row is the mean of, by the median interval; half a minute where there is none."""
+    """Half of the averaging interval, from the median of the intervals; half a minute for a single row."""
     intervals = np.diff(np.unique(stamps_ns))
     return int(np.median(intervals)) // 2 if intervals.size else MINUTE_NS // 2
 
 
 def is_station_file(path: Path) -> bool:
-    """Whether a file is one of SURFRAD's or BSRN's."""
+    """Whether a file is one of SURFRAD or BSRN, by its content."""
     try:
         head = _content(path, 4096)
     except (OSError, EOFError, zlib.error):
@@ -172,21 +183,33 @@ def is_station_file(path: Path) -> bool:
 
 
 def read_station_file(path: Path) -> Weather:
-    """Weather from a file of SURFRAD or BSRN, NaN where not measured or marked bad.
+    """Weather from a file of SURFRAD or BSRN.
 
-    Raises `ConfigError` if the file is neither, is damaged, or pvlib is not installed.
+    Parameters
+    ----------
+    path
+        Daily file of SURFRAD, or monthly file of BSRN, also gzipped.
+
+    Returns
+    -------
+    The weather, NaN where not measured or marked bad.
+
+    Raises
+    ------
+    ConfigError
+        If the file is neither, is damaged, or needs pvlib, which is not installed.
     """
     try:
         content = _content(path, _MOST_BYTES)
         if len(content) == _MOST_BYTES:
             raise ConfigError(
-                f"{path} has more than {_MOST_BYTES // 10**6} MB", fix="take one day, or one month"
+                f"{path} has more than {_MOST_BYTES // 10**6} MB", fix="use one day, or one month"
             )
         if _BSRN_START.match(content):
             return _bsrn(path, content.decode("ascii", errors="replace"))
         station = _surfrad_station(path, content)
         if not path.read_bytes().startswith(content[:2]):
-            raise ConfigError(f"{path} is packed", fix=f"unpack it first: gunzip {path}")
+            raise ConfigError(f"{path} is compressed", fix=f"unpack it first: gunzip {path}")
         return read_surfrad(path, station)
     except ConfigError:
         raise
@@ -206,12 +229,12 @@ def _content(path: Path, most: int) -> bytes:
 
 def _damaged(path: Path, error: Exception) -> ConfigError:
     return ConfigError(
-        f"{path} is damaged: {error}", fix="fetch it again from SURFRAD or BSRN, and do not edit it"
+        f"{path} is damaged: {error}", fix="download it again from SURFRAD or BSRN, and do not edit it"
     )
 
 
 def _surfrad_station(path: Path, content: bytes) -> str:
-    """Whose file it is, by the place in its second line; the sign of a longitude cannot be relied on."""
+    """Name of the station, by the position in the second line; the sign of its longitude is unreliable."""
     found = _SURFRAD_PLACE.match(content)
     if found is None:
         raise ConfigError(
@@ -223,31 +246,42 @@ def _surfrad_station(path: Path, content: bytes) -> str:
         apart = abs(latitude - site.latitude_deg), abs(abs(longitude) - abs(site.longitude_deg))
         if max(apart) <= _NEAR_DEG:
             return name
-    raise ConfigError(f"{path} is of no SURFRAD station known here", fix=f"known: {', '.join(STATIONS)}")
+    raise ConfigError(f"{path} is of an unknown SURFRAD station", fix=f"known: {', '.join(STATIONS)}")
 
 
 def read_surfrad(path: Path, station: str) -> Weather:
-    """Weather from a daily file of NOAA's SURFRAD network; bad values (quality 1) become NaN.
+    """Weather from a daily file of NOAA's SURFRAD network.
 
-    `station` is a name of `STATIONS`. Raises `ConfigError` if the file is none of SURFRAD's
-    or belongs to another station.
+    Parameters
+    ----------
+    path
+        The file.
+    station
+        A name of `STATIONS`.
+
+    Returns
+    -------
+    The weather; bad values (quality 1) are NaN.
+
+    Raises
+    ------
+    ConfigError
+        If the file is not one of SURFRAD, or belongs to another station.
     """
     _, site, rows = _surfrad_rows(path, station)
     return read_table(_table_lines(rows, site, path.name))
 
 
 def write_table(surfrad: Path, station: str, out: Path) -> None:
-    """Write the attributed table of a SURFRAD day, comma-separated, one row a minute."""
+    """Write the attributed table of a SURFRAD day, comma-separated, one row per minute."""
     _, site, rows = _surfrad_rows(surfrad, station)
     out.write_text("".join(_table_lines(rows, site, surfrad.name)), encoding="utf-8")
 
 
 def _surfrad_rows(path: Path, station: str) -> tuple[str, Site, Rows]:
-    """Name of the station, its place, and the rows of our table as text."""
+    """Name of the station, its site, and the rows of the table as text."""
     if station not in STATIONS:
-        raise ConfigError(
-            f"no SURFRAD station is called {station!r}", fix=f"one of {', '.join(sorted(STATIONS))}"
-        )
+        raise ConfigError(f"unknown SURFRAD station {station!r}", fix=f"one of {', '.join(sorted(STATIONS))}")
     site = STATIONS[station]
     lines = path.read_text(encoding="ascii", errors="replace").splitlines()
     try:
@@ -300,13 +334,13 @@ def _bsrn(path: Path, text: str) -> Weather:
     records = ("0100", "0300") if re.search(r"^\*[UC]0300", text, re.MULTILINE) else ("0100",)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pvlib still asks pandas for what pandas is about to drop
+            warnings.simplefilter("ignore")  # pvlib uses pandas features that are deprecated
             table, about = read_bsrn(io.StringIO(text), logical_records=records)
-    except Exception as error:  # pandas has exceptions of its own for whatever it stumbles over
+    except Exception as error:  # pandas raises exceptions of its own
         raise _damaged(path, error) from error
     if table.empty or not about:
         raise ConfigError(
-            f"{path} has no basic radiation (logical record 0100)", fix="fetch the whole month from BSRN"
+            f"{path} has no basic radiation (logical record 0100)", fix="download the whole month from BSRN"
         )
     latitude, longitude, elevation = (float(about[key]) for key in ("latitude", "longitude", "altitude"))
     site = Site(latitude, longitude, elevation, zone_by_longitude(longitude))
@@ -316,7 +350,7 @@ def _bsrn(path: Path, text: str) -> Weather:
 def _bsrn_weather(table: pd.DataFrame, site: Site, source: str) -> Weather:
     import pandas as pd
 
-    # pvlib puts minutes that only a further record has behind all others
+    # pvlib appends minutes that occur only in a further record
     table = table[~table.index.duplicated()].sort_index()
 
     def column(name: str) -> FloatArray:

@@ -1,7 +1,7 @@
 """The clock of a session: UTC anchored once to the monotonic counter, and the ways to wait.
 
-Nothing else in fieldkit asks the system for the time or sleeps, so a day of field work can
-be tested in seconds by handing over another clock. Checks against the system clock are
+Nothing else in fieldkit reads the system's time or sleeps, so a day of field work can be tested in
+seconds by passing another clock. Checks against the system clock are
 recorded, never applied while recording.
 """
 
@@ -39,9 +39,9 @@ class ClockCheck:
 
 
 class Clock(Protocol):
-    """What a session needs of a clock. Times are int64 nanoseconds.
+    """The clock of a session. Times are int64 nanoseconds.
 
-    `is_real` says that its time passes by itself: then to wait in the kernel is to wait by this clock.
+    `is_real`: time passes by itself, so that waiting in the kernel is waiting by this clock.
     """
 
     is_real: bool
@@ -62,12 +62,12 @@ class Clock(Protocol):
         """Wait until `fd` has bytes to read; False if it has none within `timeout_s`."""
 
     def taking_part(self) -> AbstractContextManager[None]:
-        """Around the work of a thread that waits by this clock."""
+        """Context of a thread that waits by this clock."""
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:
-        """Ask that time not be hurried before work is done; real time cannot be held and ignores it.
+        """Hold simulated time until work is done; real time cannot be held and ignores it.
 
-        `settled(timeout_s)` waits until it is, at most so long, and says whether.
+        `settled(timeout_s)` waits until it is, at most that long, and returns whether it is.
         """
 
 
@@ -106,7 +106,7 @@ class HostClock:
         return bool(poll.poll(max(0.0, timeout_s) * 1000.0))
 
     def taking_part(self) -> AbstractContextManager[None]:
-        """Nothing to do: real time passes for everybody."""
+        """Nothing to do: real time passes for all threads."""
         return nullcontext()
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:

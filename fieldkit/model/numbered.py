@@ -9,9 +9,9 @@ _LARGEST = 255  # one byte in the file
 
 
 class NumberedEnum(enum.IntEnum):
-    """An enumeration that also stands for what a newer version has added.
+    """An enumeration that also represents members added by a newer version.
 
-    A number without a name keeps its number and is called ``UNKNOWN_<number>``, so that files of a newer
+    A number without a name keeps its number and is named ``UNKNOWN_<number>``, so that files of a newer
     version can be read, shown and copied.
     """
 

@@ -1,8 +1,8 @@
 """What a radiation stream measures: direct, global or diffuse sunlight, or longwave.
 
-All of them come in W/m2, and none can stand in for another: 400 W/m2 of global light at 22 degrees of sun
+All are in W/m2, but none can replace another: 400 W/m2 of global irradiance at 22 degrees of solar elevation
 belong to a beam of 900. So a stream declares its `Component`s (`StreamInfo.measures`), the configuration may
-state them (``irradiance.measures``), and what neither says stays unknown and enters no estimate.
+state them (``irradiance.measures``); a component that neither gives is unknown and excluded from estimates.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ _OLDER_PYRANOMETERS = ("Apogee SP-522", "Renke pyranometer")
 
 
 def measured(info: StreamInfo, stated: Mapping[str, str]) -> tuple[str, ...]:
-    """The component that each channel of a stream measures; `UNKNOWN` where nothing says it.
+    """The component that each channel of a stream measures, or `UNKNOWN`.
 
-    Empty for streams that are not radiation. `stated` are components by stream, from the configuration: they
-    stand above what the stream declares of itself.
+    Empty for streams that are not radiation. `stated` are components by stream, from the configuration; they
+    override what the stream declares.
     """
     if info.is_camera or info.unit != UNIT or not (info.quantity in _QUANTITIES or info.measures):
         return ()
@@ -42,15 +42,15 @@ def measured(info: StreamInfo, stated: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def with_components(info: StreamInfo, stated: Mapping[str, str]) -> StreamInfo:
-    """The stream, declaring the components that are known of it."""
+    """The stream with its known components declared."""
     known = measured(info, stated)
     return replace(info, measures=known) if any(known) else info
 
 
 def named(labels: Sequence[str]) -> tuple[str, ...]:
-    """The components that channels have as names (``GHI``, ``DNI_Avg``, ``dhi_w_m2``); empty where none has.
+    """The components named by channel labels (``GHI``, ``DNI_Avg``, ``dhi_w_m2``); empty if none is.
 
-    Other names say too little: ``sun``, ``radiation`` or ``pyranometer 2`` may be of any plane.
+    Other labels are ambiguous: ``sun``, ``radiation`` or ``pyranometer 2`` may be of any plane.
     """
     words = (label.strip().lower().removesuffix("_avg").removesuffix("_w_m2") for label in labels)
     found = tuple(word if word in COMPONENTS else UNKNOWN for word in words)
@@ -63,10 +63,10 @@ def how_to_state(stream: str) -> str:
 
 
 def _of_older_session(info: StreamInfo) -> str:
-    """The component of a stream recorded before streams declared it, where its origin leaves no doubt.
+    """The component of a stream recorded before streams declared it, where its origin is unambiguous.
 
-    Importers of weather stations gave names of their own; two register maps were of pyranometers alone.
+    Importers of weather stations used fixed names; two register maps were of pyranometers only.
     """
-    if info.driver == "import" and (info.vendor or info.model):  # tables of loggers have neither
+    if info.driver == "import" and (info.vendor or info.model):  # tables of data loggers have neither
         return next((of for word, of in _OLDER_IMPORTS.items() if info.name.endswith(f"-{word}")), UNKNOWN)
     return "ghi" if info.driver == "modbus" and info.model in _OLDER_PYRANOMETERS else UNKNOWN

@@ -1,7 +1,7 @@
-"""Where the experiment is, and which parts of the picture belong to which bed.
+"""Where the experiment is, and which parts of the frame belong to which surface.
 
-Angles in degrees: latitude north and longitude east positive; tilt from horizontal,
-azimuth of the surface normal from north, clockwise.
+Angles in degrees: latitude north and longitude east positive; tilt from horizontal, azimuth of the surface
+normal from north, clockwise.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Site:
 
 
 def zone_by_longitude(longitude_deg: float) -> str:
-    """The whole hours that a longitude lies from Greenwich, as an IANA zone."""
+    """IANA zone of whole hours from Greenwich nearest to a longitude."""
     hours = round(((longitude_deg + 180.0) % 360.0 - 180.0) / 15.0)
-    # the sign of these names is turned: Etc/GMT-9 is nine hours ahead of Greenwich
+    # the sign of these names is inverted: Etc/GMT-9 is nine hours ahead of Greenwich
     return f"Etc/GMT{-hours:+d}" if hours else "UTC"
 
 
@@ -40,7 +40,7 @@ def with_zone(site: Site, zone: str | None) -> Site:
 
 @lru_cache
 def known_zone(name: str) -> ZoneInfo | None:
-    """The IANA time zone of that name; None where this computer knows no such zone."""
+    """The IANA time zone of that name; None if this computer does not have it."""
     try:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):  # a folder or an endless name is an OSError
@@ -59,11 +59,11 @@ class RegionKind(NumberedEnum):
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """A named polygon of the picture.
+    """A named polygon of the frame.
 
-    `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers.
-    `tilt_deg` and `azimuth_deg` are what an inclinometer and a compass said: used by the
-    estimator for references, for targets only to compare (NaN: not known).
+    `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers. `tilt_deg` and
+    `azimuth_deg` are as measured by inclinometer and compass: used by the estimator for references, for
+    targets only for comparison (NaN: unknown).
     """
 
     name: str
@@ -92,7 +92,7 @@ class Region:
 
     @property
     def crosses_itself(self) -> bool:
-        """Whether two edges that are no neighbours meet: then what lies inside depends on how one counts."""
+        """Whether two edges that are not neighbours meet, which makes the inside ambiguous."""
         corners = self._corners
         edges = list(zip(corners, np.roll(corners, -1, axis=0), strict=True))
         apart = (
@@ -104,26 +104,26 @@ class Region:
 
     @property
     def _corners(self) -> NDArray[np.float64]:
-        """The vertices (n, 2), each once where it was given twice in a row."""
+        """The vertices (n, 2), without immediate repetitions."""
         corners = np.array(self.vertices, np.float64)
         return corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]
 
     def is_within(self, shape: tuple[int, ...]) -> bool:
-        """Whether every corner lies in a picture of `shape` (rows, cols)."""
+        """Whether every corner lies within a frame of `shape` (rows, cols)."""
         rows, cols = shape
         return all(0 <= x <= cols - 1 and 0 <= y <= rows - 1 for x, y in self.vertices)
 
     def shrunk(self, pixels: float) -> Region:
-        """The same with every edge moved inwards by `pixels`; raises `ValueError` where nothing is left."""
+        """The region with every edge moved inwards by `pixels`; raises `ValueError` if nothing remains."""
         corners = self._corners
         along = np.roll(corners, -1, axis=0) - corners
         left = along[:, ::-1] * (-1.0, 1.0) / np.linalg.norm(along, axis=1, keepdims=True)
         inward = left * np.sign(np.sum(corners[:, 0] * along[:, 1] - corners[:, 1] * along[:, 0]))
         before = np.roll(inward, 1, axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):  # an edge that runs straight back has no inside
+        with np.errstate(divide="ignore", invalid="ignore"):  # an edge that runs straight back
             mitre = (before + inward) / (1.0 + np.sum(before * inward, axis=1, keepdims=True))
             moved = corners + pixels * mitre
-        kept = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is turned round
+        kept = np.sum((np.roll(moved, -1, axis=0) - moved) * along, axis=1) > 0.0  # no edge is reversed
         if not (kept.all() and inward.any()):
             raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))

@@ -86,7 +86,7 @@ class MeasuredSky:
         if not known.any():
             raise ConfigError(
                 f"{self.weather.source} has no {name}, which a simulated field needs",
-                fix="take a day of SURFRAD, whose stations measure it",
+                fix="use a day of SURFRAD, whose stations measure it",
             )
         start_ns = self.weather.time_ns[0]
         since, known_since = time_ns - start_ns, self.weather.time_ns[known] - start_ns

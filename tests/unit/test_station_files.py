@@ -99,11 +99,11 @@ def test_surfrad_station_is_told_by_its_place(name: str, station: str) -> None:
     ("content", "words"),
     [
         (b"", "not a SURFRAD daily file"),
-        (b"Somewhere\n 10.0 20.0 5 m version 1\n", "no SURFRAD station known here"),
+        (b"Somewhere\n 10.0 20.0 5 m version 1\n", "unknown SURFRAD station"),
         (b"Alamosa\n 37.70 105.92 2317 m version 1\n2016 1 99 99 0 0 0 0" + b" 1.0 0" * 20, "is damaged"),
         (b"Alamosa\n 37.70 105.92 2317 m version 1\n2016 1 1 1", "not a SURFRAD daily file"),
         (b"*U0001\n 16  6 2024  1\n", "is damaged"),
-        (gzip.compress(foreign_files.surfrad(), mtime=0), "is packed"),
+        (gzip.compress(foreign_files.surfrad(), mtime=0), "is compressed"),
         (gzip.compress(b"*U0001\n 16  6 2024  1\n", mtime=0)[:-9], "is damaged"),
     ],
 )  # fmt: skip
