@@ -73,15 +73,38 @@ def read_log(
     offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
     measures: str = "",
 ) -> ImportedRecording:  # fmt: skip
-    """A table as a stream for each quantity in it; `offset_ns` is added to its times.
+    """Read a logger's table: one stream for each quantity in it.
 
-    The streams are called `name`, or `name` and the quantity where there are several. Cells without a number
-    become NaN. `measures` is the component of radiation of its columns, where their names do not give it.
-    `zone` is of times that have none, where the table does not give it either.
+    Parameters
+    ----------
+    path : Path
+        The table, with one header line; those of Campbell (TOA5) and HOBOware are recognised.
+    name : str
+        Name of the stream, or of the streams with their quantity behind it.
+    zone : tzinfo, optional
+        Zone of times without one, where the table does not give it either.
+    time_format : str, optional
+        Format of the times, of date and time of day together where they stand in two columns.
+    offset_ns : int
+        Added to the times. [ns]
+    unit : str
+        Unit of columns whose header has none.
+    columns : LogColumns, optional
+        The columns to read; by default the time and every column with a known unit.
+    encoding : str
+        Encoding of the text.
+    measures : str
+        Component of radiation (``ghi``, ``dni``, ``dhi``), where the column names do not give it.
 
-    A date and a time of day in the column after it are taken together, so `time_format` is of both.
+    Returns
+    -------
+    ImportedRecording
+        Readings in order of time; cells without a number are NaN.
 
-    Raises `ConfigError` where the table cannot be understood, with what was found.
+    Raises
+    ------
+    ConfigError
+        The table is ambiguous or cannot be read; the message has what was found.
     """
     table, chosen = read_table(path, encoding), columns or LogColumns()
     head, rows, zone = table.head, table.rows, zone or table.zone
@@ -89,14 +112,14 @@ def read_log(
     stamps, behind = _stamps(path, rows, time_at)
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
     places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
-    meant = [_column(path, place, head[place], unit) for place in places]
+    read = [_column(path, place, head[place], unit) for place in places]
     refuse = _refuse_points if table.has_decimal_commas else _refuse_commas
     refuse(path, head, rows, places)
     times_ns = [plausible_ns(stamp_ns + offset_ns) for stamp_ns in parse_times_ns(stamps, zone, time_format)]
     rate_hz = usual_rate_hz(sorted(times_ns))
-    infos = _infos(name, meant, measures, rate_hz)
+    infos = _infos(name, read, measures, rate_hz)
     readings = [
-        _reading(info, time_ns, row, [column for column in meant if column.quantity == info.quantity])
+        _reading(info, time_ns, row, [column for column in read if column.quantity == info.quantity])
         for info in infos
         for time_ns, row in zip(times_ns, rows, strict=True)
     ]
@@ -105,7 +128,7 @@ def read_log(
     note = f"{path.name}: {len(rows)} rows{applied}"
     unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
     warnings = [
-        *_warnings(*_without_value(rows, meant), unknown, rate_hz if table.averages else 0.0),
+        *_warnings(*_without_value(rows, read), unknown, rate_hz if table.averages else 0.0),
         *chain.from_iterable(map(_unmeasured, infos)),
     ]
     return ImportedRecording(infos, ordered, ((Severity.INFO, note), *warnings))

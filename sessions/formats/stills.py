@@ -55,12 +55,33 @@ def read_stills(
     source: Path, scale: Scale | None, *, times: Path | None = None, time_format: str | None = None,
     zone: tzinfo | None = None, name: str = "camera",
 ) -> ImportedRecording:  # fmt: skip
-    """The frames of a folder, or one, as a camera stream, in order of time.
+    """Read the frames of a folder, or a single one, as a camera stream in order of time.
 
-    `scale` None takes the file's word for what a count means. Stamps come from a table `times` (file name,
-    time; with a header line or without), from the file names by `time_format` (as for strptime, of
-    the name without its ending), or from the tags of frames that fieldkit exported. Times without an
-    offset are taken in `zone`. Raises `ConfigError`.
+    Parameters
+    ----------
+    source : Path
+        A folder or file: 16-bit TIFF or InfiRay IRG.
+    scale : Scale or None
+        What a count means; None uses the scale in the files.
+    times : Path, optional
+        Table of file name and time, with a header line or without.
+    time_format : str, optional
+        Format of the times in the file names without their ending, as for strptime. Without it and `times`
+        the tags of frames that fieldkit exported are used.
+    zone : tzinfo, optional
+        Zone of times without an offset.
+    name : str
+        Name of the stream.
+
+    Returns
+    -------
+    ImportedRecording
+        One camera stream; frames are read when they are needed.
+
+    Raises
+    ------
+    ConfigError
+        Scale or times are unknown, or a file cannot be read.
     """
     paths = image_files(source)
     if not paths:
