@@ -48,7 +48,7 @@ class Yard:
     def light(self, minute: int) -> float:
         return self.dni_w_m2 * (0.4 if minute in self.clouds else 1.0)
 
-    def picture(self, time_ns: int, minute: int, random: np.random.Generator) -> np.ndarray:
+    def counts(self, time_ns: int, minute: int, random: np.random.Generator) -> np.ndarray:
         sun = sun_vectors(time_ns, self.site)
         kelvin = np.full(SHAPE, 300.0)
         for bed in self.beds:
@@ -71,7 +71,7 @@ class Yard:
             begin = self.start_ns + minute * MINUTE_NS
             for frame in range(frames):
                 at = begin + frame * SECOND_NS
-                made.append(Frame("camera", at + 7, at, self.picture(at, minute, random), none, quality))
+                made.append(Frame("camera", at + 7, at, self.counts(at, minute, random), none, quality))
             for second in range(0, 60, 5):
                 at = begin + second * SECOND_NS + 1
                 horizontal = self.light(minute) * float(sun_vectors(at, self.site)[2]) / 0.85

@@ -1,4 +1,4 @@
-"""Rows of the least squares: their noise and their doubts, against the paper's Table 1 by hand."""
+"""Least-squares rows: noise and systematic uncertainties, against the paper's Table 1 by hand."""
 
 from __future__ import annotations
 
@@ -61,14 +61,14 @@ def test_light_that_changes_by_a_tenth_in_a_minute_doubles_the_variance():
     assert found[11] == 1.0
 
 
-def test_an_offset_and_a_drift_in_kelvin_per_hour_are_doubts_in_every_row(history):
+def test_an_offset_and_a_drift_in_kelvin_per_hour_are_systematic_effects_in_every_row(history):
     offset, drift, _ = made(history).systematics[:, :, 0] * ABSORBED / STEEPNESS  # back to kelvin
     assert offset == pytest.approx(np.full(MINUTES, 0.25))
     assert drift[-1] - drift[0] == pytest.approx(0.4)  # over one hour
     assert drift.mean() == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_doubtful_layer_is_the_difference_that_another_layer_would_make(history):
+def test_an_uncertain_layer_is_the_difference_that_another_layer_would_make(history):
     warming = replace(
         history,
         temperature_k=history.temperature_k + np.outer(np.arange(MINUTES) ** 1.5 / 60.0, [0, 0, 0, 1]),
@@ -80,10 +80,10 @@ def test_a_doubtful_layer_is_the_difference_that_another_layer_would_make(histor
         replace(slab, conductivity_w_m_k=1.3 * slab.conductivity_w_m_k),
         replace(slab, heat_capacity_j_m3_k=1.2 * slab.heat_capacity_j_m3_k),
     )
-    for doubt, other in zip(found.systematics[3:, :, 0], others, strict=True):
+    for effect, other in zip(found.systematics[3:, :, 0], others, strict=True):
         moved = made(warming, **{**full, "slab": other}).y[:, 0] - found.y[:, 0]
         assert np.abs(moved).max() > 1e-4
-        assert doubt == pytest.approx(moved, abs=1e-12)
+        assert effect == pytest.approx(moved, abs=1e-12)
 
 
 @pytest.mark.parametrize(("model", "scale"), [("paper", 1.0), ("paper", 1.2)])

@@ -34,12 +34,12 @@ def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
 
 def test_mean_spread_and_jitter_of_a_region_are_those_of_its_pixels_in_kelvin() -> None:
     random = np.random.default_rng(2)
-    pictures = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
+    frame_counts = [29_800 + random.integers(0, 300, (4, 6)) for _ in range(3)]
     camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
-    minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(pictures)))
+    minute = minute_of(camera, *(frame(counts, 10.0 * n) for n, counts in enumerate(frame_counts)))
     mean, spread, jitter = camera.means(minute.frame_sums)
     for place, box in enumerate((np.s_[0:2, 0:2], np.s_[2:4, 3:6])):
-        pixels = np.array([counts[box] for counts in pictures]) * 0.01
+        pixels = np.array([counts[box] for counts in frame_counts]) * 0.01
         assert mean[place] == pytest.approx(pixels.mean(), abs=1e-4)
         assert spread[place] == pytest.approx(pixels.std(), rel=1e-9)
         means = pixels.reshape(3, -1).mean(axis=1)
@@ -59,10 +59,10 @@ def test_each_region_has_its_own_emissivity_or_the_surfaces() -> None:
 
 def test_a_minute_stands_at_the_mean_of_its_pictures_or_in_its_middle() -> None:
     camera = CameraStream(INFO, (FLAT, BED), 1.0, 233.15)
-    picture = np.full((4, 6), 30_000)
-    minute = minute_of(camera, *(frame(picture, second) for second in (10.0, 20.0, 45.0)))
+    flat_counts = np.full((4, 6), 30_000)
+    minute = minute_of(camera, *(frame(flat_counts, second) for second in (10.0, 20.0, 45.0)))
     assert minute.time_ns == 7 * MINUTE_NS + 25 * 10**9
     assert minute_of(camera).time_ns == 7 * MINUTE_NS + 30 * 10**9
-    under_the_shutter = minute_of(camera, frame(picture, 10.0, Quality.SHUTTER))
+    under_the_shutter = minute_of(camera, frame(flat_counts, 10.0, Quality.SHUTTER))
     assert under_the_shutter.time_ns == 7 * MINUTE_NS + 30 * 10**9
     assert under_the_shutter.flags == Quality.SHUTTER

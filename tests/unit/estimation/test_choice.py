@@ -26,14 +26,14 @@ def tilt_of(choice: Choice) -> float:
 
 
 @pytest.mark.parametrize(
-    ("advantage", "believed"),
+    ("advantage", "preferred"),
     # the price of the steeper one is 2 ln(sin 30° / sin 10°) = 2.115
     [(0.0, FLAT_DEG), (1.5, FLAT_DEG), (2.05, FLAT_DEG), (2.2, STEEP_DEG), (6.0, STEEP_DEG)],
 )
-def test_a_steeper_slope_is_believed_only_for_a_clearly_better_fit(advantage, believed):
+def test_a_steeper_slope_is_preferred_only_for_a_clearly_better_fit(advantage, preferred):
     found = chosen((STEEP_DEG, 5.0 - advantage), (FLAT_DEG, 5.0))
-    assert tilt_of(found) == pytest.approx(believed)
-    other = STEEP_DEG if believed == FLAT_DEG else FLAT_DEG
+    assert tilt_of(found) == pytest.approx(preferred)
+    other = STEEP_DEG if preferred == FLAT_DEG else FLAT_DEG
     assert float(tilt_azimuth(found.other)[0]) == pytest.approx(other)
 
 

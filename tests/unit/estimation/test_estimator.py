@@ -152,8 +152,8 @@ def test_flat_target_is_called_flat(yard):
 
 
 def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
-    doubtful = EstimatorSettings(window_s=3600.0, offset_sd_k=2.0)
-    for found in run(yard, yard.samples(61), doubtful)[-1].estimates:
+    uncertain = EstimatorSettings(window_s=3600.0, offset_sd_k=2.0)
+    for found in run(yard, yard.samples(61), uncertain)[-1].estimates:
         assert found.state == SlopeState.UNCERTAIN
         low, high = found.tilt_low_deg, found.tilt_high_deg
         assert found.reason == f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
@@ -281,9 +281,9 @@ def test_moved_picture_is_noticed_once_and_flagged(yard):
         for s in samples
     ]
     minutes = run(yard, shifted)
-    told = [event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED]
-    assert len(told) == 1
-    assert "3.6 px" in told[0].text
+    seen = [event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED]
+    assert len(seen) == 1
+    assert "3.6 px" in seen[0].text
     assert [bool(minute.flags & Quality.MOVED) for minute in minutes] == [False] * 7 + [True] * 5
 
 
@@ -364,7 +364,7 @@ def test_window_reaches_back_over_a_passing_cloud_to_the_start(yard):
 
 
 def test_window_is_halved_until_one_slope_explains_it(yard):
-    """A bed that is turned over after 40 minutes: what was before says nothing about what is."""
+    """A bed turned over after 40 minutes: the minutes before carry no information about it."""
     turned = replace(yard, beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0)))
     before = replace(yard, beds=yard.beds[:2]).samples(40)
     after = [sample for sample in turned.samples(80) if sample.time_ns >= yard.start_ns + 40 * MINUTE_NS]
@@ -384,11 +384,11 @@ def test_a_region_that_alone_drifts_is_named_and_the_others_go_on(yard):
             sample = sample._replace(counts=warmer.astype(np.uint16))
         creeping.append(sample)
     minutes = run(yard, creeping)
-    told = [by_name(minute)["b17"] for minute in minutes]
-    first = next(index for index, one in enumerate(told) if "alone deviates" in one.reason)
+    seen = [by_name(minute)["b17"] for minute in minutes]
+    first = next(index for index, one in enumerate(seen) if "alone deviates" in one.reason)
     assert 70 < first <= 100
-    assert told[first].state == SlopeState.NO_INTERSECTION
-    assert "+0.5 K" in told[first].reason or "+0.6 K" in told[first].reason
+    assert seen[first].state == SlopeState.NO_INTERSECTION
+    assert "+0.5 K" in seen[first].reason or "+0.6 K" in seen[first].reason
     for minute in minutes:
         assert "alone deviates" not in by_name(minute)["b08"].reason + by_name(minute)["b25"].reason
 

@@ -53,15 +53,15 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
     closed += binner.finish()
     assert len(closed) == 14 * 60
     assert not any(entry.flags & Quality.CLOUD for entry, _ in closed)
-    assert not any(notices for _, notices in closed)
+    assert not any(reported for _, reported in closed)
 
 
-@pytest.mark.parametrize("doubt", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
-def test_contact_readings_in_doubt_stay_out_of_the_mean(doubt):
+@pytest.mark.parametrize("flag", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
+def test_flagged_contact_readings_are_excluded_from_the_mean(flag):
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
     minute = OpenBin(0, 0)
     for second, value in enumerate([25.0, 9000.0, 27.0]):
-        quality = doubt if value > 100.0 else Quality.GOOD
+        quality = flag if value > 100.0 else Quality.GOOD
         minute.add_reading(Reading("probe", second, second * 10**9, (value, 20.0), quality=quality))
     assert instruments.contact_k(minute) == pytest.approx((299.15, 293.15))
 
@@ -169,15 +169,15 @@ def test_radiation_of_unknown_kind_asks_for_the_key_that_names_it(first):
 def test_beside_a_light_meter_unknown_radiation_is_left_alone_with_a_warning_once():
     binner = Binner(SITE, (), (radiation("sun"), LUX), EstimatorSettings())
     assert binner.irradiance_model.startswith("eq10")
-    notices = []
+    reported = []
     for minute in range(3):
         at = AT_22_DEGREES + minute * 60_000_000_000
         for _, events in [*binner.add(Reading("lux", at, at, (40_000.0,)))]:
-            notices += events
-    notices += [event for _, events in binner.finish() for event in events]
-    assert [event.stream for event in notices] == ["sun"]
-    assert "irradiance.measures.sun" in notices[0].text
-    assert len(notices[0].text) <= 256  # what an event has room for
+            reported += events
+    reported += [event for _, events in binner.finish() for event in events]
+    assert [event.stream for event in reported] == ["sun"]
+    assert "irradiance.measures.sun" in reported[0].text
+    assert len(reported[0].text) <= 256  # what an event has room for
 
 
 def test_direct_wins_over_global_over_tilted_over_lux_whatever_came_first():
@@ -186,7 +186,7 @@ def test_direct_wins_over_global_over_tilted_over_lux_whatever_came_first():
     for best in range(1, 5):
         assert chosen(*rising[:best], irradiance=tilted) == rising[best - 1].name
     assert chosen(*rising, irradiance=tilted, light_stream="lux") == "lux"
-    assert chosen(light_stream="lux") == ""  # pictures alone
+    assert chosen(light_stream="lux") == ""  # frames alone
     assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_down"), LUX) == "lux"
     assert chosen(radiation("sky", "dhi"), radiation("lw", "longwave_up")) == ""
 
@@ -218,7 +218,7 @@ def test_hourly_diffuse_light_and_longwave_stand_until_the_next_are_due():
 
 
 @pytest.mark.parametrize(
-    ("streams", "settings", "said", "key"),
+    ("streams", "settings", "message", "key"),
     [
         ((LUX,), {"light_stream": "kipp"}, "'kipp' is not a stream of sunlight", "lux"),
         ((LUX,), {"measures": {"lux": "ghi"}}, "the stream is in lx", "irradiance.model"),
@@ -237,8 +237,8 @@ def test_hourly_diffuse_light_and_longwave_stand_until_the_next_are_due():
         ),
     ],
 )
-def test_what_contradicts_the_streams_is_refused_with_the_key_to_set(streams, settings, said, key):
-    with pytest.raises(ConfigError, match=said) as caught:
+def test_what_contradicts_the_streams_is_refused_with_the_key_to_set(streams, settings, message, key):
+    with pytest.raises(ConfigError, match=message) as caught:
         Instruments(streams, EstimatorSettings(**settings))
     assert key in caught.value.fix
 

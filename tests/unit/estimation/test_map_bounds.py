@@ -39,7 +39,7 @@ def temperatures(normals, ray):
 
 
 def summed(normals, sun, seed: int = 1) -> MapSums:
-    """Pictures of facets (rows, cols, 3), noisy to the stated noise of a difference."""
+    """Frames of facets (rows, cols, 3), noisy to the stated noise of a difference."""
     random = np.random.default_rng(seed)
     sums = MapSums(normals.shape[:2], PAPER, NOISE_K)
     for ray in sun:
@@ -115,9 +115,9 @@ def test_pixels_without_a_slope_have_no_bounds() -> None:
     sun = suns(30)
     sums = MapSums((4, 5), PAPER, NOISE_K)
     for ray in sun:
-        picture = np.broadcast_to(temperatures(normal(10.0, 150.0), ray), (4, 5)).copy()
-        picture[:2] = np.nan
-        sums.add(picture, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+        frame_k = np.broadcast_to(temperatures(normal(10.0, 150.0), ray), (4, 5)).copy()
+        frame_k[:2] = np.nan
+        sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
     slopes, bounds = with_bounds(sums.solve(), sums, VERTICAL, NOISE_ALONE)
     for plane in (bounds.tilt_low_deg, bounds.tilt_high_deg, bounds.azimuth_low_deg, bounds.azimuth_high_deg):
         assert np.isnan(plane[:2]).all()

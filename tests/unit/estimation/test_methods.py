@@ -25,7 +25,7 @@ def test_noise_as_stated_or_quieter_changes_nothing():
     random = np.random.default_rng(5)
     for sd in (0.3, 1.0):
         assert noise_ratio(sd * random.standard_normal(40)) == 1.0
-    assert noise_ratio(10.0 * random.standard_normal(9)) == 1.0  # too few to tell
+    assert noise_ratio(10.0 * random.standard_normal(9)) == 1.0  # too few
 
 
 @pytest.mark.parametrize("freedom", [5, 18, 100])
@@ -36,15 +36,15 @@ def test_one_good_window_in_a_hundred_is_called_a_bad_one(freedom):
 @pytest.mark.parametrize("zenith_azimuth", [(55.0, 180.0), (55.0, 0.0), (20.0, 120.0)])
 def test_kelvin_per_degree_is_the_derivative_of_eq_7(zenith_azimuth):
     """A bed towards the sun warms as it is tilted more, one away from it cools."""
-    lamp = normal(*zenith_azimuth)
+    direction = normal(*zenith_azimuth)
 
     def kelvin(tilt_deg):
-        light = 800.0 * float(normal(tilt_deg, 180.0) @ lamp)
+        light = 800.0 * float(normal(tilt_deg, 180.0) @ direction)
         return float(surface_temperature(light, 300.0, 290.0, TABLE_1))
 
     y_per_kelvin = float(irradiance_per_kelvin(kelvin(15.0), TABLE_1)) / 800.0
     expected = (kelvin(15.1) - kelvin(14.9)) / 0.2
-    assert kelvin_per_degree(15.0, 180.0, lamp, y_per_kelvin) == pytest.approx(expected, rel=1e-3)
+    assert kelvin_per_degree(15.0, 180.0, direction, y_per_kelvin) == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_row_within_two_sigmas_of_no_light_is_in_the_shade():

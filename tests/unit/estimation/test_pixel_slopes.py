@@ -31,15 +31,15 @@ def mapped(sun, normals, noise_k=0.0, spoil=None):
     random = np.random.default_rng(2)
     sums = MapSums(SHAPE, PAPER, 0.05)
     for ray in sun:
-        picture = temperatures(normals, ray) + noise_k * random.standard_normal(SHAPE)
+        frame_k = temperatures(normals, ray) + noise_k * random.standard_normal(SHAPE)
         if spoil is not None:
-            picture[spoil] = np.nan
-        sums.add(picture, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
+            frame_k[spoil] = np.nan
+        sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
     return sums.solve()
 
 
 def test_opencvs_azimuths_are_good_to_a_hundredth_of_a_degree():
-    """As the module says of its maps; an OpenCV with a coarser arc tangent would fail here."""
+    """As the module states for its maps; an OpenCV with a coarser arc tangent would fail here."""
     azimuth = np.radians(np.linspace(0.0, 360.0, 100_001)[:-1])
     north, east = np.cos(azimuth).astype(np.float32), np.sin(azimuth).astype(np.float32)
     found = cv2.phase(north, east, angleInDegrees=True).ravel()
@@ -53,8 +53,8 @@ def test_every_pixel_gets_its_slope_or_says_that_two_fit(scene):
     sure = found.state == SlopeState.OK
     assert sure.mean() > 0.7
     assert error[sure].max() < 0.05
-    doubtful = found.state == SlopeState.NOT_RESOLVED
-    assert np.isfinite(found.second_tilt_deg[doubtful]).all()
+    unresolved = found.state == SlopeState.NOT_RESOLVED
+    assert np.isfinite(found.second_tilt_deg[unresolved]).all()
     assert np.isnan(found.second_tilt_deg[sure]).all()
 
 
@@ -62,10 +62,10 @@ def test_map_agrees_with_the_regions_least_squares(scene):
     sun, truth = scene
     found = mapped(sun, truth, noise_k=0.02)
     random = np.random.default_rng(2)
-    pictures = [temperatures(truth, ray) + 0.02 * random.standard_normal(SHAPE) for ray in sun]
+    frames_k = [temperatures(truth, ray) + 0.02 * random.standard_normal(SHAPE) for ray in sun]
     flat = [float(temperatures(VERTICAL, ray)) for ray in sun]
     for pixel in ((3, 4), (11, 22), (19, 29)):
-        y = [irradiance_difference(p[pixel], f, PAPER) / 800.0 for p, f in zip(pictures, flat, strict=True)]
+        y = [irradiance_difference(p[pixel], f, PAPER) / 800.0 for p, f in zip(frames_k, flat, strict=True)]
         misfit = Misfit.of_rows(sun, np.array(y) + sun[:, 2])
         best = choose(misfit, solve(misfit), 45.0).best
         assert angle_between_deg(normal(found.tilt_deg[pixel], found.azimuth_deg[pixel]), best) < 0.1

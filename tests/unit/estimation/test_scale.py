@@ -100,7 +100,7 @@ def test_without_information_the_prior_speaks():
     assert joint.kappa_sd == pytest.approx(0.1, rel=0.15)
 
 
-def test_known_beds_tell_steepness_but_not_its_split():
+def test_known_beds_determine_steepness_but_not_its_split():
     rays, random = sun(181), np.random.default_rng(4)
     beds = normal([10.0, 20.0, 25.0], [180.0, 180.0, 90.0])
     target = surface_temperature(800.0 * (beds @ rays.T), 400.0, 303.15, PAPER)
@@ -114,7 +114,7 @@ def test_known_beds_tell_steepness_but_not_its_split():
     # published: the common effect to 0.2-0.6 %, the contrast to 37-86 %
     assert found.steepness_w_m2_k == pytest.approx(true, rel=0.006)
     assert found.steepness_sd / true < 0.006
-    # of the split the data tell less than an independent thermometer would: a third of the prior is left
+    # on the split the data contain less than an independent thermometer would: a third of the prior is left
     assert found.share_sd > 0.03
     assert "separately cannot be determined" in found.summary
 
