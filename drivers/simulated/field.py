@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import MappingProxyType, TracebackType
 
 from fieldkit.drivers.simulated.lepton import LATENCY_S, SimulatedLepton
-from fieldkit.drivers.simulated.meters import Meter, SimulatedCenter309, SimulatedLutron
+from fieldkit.drivers.simulated.meters import SimulatedCenter309, SimulatedLutron, SimulatedMeter
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import ConfigError
 from fieldkit.simulation import FaultKind, Scene
@@ -18,7 +18,7 @@ PORT = "simulated"
 """What the configuration writes for the port of a simulated instrument."""
 
 CAMERAS: Mapping[str, type[SimulatedLepton]] = MappingProxyType({"purethermal": SimulatedLepton})
-METERS: Mapping[str, type[Meter]] = MappingProxyType(
+METERS: Mapping[str, type[SimulatedMeter]] = MappingProxyType(
     {"lutron": SimulatedLutron, "center-309": SimulatedCenter309}
 )
 
@@ -32,7 +32,7 @@ class SimulatedField:
 
     def __init__(self, scene: Scene, clock: SimulatedClock) -> None:
         self._scene, self._clock = scene, clock
-        self._meters: list[Meter] = []
+        self._meters: list[SimulatedMeter] = []
         for begin_ns, _ in scene.fault_spans(FaultKind.CLOCK):
             clock.call_at(clock.to_mono_ns(begin_ns), lambda: clock.step_system_clock(CLOCK_STEP_S))
 

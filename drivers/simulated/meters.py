@@ -24,7 +24,7 @@ _SPOILT_SHARE = 0.7  # of the records during a garbled minute
 _OPEN_PROBE = 0x7FFF
 
 
-class Meter(ABC):
+class SimulatedMeter(ABC):
     """An instrument on a pseudo-terminal, looking at the scene through the clock.
 
     `latency_s` is how old the value is that the first byte of a record announces, and
@@ -75,7 +75,7 @@ class Meter(ABC):
         self._terminal.send(record)
 
 
-class SimulatedLutron(Meter):
+class SimulatedLutron(SimulatedMeter):
     """A light meter that lies flat and sends a record every `every_s`, unrequested."""
 
     latency_s = 0.2
@@ -92,7 +92,7 @@ class SimulatedLutron(Meter):
         self._clock.call_at(now_ns + self._every_ns, self._measure)
 
 
-class SimulatedCenter309(Meter):
+class SimulatedCenter309(SimulatedMeter):
     """A thermometer with its four probes in the first four regions; it replies to `A` and `K`."""
 
     latency_s = 0.1
