@@ -40,6 +40,10 @@ class Stream:
     def __len__(self) -> int:
         return self._session.count(self.name)
 
+    def __repr__(self) -> str:
+        shape = "x".join(map(str, self.info.shape))
+        return f"<Stream {self.name}: {len(self)} samples of {shape} {self.info.quantity} [{self.info.unit}]>"
+
     def times_ns(self) -> NDArray[np.int64]:
         """UTC of the samples in nanoseconds since 1970, corrected by the active time map."""
         return self._session.times_ns(self.name)

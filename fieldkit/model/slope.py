@@ -95,6 +95,11 @@ class SlopeEstimate:
     noise_azimuth_low_deg: float = NAN
     noise_azimuth_high_deg: float = NAN
 
+    def __repr__(self) -> str:
+        tilt = f"tilt {self.tilt_deg:.1f}° ({self.tilt_low_deg:.1f} to {self.tilt_high_deg:.1f})"
+        second = f", or {self.second_tilt_deg:.1f}°" if math.isfinite(self.second_tilt_deg) else ""
+        return f"<{self.region}: {tilt}{second}, azimuth {self.azimuth_deg:.0f}°, {self.state.name.lower()}>"
+
 
 def is_certain(estimate: SlopeEstimate) -> bool:
     """Whether a slope may be relied on, current or held: a single branch fits, within a narrow region."""

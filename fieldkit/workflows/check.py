@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from fieldkit.sessions.check import Finding, worst
 from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
+from fieldkit.views import html
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.sources import config_for
 
@@ -33,6 +35,16 @@ class CheckedSession:
     def level(self) -> str:
         """The worst level among the findings: ``ok``, ``warn`` or ``fail``."""
         return worst(self.findings)
+
+    def __repr__(self) -> str:
+        counts = Counter(one.level for one in self.findings)
+        return (
+            f"<CheckedSession {self.path.stem}: {', '.join(f'{n} {level}' for level, n in counts.items())}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(one.level, one.what, one.text, one.fix) for one in self.findings]
+        return html.table_html(html.Table(("", "about", "finding", "fix"), rows, str(self.path)))
 
     def to_frame(self) -> pd.DataFrame:
         """The findings, one row each."""

@@ -93,7 +93,12 @@ class Estimates:
         )
 
     def __getitem__(self, region: str) -> SlopeEstimate:
-        return self.final[region]
+        try:
+            return self.final[region]
+        except KeyError:
+            raise KeyError(
+                f"no target region {region!r}; there are {', '.join(self.final) or 'none'}"
+            ) from None
 
     @cached_property
     def final(self) -> dict[str, SlopeEstimate]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.slopes import slopes
@@ -39,6 +41,17 @@ class Report:
     path: Path
     sessions: tuple[Path, ...]
     failures: Mapping[Path, FieldkitError] = field(default_factory=dict)
+
+    def show(self) -> None:
+        """Open the report in the browser, or whatever opens its kind of file."""
+        webbrowser.open(self.path.resolve().as_uri())
+
+    def __repr__(self) -> str:
+        failed = f", {len(self.failures)} failed" if self.failures else ""
+        return f"<Report {self.path}: {len(self.sessions)} sessions{failed}>"
+
+    def _repr_html_(self) -> str:
+        return str(Markup('<a href="{}">{}</a>').format(self.path.resolve().as_uri(), self.path))
 
 
 @dataclass(frozen=True)

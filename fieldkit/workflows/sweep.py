@@ -59,6 +59,10 @@ class Sweep:
             return {}
         return dict(setting.split("=", 1) for setting in self.grid.sets[self.ranking.best])
 
+    def __repr__(self) -> str:
+        best = ", ".join(f"{key} = {value}" for key, value in self.best.items()) or "not ranked"
+        return f"<Sweep of {len(self.grid.sets)} sets, {len(self.sources)} sessions; best: {best}>"
+
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas frame; needs ``fieldkit[lab]``."""
         import pandas as pd

@@ -34,7 +34,7 @@ LARGEST_ZONE_S = 14 * 3600.0
 """No two time zones differ by more from UTC; beyond that, one of the dates is wrong."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ClockCalibration(Calibration):
     """Seconds to add to recorded times; `session` is the file they were found from, if any."""
 

@@ -39,7 +39,7 @@ WITH_TAPE = "reference emissivity (tape), ASTM E1933"
 WITH_THERMOMETER = "contact thermometer, ASTM E1933"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EmissivityCalibration(Calibration):
     """An emissivity with the pairs of surface and apparent temperature that it was fitted to."""
 

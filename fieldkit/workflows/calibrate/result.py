@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Calibration:
     """A calibration that is not yet saved.
 
@@ -33,6 +33,9 @@ class Calibration:
         Raises `StorageError` if the folder has another record of the same name and date.
         """
         return save(self.record, folder or self.folder)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.summary}>"
 
     def to_frame(self) -> pd.DataFrame:
         """The error budget, one row per contribution."""
