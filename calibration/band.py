@@ -15,11 +15,9 @@ from numpy.typing import ArrayLike
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_laws import Planck, path_transmission
+from fieldkit.physics.constants import SECOND_RADIATION
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.radiance import band_radiance, band_temperature
-
-SECOND_RADIATION_UM_K = 14387.76877
-"""h c / k, micrometre kelvin (CODATA 2018)."""
 
 
 class Band(Protocol):
@@ -89,7 +87,7 @@ class ResponseBand:
         self.label = label
         fine = np.linspace(wavelength[0], wavelength[-1], 600)
         self._temperatures = np.arange(150.0, 500.0, 0.25)
-        grid = SECOND_RADIATION_UM_K / np.outer(self._temperatures, fine)
+        grid = 1e6 * SECOND_RADIATION / np.outer(self._temperatures, fine)
         spectral = np.interp(fine, wavelength, weight) / fine**5 / np.expm1(grid)
         self._signals = np.trapezoid(spectral, fine, axis=1)
 

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import VERTICAL, FloatArray
 from fieldkit.physics.slab import Slab, conducted_flux
 

@@ -17,8 +17,8 @@ from fieldkit.estimation.likelihood import NINETY_PERCENT, NINETY_PERCENT_ONE
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, cramer_rao, mirror, tangents
 from fieldkit.model.slope import is_too_wide
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import (
-    STEFAN_BOLTZMANN,
     SurfaceParameters,
     direct_irradiance,
     irradiance_per_kelvin,

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
-
-STEFAN_BOLTZMANN = 5.670374419e-8
-"""W m-2 K-4, exact in the SI since 2019 to the digits given (CODATA 2018)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldkit.physics.constants import FIRST_RADIATION, SECOND_RADIATION
 from fieldkit.physics.facet import FloatArray
 
 BAND_UM = (8.0, 14.0)
 TABLE_K = (100.0, 800.0)
 _STEP_K = 0.1  # linear interpolation is then within 2e-5 K
-_FIRST = 3.741771852e-16  # 2 pi h c^2, W m2 (CODATA 2018)
-_SECOND = 1.438776877e-2  # h c / k, m K (CODATA 2018)
 
 
 def band_radiance(temperature_k: ArrayLike) -> FloatArray:
@@ -154,5 +153,7 @@ def _table() -> tuple[FloatArray, FloatArray]:
     nodes, weights = np.polynomial.legendre.leggauss(32)
     low, high = BAND_UM[0] * 1e-6, BAND_UM[1] * 1e-6
     wavelengths = 0.5 * (high - low) * nodes + 0.5 * (high + low)
-    spectral = _FIRST / wavelengths**5 / np.expm1(_SECOND / np.outer(temperatures, wavelengths))
+    spectral = (
+        FIRST_RADIATION / wavelengths**5 / np.expm1(SECOND_RADIATION / np.outer(temperatures, wavelengths))
+    )
     return temperatures, spectral @ weights * 0.5 * (high - low)

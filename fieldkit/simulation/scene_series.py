@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics import daylight
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN, balance_temperature
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
 from fieldkit.physics.radiance import band_radiance, band_temperature
 from fieldkit.physics.slab import Slab, warm_slab

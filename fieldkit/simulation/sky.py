@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_sky
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray
 from fieldkit.weather import Weather
 

@@ -15,12 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fieldkit.physics.energy_balance import (
-    STEFAN_BOLTZMANN,
-    SurfaceParameters,
-    balance_temperature,
-    surface_temperature,
-)
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.energy_balance import SurfaceParameters, balance_temperature, surface_temperature
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, warm_slab
 

@@ -10,7 +10,8 @@ import pytest
 from scipy.linalg import solve_banded
 
 from fieldkit.estimation.balance import conducted
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN, balance_temperature
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.slab import Slab, conducted_flux, heat_of_step, warm_slab
 
 SAND = Slab()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import erfcx
 
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import normal
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.scene_series import (

@@ -3,7 +3,7 @@ import pytest
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
-from fieldkit.physics.energy_balance import STEFAN_BOLTZMANN
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.simulation import ClearSky, MeasuredSky
 from fieldkit.simulation.sky import SkyState
 from fieldkit.weather import packaged
