@@ -125,7 +125,7 @@ def test_names_that_ls_prints_are_found_from_the_campaigns_folder(campaign: Path
         assert name in run(show, "-C", campaign, name).stdout
     for verb in (show, recover, replay, calibrate_surface, calibrate_uniformity):
         gone = run(verb, "-C", campaign, "c.h5").exception
-        assert str(gone) == "there is no session c.h5"
+        assert gone.message == "there is no session c.h5"
 
 
 def test_an_interrupted_session_is_recovered_by_its_bare_name(campaign: Path) -> None:

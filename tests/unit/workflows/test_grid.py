@@ -37,7 +37,7 @@ def test_sets_are_all_combinations_the_last_parameter_fastest():
 
 @pytest.mark.parametrize("text", ["0.3:0.1:0.1", "0:1:0", "0:1:-0.1", "0:1:0.000001"])
 def test_a_range_that_goes_nowhere_is_refused(text):
-    with pytest.raises(ConfigError, match="is no range"):
+    with pytest.raises(ConfigError, match="is not a valid range"):
         read_grid([f"surface.albedo={text}"])
 
 
