@@ -119,7 +119,7 @@ def _known(value: Any) -> Any:
         kept = {str(key): _known(item) for key, item in value.items()}
         return {key: item for key, item in kept.items() if item not in (None, "", {}, [])}
     if isinstance(value, list | tuple):
-        # nothing is left out of a list, where the place of a number says what it belongs to
+        # nothing is omitted from a list, where the position of a number is its meaning
         return [math.nan if (known := _known(item)) is None else known for item in value]
     if hasattr(value, "tolist"):  # a numpy number or array
         return _known(value.tolist())

@@ -5,7 +5,7 @@ many pairs ``M(T_app) - M(T_refl) = e (M(T) - M(T_refl))`` with M the band signa
 origin whose slope is the emissivity. Errors that all pairs share do not average out and are added
 afterwards (GUM, type B). What the data do not determine is refused, with a fix that names what would.
 
-Crumpled foil in the surface's plane shows what the surface mirrors. Foil is not a perfect mirror: the few
+Crumpled foil in the surface's plane shows what the surface reflects. Foil is not a perfect mirror: the few
 hundredths that it emits itself make a cold sky some kelvins too warm; and under a cold sky it may be colder
 than the camera can measure, which gives a bound instead of a measurement.
 
@@ -309,7 +309,7 @@ def _shared_effects(
         *, camera_k: float = 0.0, probe_k: FloatArray | float = 0.0, reflected_k: FloatArray | float = 0.0
     ) -> float:
         mirror, contact = pairs.reflected_k + reflected_k, pairs.contact_k + probe_k
-        if tape is not None:  # the same camera sees the tape, and the tape mirrors the same
+        if tape is not None:  # the same camera views the tape, which reflects the same
             seen = tape * band.signal(pairs.contact_k) + (1.0 - tape) * band.signal(pairs.reflected_k)
             contact = tape_temperature_k(band.temperature(seen) + camera_k, tape, mirror, band)
         given = replace(pairs, apparent_k=pairs.apparent_k + camera_k, contact_k=contact, reflected_k=mirror)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 
 LEFT_PX, BELOW_PX = 46, 46
-"""Margins with the numbers, in pixels of the enlarged picture."""
+"""Margins with the labels, in pixels of the enlarged image."""
 _STEPS = (5, 10, 20, 50, 100, 200, 500)
 _MOST_TICKS = 8
 _INK, _PAPER, _FAINT = 0, 255, 0.35

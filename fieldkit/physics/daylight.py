@@ -16,7 +16,7 @@ from fieldkit.physics.facet import FloatArray
 SOLAR_CONSTANT_W_M2 = 1361.0
 """Kopp and Lean, "A new, lower value of total solar irradiance", 2011."""
 
-# below one degree of elevation the ratio of cosines says nothing about circumsolar light
+# below one degree of elevation the ratio of cosines carries no information on circumsolar light
 _LOWEST_COS_ZENITH = 0.01745
 
 
@@ -131,7 +131,7 @@ def clear_sky(
     cg1, cg2 = 5.09e-5 * elevation_m + 0.868, 3.92e-5 * elevation_m + 0.0387
     total = cg1 * top * safe * np.exp(-cg2 * mass * (f1 + f2 * (linke_turbidity - 1.0)))
     beam = (0.664 + 0.163 / f1) * top * np.exp(-0.09 * mass * (linke_turbidity - 1.0))
-    # the beam cannot leave less diffuse light than the clearest sky has
+    # the diffuse part cannot be smaller than that of the clearest sky
     most = total / safe * (1.0 - (0.1 - 0.2 * np.exp(-linke_turbidity)) / (0.1 + 0.882 / f1))
     beam = np.minimum(beam, np.maximum(most, 0.0))
     return np.where(up, beam, 0.0), np.where(up, total - beam * safe, 0.0)

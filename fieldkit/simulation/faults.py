@@ -40,7 +40,7 @@ SHUTTER_STEP_K = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault; it begins in the middle of the scene and lasts as long as `LASTS_S` says, unless given."""
+    """One fault; it begins in the middle of the scene and lasts `LASTS_S`, unless given."""
 
     kind: FaultKind
     after_s: float | None = None
