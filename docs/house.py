@@ -27,11 +27,11 @@ DIALECT = (
 """Words that have a standard name instead. Some also have an honest use: the count need not reach zero."""
 
 NOTIONS = {
-    "masks of unusable samples": r"UNUSABLE\s*=|def _?is_usable|def _?usable\(",
-    "counts to kelvin": r"def \w*kelvin\w*\(|def frames?_k\(",
-    "durations parsed": r"def _?(parse_)?(duration|time_span|span)\w*\(.*\bstr\b",
-    "atomic writes": r"os\.replace\(|\.replace\((path|file|final)\b",
-    "SHA-256": r"sha256\(",
+    "a list of unusable flags": r"UNUSABLE\w*\s*=|\w+ = \(?\s*Quality\.\w+ \| Quality\.\w+ \| Quality",
+    "counts made kelvin": r"\binfo\.scale\s*\*|\*\s*info\.scale|\*\s*scale\s*\+\s*offset",
+    "durations parsed": r"def _?(parse_)?duration\w*\(.*\bstr\b|\[hms\]",
+    "files replaced as a whole": r"os\.replace\(|(?<!dataclasses)\.replace\((path|file|final|target)\)",
+    "SHA-256 of a file": r"file_digest\(|sha256\(\w+\.read_bytes",
     "0 °C in kelvin": r"\b273\.15\b",
     "nanoseconds of a minute": r"=\s*60_?000_?000_?000\b|=\s*60 \* (SECOND_NS|1_000_000_000)",
     "nanoseconds of a second": r"=\s*1_000_000_000\b|=\s*10\*\*9\b",
@@ -54,6 +54,25 @@ def room_of(file: Path, tree: Path) -> str:
 def code_lines(file: Path) -> int:
     """Lines that are not blank."""
     return sum(1 for line in file.read_text(encoding="utf-8").splitlines() if line.strip())
+
+
+def statement_lines(file: Path) -> int:
+    """Lines with code: neither blank, nor docstring, nor comment alone."""
+    text = file.read_text(encoding="utf-8")
+    documented = (
+        node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Expr) and is_text(node.value)
+    )
+    skipped = {line for node in documented for line in range(node.lineno, (node.end_lineno or 0) + 1)}
+    return sum(
+        1
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#") and number not in skipped
+    )
+
+
+def is_text(node: ast.expr) -> bool:
+    """Whether an expression is a plain string, which as a statement documents what stands before it."""
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
 def module_name(file: Path, tree: Path) -> str:
@@ -131,13 +150,14 @@ def rows(tree: Path) -> dict[str, str]:
     table = {
         "files": f"{len(files)}",
         "lines, not blank": f"{sum(lengths)}",
+        "of these with code, not docstring or comment": f"{sum(map(statement_lines, files))}",
         "lines of a file, median / p90": spread(lengths),
         "modules with one importer, in their own folder": f"{len(with_one_importer(tree, files))}",
         "names of modules that collide": f"{colliding(files)}",
         "old words in identifiers": f"{in_names}",
         "old words in prose": f"{in_prose}",
     }
-    table |= {f"files with {notion}": f"{count}" for notion, count in copies(files).items()}
+    table |= {f"homes of: {notion}": f"{count}" for notion, count in copies(files).items()}
     table |= {
         f"{room}/: files, lines, median / p90": f"{len(of_room)}, {sum(of_room)}, {spread(of_room)}"
         for room, of_room in sorted(rooms.items())
