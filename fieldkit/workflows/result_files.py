@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -11,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, StorageError, message_of
 from fieldkit.sessions.formats.tables_out import as_text
 from fieldkit.workflows.json_document import to_json
@@ -44,7 +44,7 @@ def write_results(base: Path, columns: Columns, about: Mapping[str, Any]) -> lis
         if find_spec("pyarrow") is not None:
             _write_parquet(parquet, columns)
             written.append(parquet)
-        digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in written}
+        digests = {path.name: sha256(path) for path in written}
         document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
     except OSError as error:
         raise StorageError(
