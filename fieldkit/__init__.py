@@ -23,9 +23,12 @@ if _TYPE_CHECKING:
     from fieldkit.workflows.check import check as check
     from fieldkit.workflows.estimate import estimate as estimate
     from fieldkit.workflows.export import export as export
+    from fieldkit.workflows.importing import ImportOptions as ImportOptions
     from fieldkit.workflows.importing import import_recording as import_recording
+    from fieldkit.workflows.plan import PlanOptions as PlanOptions
     from fieldkit.workflows.plan import plan as plan
     from fieldkit.workflows.record import record as record
+    from fieldkit.workflows.report import ReportOptions as ReportOptions
     from fieldkit.workflows.report import report as report
     from fieldkit.workflows.session import Session as Session
     from fieldkit.workflows.session import open_session as open_session
@@ -44,10 +47,10 @@ _HOMES = {
     "fieldkit.workflows.check": ("check",),
     "fieldkit.workflows.estimate": ("estimate",),
     "fieldkit.workflows.export": ("export",),
-    "fieldkit.workflows.importing": ("import_recording",),
-    "fieldkit.workflows.plan": ("plan",),
+    "fieldkit.workflows.importing": ("ImportOptions", "import_recording"),
+    "fieldkit.workflows.plan": ("PlanOptions", "plan"),
     "fieldkit.workflows.record": ("record",),
-    "fieldkit.workflows.report": ("report",),
+    "fieldkit.workflows.report": ("ReportOptions", "report"),
     "fieldkit.workflows.session": ("Session", "open_session"),
     "fieldkit.workflows.simulate": ("simulate",),
     "fieldkit.workflows.slope_map": ("slope_map",),

@@ -27,6 +27,7 @@ from fieldkit.views import formatting, html
 from fieldkit.workflows.executors import Workers
 from fieldkit.workflows.regions import Point, Rect, RegionProperties, add_region
 from fieldkit.workflows.session import Session, open_session
+from fieldkit.workflows.sources import Settings, settings_from
 from fieldkit.workflows.sweep import Sweep, sweep
 
 FOLDERS = ("calibration", "recordings", "results", "reports")
@@ -59,9 +60,13 @@ class Sessions(Sequence[Session]):
 
 @dataclass
 class Campaign:
-    """A campaign folder: its configuration as it is now, and its recordings by age."""
+    """A campaign folder: its configuration as it is now, and its recordings by age.
+
+    `settings` are ``KEY=VALUE`` that replace values of ``fieldkit.toml`` while this object is used.
+    """
 
     config: Config
+    settings: tuple[str, ...] = ()
 
     @property
     def directory(self) -> Path:
@@ -118,7 +123,7 @@ class Campaign:
         >>> campaign.add_region("b15", rect=(60, 60, 30, 30), tilt_deg=15)  # doctest: +SKIP
         """
         add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
-        self.config = load_config(self.config.path)
+        self.config = load_config(self.config.path, settings=self.settings)
 
     def sweep(
         self,
@@ -150,9 +155,14 @@ class Campaign:
         return sweep(paths, parameters, workers=Workers(jobs))
 
 
-def open_campaign(path: str | Path = ".") -> Campaign:
-    """Open the campaign in a folder or around it; raises `ConfigError` if there is none."""
-    return Campaign(load_config(find_campaign(Path(path))))
+def open_campaign(path: str | Path = ".", settings: Settings = ()) -> Campaign:
+    """Open the campaign in a folder or around it; raises `ConfigError` if there is none.
+
+    `settings` are other values for keys of ``fieldkit.toml``, which itself stays as it is:
+    ``{"simulation.speed": "max"}``.
+    """
+    given = tuple(settings_from(settings))
+    return Campaign(load_config(find_campaign(Path(path)), settings=given), given)
 
 
 def init_campaign(

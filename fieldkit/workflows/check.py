@@ -16,7 +16,7 @@ from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.views import html
 from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for
+from fieldkit.workflows.sources import SessionOrFile, config_for, path_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,17 +53,17 @@ class CheckedSession:
         return pd.DataFrame(self.findings)
 
 
-def check(path: str | Path, *, estimates: bool = True) -> CheckedSession:
-    """Check a session file: checksums, gaps, rates, clocks, units, and with `estimates` the slopes.
+def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
+    """Check a session or its file: checksums, gaps, rates, clocks, units, and with `estimates` the slopes.
 
     Slopes are estimated again from the stored samples and compared with those the recording stored. Nothing
     is changed. What is wrong is a finding; nothing is raised for it.
     """
-    path = Path(path)
+    path = path_of(session)
     findings = file_check.check(path)
     if estimates and not any(one.what == "file" for one in findings):
-        with open_session(path) as session:
-            findings += _estimate_findings(session)
+        with open_session(path) as opened:
+            findings += _estimate_findings(opened)
     return CheckedSession(path, tuple(findings))
 
 

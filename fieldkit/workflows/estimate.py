@@ -21,12 +21,12 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.estimates import Estimates
-from fieldkit.workflows.sources import regions_for, settings_from, source_of
+from fieldkit.workflows.sources import SessionOrFile, path_of, regions_for, settings_from, source_of
 from fieldkit.workflows.temperature_table import read_table
 
 
 def estimate(
-    session: str | Path | SessionReader,
+    session: SessionOrFile,
     settings: Mapping[str, Any] | None = None,
     /,
     *,
@@ -61,11 +61,10 @@ def estimate(
     ConfigError
         For a key or value that no estimate has.
     """
-    path = session.path if isinstance(session, SessionReader) else Path(session)
     keys = {**(settings or {}), **values}
     if model is not None:
         keys["estimator.model"] = model
-    return estimate_run(run_of(source_of(path, present=present), settings_from(keys)), Cache())
+    return estimate_run(run_of(source_of(path_of(session), present=present), settings_from(keys)), Cache())
 
 
 def estimate_table(

@@ -9,6 +9,7 @@ from typing import Literal
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.sessions.formats import images_out, mcap_out, tables_out
 from fieldkit.sessions.reader import SessionReader
+from fieldkit.workflows.sources import SessionOrFile, path_of, reading
 
 Kind = Literal["csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff"]
 WHOLE_KINDS = ("csv", "parquet", "netcdf")
@@ -26,7 +27,7 @@ class Export:
 
 
 def export(
-    session: SessionReader,
+    session: SessionOrFile,
     to: Kind,
     folder: str | Path | None = None,
     *,
@@ -37,8 +38,8 @@ def export(
 
     Parameters
     ----------
-    session : Session
-        The session to export.
+    session : Session or path
+        The session to export, or its file.
     to : {"csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff"}
         Tables with one row per sample and units in the header; netCDF, one file per stream; MCAP, one
         file of everything; frames as images, as a film, or as 16-bit TIFF of 0.01 K per count.
@@ -61,13 +62,14 @@ def export(
             f"--stream {stream}: --to {to} writes every stream, each into a file of its own",
             fix="omit --stream",
         )
-    target = Path(folder) if folder is not None else _default_folder(session.path)
-    try:
-        target.mkdir(parents=True, exist_ok=True)
-        files, problems = _written(session, target, to, stream, every)
-    except OSError as error:
-        raise StorageError(f"cannot write into {target}: {error.strerror or error}") from error
-    return Export(target, tuple(files), (*problems, *_damage(session, to)))
+    target = Path(folder) if folder is not None else _default_folder(path_of(session))
+    with reading(session) as opened:
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+            files, problems = _written(opened, target, to, stream, every)
+        except OSError as error:
+            raise StorageError(f"cannot write into {target}: {error.strerror or error}") from error
+        return Export(target, tuple(files), (*problems, *_damage(opened, to)))
 
 
 def _default_folder(session: Path) -> Path:

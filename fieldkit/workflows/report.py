@@ -19,19 +19,25 @@ from fieldkit.estimation.bins import History
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.errors import FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
-from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.report import Part, write_campaign_report, write_report
 from fieldkit.views.report.pdf import require_weasyprint, write_pdf
 from fieldkit.views.report.series import series
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.provenance import command_line
-from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    path_of,
+)
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator, Minute
     from fieldkit.estimation.statistics import SdKind
     from fieldkit.model.samples import Frame
-    from fieldkit.sessions.reader import SessionReader
 
 
 @dataclass(frozen=True)
@@ -59,12 +65,12 @@ class ReportOptions:
     """How a report is made.
 
     `sd` is the standard deviation of absolute errors: the paper's eq. (9) as printed, or the usual
-    one. `settings` are ``KEY=VALUE`` over the configuration; `present` takes the campaign's
-    ``fieldkit.toml`` and regions as they are now.
+    one. `settings` are other values for keys of the configuration, such as ``{"albedo": 0.25}``; `present`
+    takes the campaign's ``fieldkit.toml`` and regions as they are now.
     """
 
     sd: SdKind = "paper"
-    settings: tuple[str, ...] = ()
+    settings: Settings = ()
     present: bool = False
 
 
@@ -72,7 +78,7 @@ DEFAULTS = ReportOptions()
 
 
 def report(
-    sessions: str | Path | Sequence[str | Path],
+    sessions: SessionOrFile | Sequence[SessionOrFile],
     out: str | Path | None = None,
     options: ReportOptions = DEFAULTS,
     *,
@@ -83,7 +89,7 @@ def report(
     Parameters
     ----------
     sessions
-        A session file, or several.
+        A session or its file, or several.
     out
         ``FILE.html``, or ``FILE.pdf`` with the HTML beside it; by default HTML in the campaign's
         ``reports`` folder, or beside a session elsewhere.
@@ -104,7 +110,8 @@ def report(
     StorageError
         If the report cannot be written.
     """
-    paths = (Path(sessions),) if isinstance(sessions, str | Path) else tuple(map(Path, sessions))
+    given = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
+    paths = tuple(map(path_of, given))
     target = None if out is None else Path(out)
     pdf = target if target is not None and target.suffix == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")

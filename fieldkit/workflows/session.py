@@ -9,7 +9,7 @@ needs other rooms: configuration, estimation, reports, plots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 
     from fieldkit.workflows.check import CheckedSession
     from fieldkit.workflows.estimates import Estimates
+    from fieldkit.workflows.export import Export, Kind
     from fieldkit.workflows.report import Report
     from fieldkit.workflows.slope_map import MappedSession, Window
+    from fieldkit.workflows.sources import Settings
 
 
 class Session(SessionReader):
@@ -54,7 +56,7 @@ class Session(SessionReader):
         return estimate(self, settings, model=model, present=present, **values)
 
     def slope_map(
-        self, window: Window = None, *, settings: Sequence[str] = (), present: bool = False
+        self, window: Window = None, *, settings: Settings = (), present: bool = False
     ) -> MappedSession:
         """Tilt and azimuth of every pixel; see `fieldkit.slope_map`."""
         from fieldkit.workflows.slope_map import slope_map
@@ -65,13 +67,21 @@ class Session(SessionReader):
         """Write the report, one HTML page with figures; see `fieldkit.report`."""
         from fieldkit.workflows.report import report
 
-        return report(self.path, out)
+        return report(self, out)
 
     def check(self) -> CheckedSession:
         """Check the recording; nothing is changed. See `fieldkit.check`."""
         from fieldkit.workflows.check import check
 
-        return check(self.path)
+        return check(self)
+
+    def export(
+        self, to: Kind, folder: str | Path | None = None, *, stream: str | None = None, every: int = 1
+    ) -> Export:
+        """Write tables, images or a file for another program; see `fieldkit.export`."""
+        from fieldkit.workflows.export import export
+
+        return export(self, to, folder, stream=stream, every=every)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Plot the brightness temperature of each region over local time, in °C.

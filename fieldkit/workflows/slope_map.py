@@ -46,7 +46,7 @@ from fieldkit.workflows.cache import code_version
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers
 from fieldkit.workflows.provenance import command_line
-from fieldkit.workflows.sources import config_for, reading
+from fieldkit.workflows.sources import SessionOrFile, Settings, config_for, reading, settings_from
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -183,10 +183,10 @@ Maps = dict[Path, tuple[MappedSession, list[Path]]]
 
 
 def slope_map(
-    session: str | Path | SessionReader,
+    session: SessionOrFile,
     window: Window = None,
     *,
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     present: bool = False,
 ) -> MappedSession:
     """Estimate tilt and azimuth of every pixel of a session.
@@ -199,7 +199,7 @@ def slope_map(
         How far back from the last usable minute: seconds, "20m", "all", or "weather" for as far as the
         regions' own slopes look; as configured by default.
     settings
-        ``KEY=VALUE`` over the configuration.
+        Other values for keys of ``fieldkit.toml``: ``{"albedo": 0.25}``, or ``KEY=VALUE``.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
 
@@ -216,10 +216,8 @@ def slope_map(
         If there is no reference region, no camera of known temperatures, or fewer than three minutes
         of frames under steady sun.
     """
-    if isinstance(session, SessionReader):
-        return _mapped(session, window, tuple(settings), present)
-    with reading(Path(session)) as opened:
-        return _mapped(opened, window, tuple(settings), present)
+    with reading(session) as opened:
+        return _mapped(opened, window, tuple(settings_from(settings)), present)
 
 
 def map_sessions(

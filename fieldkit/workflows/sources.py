@@ -27,12 +27,27 @@ log_info = logging.getLogger(__name__).info
 """Where notes of a workflow go unless its caller receives them."""
 
 
+SessionOrFile = str | Path | SessionReader
+"""A session, or the file of one."""
+Settings = Mapping[str, Any] | Sequence[str]
+"""Values by key of ``fieldkit.toml``, as `fieldkit.estimate` takes them, or a list of ``KEY=VALUE``."""
+
+
+def path_of(session: SessionOrFile) -> Path:
+    """The file of a session."""
+    return session.path if isinstance(session, SessionReader) else Path(session)
+
+
 @contextmanager
-def reading(path: Path) -> Iterator[SessionReader]:
-    """An open session; an error of its file becomes a `SessionError`."""
+def reading(session: SessionOrFile) -> Iterator[SessionReader]:
+    """The session, opened and closed here if its file is given; errors of a file are `SessionError`."""
+    if isinstance(session, SessionReader):
+        yield session
+        return
+    path = Path(session)
     try:
-        with open_session(path) as session:
-            yield session
+        with open_session(path) as opened:
+            yield opened
     except FieldkitError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
@@ -74,14 +89,14 @@ def source_of(path: Path, *, present: bool = False) -> Source:
         return Source(path.resolve(), checksum, session.session_id, config, regions)
 
 
-def config_for(session: SessionReader, settings: Sequence[str] = (), *, present: bool = False) -> Config:
+def config_for(session: SessionReader, settings: Settings = (), *, present: bool = False) -> Config:
     """The configuration to estimate a session with.
 
     The session's own, unless it has none (it was imported) or `present` asks for the
     campaign's ``fieldkit.toml`` as it is now, regions included. The site is always the session's;
     only `settings` can replace it. Raises `ConfigError`.
     """
-    settings = (*_site_settings(session.site), *settings)
+    settings = (*_site_settings(session.site), *settings_from(settings))
     if session.config_toml and not present:
         return config_from_text(session.config_toml, session.path, settings=settings)
     try:
@@ -100,8 +115,10 @@ def _site_settings(site: Site) -> tuple[str, ...]:
     return tuple(f"site.{key}={json.dumps(value)}" for key, value in asdict(site).items())
 
 
-def settings_from(values: Mapping[str, Any]) -> list[str]:
+def settings_from(values: Settings) -> list[str]:
     """``KEY=VALUE`` of Python values by key; a key may omit its table where only one table has it."""
+    if not isinstance(values, Mapping):
+        return [values] if isinstance(values, str) else list(values)
     return [f"{qualified_key(name)}={tomlkit.item(value).as_string()}" for name, value in values.items()]
 
 
@@ -114,7 +131,10 @@ def qualified_key(name: str) -> str:
         return found[0]
     if found:
         raise ConfigError(f"{name} is ambiguous", fix=f'qualify it: estimate({{"{found[0]}": ...}})')
-    raise ConfigError(f"no parameter is called {name}", fix="see the configuration reference for the keys")
+    raise ConfigError(
+        f"no parameter of an estimate is called {name}",
+        fix='see the configuration reference; other keys need their table: {"record.every_s": 30}',
+    )
 
 
 def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> tuple[Region, ...]:

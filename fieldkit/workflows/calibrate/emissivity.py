@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,7 +30,7 @@ from fieldkit.workflows.calibrate.measurement import (
     measurement_setup,
 )
 from fieldkit.workflows.calibrate.result import Calibration, stamped
-from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +67,7 @@ def emissivity(
     region: str | None = None,
     reflected: str | float | None = None,
     options: MeasurementOptions | None = None,
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     notify: Callable[[str], None] = log_warning,
 ) -> EmissivityCalibration:
     """Find the emissivity of a sample from a session with camera and contact thermometer, or with tape.
@@ -82,8 +82,8 @@ def emissivity(
         Shorthand for the options of these names: ``region="flat", reflected=-42``.
     options : MeasurementOptions, optional
         Regions, instruments, band, path through the air and standard uncertainties.
-    settings : sequence of str
-        Other values for keys of the configuration, such as ``surface.albedo=0.25``.
+    settings : mapping, or sequence of ``KEY=VALUE``
+        Other values for keys of the configuration, such as ``{"albedo": 0.25}``.
     notify : callable
         Receives warnings, such as damaged samples that were excluded.
 

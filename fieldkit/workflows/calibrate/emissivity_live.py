@@ -29,7 +29,7 @@ from fieldkit.workflows.calibrate.measurement import (
     measurement_setup,
 )
 from fieldkit.workflows.record import PreparedRecording, RecordedSession, prepare
-from fieldkit.workflows.sources import log_warning
+from fieldkit.workflows.sources import Settings, log_warning, settings_from
 
 BURSTS = (
     "record.sampling=bursts",
@@ -49,7 +49,7 @@ def record_emissivity(
     *,
     sample: str,
     options: MeasurementOptions | None = None,
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     on_minute: Callable[[str], None] = lambda line: None,
     notify: Callable[[str], None] = log_warning,
 ) -> RecordedSession:
@@ -65,7 +65,7 @@ def record_emissivity(
         What is measured; goes into the session's name.
     options : MeasurementOptions, optional
         What is measured with what, and after how many temperatures or how long to stop.
-    settings : sequence of str
+    settings : mapping, or sequence of ``KEY=VALUE``
         Other values for keys of the configuration, such as ``record.burst_frames=3``.
     on_minute : callable
         Receives a line each minute: how steady the surface is, and how many temperatures there are.
@@ -77,7 +77,7 @@ def record_emissivity(
     ConfigError, DeviceError, RefusedError, StorageError
         See `fieldkit.workflows.record.record`.
     """
-    config = load_config(find_campaign(Path(campaign)), settings=(*BURSTS, *settings))
+    config = load_config(find_campaign(Path(campaign)), settings=(*BURSTS, *settings_from(settings)))
     stopping = threading.Event()
     with prepare_emissivity(config, sample, options or MeasurementOptions(), notify) as prepared:
         view = prepared.view(on_minute, stopping.set)

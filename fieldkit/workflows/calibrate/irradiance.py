@@ -19,7 +19,7 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.simulate import measured_weather
-from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage
 
 FloatArray = NDArray[np.float64]
 Against = Literal["pyranometer", "pyrheliometer", "station"]
@@ -35,7 +35,7 @@ def irradiance(
     reference: str,
     reference_sd: float = 0.02,
     name: str = "light",
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     notify: Callable[[str], None] = log_warning,
 ) -> Calibration:
     """Find the factor of a session's light meter against a reference, by a line through the origin.
@@ -56,7 +56,7 @@ def irradiance(
         Relative standard uncertainty of the reference. [unitless]
     name : str
         Names the record.
-    settings : sequence of str
+    settings : mapping, or sequence of ``KEY=VALUE``
         Other values for keys of the configuration, such as ``surface.albedo=0.25``.
     notify : callable
         Receives warnings, such as damaged samples that were excluded.

@@ -26,7 +26,7 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage, settings_from
 
 LEAST_TILT_DEG = 3.0
 """Flatter regions hardly differ from the reference, whatever kappa is."""
@@ -52,7 +52,7 @@ def surface(
     beds: Sequence[str] = (),
     tilt_sd_deg: float = 0.5,
     name: str = "beds",
-    settings: Sequence[str] = (),
+    settings: Settings = (),
     notify: Callable[[str], None] = log_warning,
 ) -> Calibration:
     """Find the scale kappa of a session from its target regions of known tilt and azimuth.
@@ -69,7 +69,7 @@ def surface(
         Standard uncertainty of the inclinometer. [degrees]
     name : str
         Names the record.
-    settings : sequence of str
+    settings : mapping, or sequence of ``KEY=VALUE``
         Other values for keys of the configuration, such as ``surface.albedo=0.25``.
     notify : callable
         Receives warnings, such as damaged samples that were excluded.
@@ -82,7 +82,7 @@ def surface(
         If no region has, if there are too few clear minutes, or if the regions disagree.
     """
     # kappa is measured relative to one, whatever was configured
-    config = config_for(session, (*settings, "estimator.scale=1.0"))
+    config = config_for(session, (*settings_from(settings), "estimator.scale=1.0"))
     estimator = estimator_for(session, config)
     for _ in minutes_of(session, estimator):
         pass

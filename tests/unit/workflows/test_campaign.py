@@ -30,6 +30,17 @@ def test_a_campaign_has_its_sessions_by_age(campaign, folder, sessions):
         assert session.state == "sealed"
 
 
+def test_settings_replace_values_of_the_file_and_stay_when_a_region_is_added(folder, tmp_path):
+    (tmp_path / "fieldkit.toml").write_text((folder / "fieldkit.toml").read_text("utf-8"), "utf-8")
+    campaign = fieldkit.open_campaign(tmp_path, {"record.every_s": 30.0, "albedo": 0.3})
+    before = campaign.config.record.every_s, campaign.config.surface_parameters().albedo
+    campaign.add_region("mud", rect=(2, 2, 12, 12))
+    assert (
+        (campaign.config.record.every_s, campaign.config.surface_parameters().albedo) == before == (30, 0.3)
+    )
+    assert fieldkit.open_campaign(tmp_path).config.record.every_s != 30.0
+
+
 def test_estimates_are_those_of_the_recording(campaign):
     for session in campaign.sessions:
         live = session.estimates()

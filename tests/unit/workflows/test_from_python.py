@@ -7,6 +7,7 @@ from datetime import date
 import numpy as np
 import pytest
 
+import fieldkit
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.sessions.reader import open_session
@@ -15,6 +16,7 @@ from fieldkit.workflows.estimate import estimate
 from fieldkit.workflows.plan import PlanOptions, plan
 from fieldkit.workflows.report import report
 from fieldkit.workflows.slope_map import slope_map
+from fieldkit.workflows.sources import settings_from
 
 
 def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
@@ -29,7 +31,7 @@ def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
 
 
 def test_a_parameter_that_does_not_exist_is_named(sessions):
-    with pytest.raises(ConfigError, match="no parameter is called colour"):
+    with pytest.raises(ConfigError, match="no parameter of an estimate is called colour"):
         estimate(sessions[0], colour=1.0)
 
 
@@ -55,6 +57,26 @@ def test_a_slope_map_has_its_arrays_by_pixel(sessions):
     assert arrays["tilt_deg"].attrs["units"] == "degree"
     assert {one.region for one in found.by_region()} >= {"b05", "b15", "b25"}
     assert slope_map(sessions[0], "4m").minutes < found.minutes
+
+
+def test_settings_are_values_by_key_or_key_value_texts(sessions):
+    by_key = slope_map(sessions[0], "all", settings={"albedo": 0.4}).to_xarray()
+    as_text = slope_map(sessions[0], "all", settings=["surface.albedo=0.4"]).to_xarray()
+    assert by_key.tilt_deg.equals(as_text.tilt_deg)
+    assert settings_from("surface.albedo=0.4") == ["surface.albedo=0.4"]
+    assert not by_key.tilt_deg.equals(slope_map(sessions[0], "all").to_xarray().tilt_deg)
+
+
+def test_a_session_and_its_file_give_the_same(sessions, tmp_path):
+    with fieldkit.open_session(sessions[0]) as session:
+        opened = fieldkit.export(session, "csv", tmp_path / "opened"), fieldkit.check(session)
+        assert session.export("csv", tmp_path / "method").files
+        assert fieldkit.report(session, tmp_path / "one.html").sessions == (sessions[0],)
+        assert session.state == "sealed"
+        assert session.count("camera") > 0  # still open
+    named = fieldkit.export(sessions[0], "csv", tmp_path / "named"), fieldkit.check(sessions[0])
+    assert [path.name for path in opened[0].files] == [path.name for path in named[0].files]
+    assert opened[1] == named[1]
 
 
 def test_a_report_is_written_where_asked(sessions, tmp_path):
