@@ -33,7 +33,7 @@ from fieldkit.calibration.uncertainty import (
     largest,
 )
 from fieldkit.model.errors import CalibrationError
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
 from fieldkit.physics.facet import FloatArray
 
 Reflected = Literal["fixed", "free"]
@@ -393,7 +393,7 @@ def agree(chi_square: float, freedom: int) -> bool:
 
 def _emissivity_if_fahrenheit(pairs: Pairs, shared: SharedUncertainties, band: Band) -> float:
     """Emissivity if the thermometer's numbers were °F; NaN where the pairs then disagree."""
-    contact = (pairs.contact_k - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K
+    contact = kelvin_if_fahrenheit(pairs.contact_k)
     converted = replace(pairs, contact_k=contact)
     if not (converted.contrast_k > 0.0 and np.isfinite(band.signal(contact)).all()):
         return float("nan")

@@ -19,18 +19,16 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import DeviceSettings, StreamInfo
 from fieldkit.model.errors import DecodeError, DeviceTimeoutError
 from fieldkit.model.samples import Quality, Reading
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 
 # --- units
-
-FOOT2_M2 = 0.09290304  # 1 ft = 0.3048 m exactly
 
 STREAM_UNITS = {"°C": "K", "°F": "K", "fc": "lx", "W/m²": "W m-2"}
 """The unit a stream has for what a meter shows."""
 
 TO_SI = {
     ("°C", "K"): (CELSIUS_ZERO_K, 1.0),
-    ("°F", "K"): (459.67, 1.8),
+    ("°F", "K"): FAHRENHEIT_TO_K,
     ("fc", "lx"): (0.0, FOOT2_M2),
     ("W/m²", "W m-2"): (0.0, 1.0),
 }

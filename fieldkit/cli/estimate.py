@@ -20,8 +20,8 @@ from fieldkit.workflows.estimate import as_document
 if TYPE_CHECKING:
     from fieldkit.model.slope import SlopeEstimate
     from fieldkit.workflows.batch import EstimatedSessions
-    from fieldkit.workflows.estimates import Estimates
     from fieldkit.workflows.executors import Workers
+    from fieldkit.workflows.session_estimates import Estimates
 
 
 @click.command(cls=common.Command)

@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli.common import Command, options, print_json, print_json_line, say
 from fieldkit.cli.session_paths import latest_session
-from fieldkit.views.formatting import by_time, event_text
+from fieldkit.views.formatting import by_time, event_text, precise_duration
 
 if TYPE_CHECKING:
     from fieldkit.model.samples import Event
@@ -48,13 +48,11 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
 
 
 def _print(document: dict[str, Any], slopes: Sequence[SlopeEstimate], events: Sequence[Event]) -> None:
-    from fieldkit.workflows.describe import duration
-
     site = document["site"]
     click.echo(f"{document['title'] or document['session']}  ({document['state']})")
     click.echo(f"  {document['session']}")
     place = f"{site['latitude_deg']:.5f} {site['longitude_deg']:.5f}, {site['elevation_m']:g} m"
-    click.echo(f"  {place}   {document['began']} for {duration(document['length_s'])}")
+    click.echo(f"  {place}   {document['began']} for {precise_duration(document['length_s'])}")
     for one in document["streams"]:
         shape = "x".join(str(side) for side in reversed(one["shape"]))
         components = ", ".join(dict.fromkeys(word or "component unknown" for word in one["measures"]))

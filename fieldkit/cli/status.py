@@ -35,7 +35,7 @@ def _print(status: RecordingStatus) -> None:
     start_ns, end_ns, site = status.start_ns, status.end_ns, status.latest.site
     began, last = formatting.clock_time(start_ns, site), formatting.clock_time(end_ns, site, seconds=True)
     click.echo(f"recording {status.session.name} since {began} {formatting.zone_name(start_ns, site)}")
-    click.echo(f"  last sample {last}, {formatting.duration((end_ns - start_ns) / 1e9)} so far")
+    click.echo(f"  last sample {last}, {formatting.rounded_duration((end_ns - start_ns) / 1e9)} so far")
     if status.unresponsive is not None:
         click.echo(f"warning: {status.unresponsive.at(site)}")
     console = common.console()

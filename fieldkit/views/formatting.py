@@ -112,7 +112,7 @@ def event_line(event: Event) -> str:
 def event_text(event: Event) -> str:
     """An event's text; for a mark with its kind and duration: ``cloud, 3 min: over the ridge``."""
     label, end_ns = str(event.data.get("label", "")), int(event.data.get("end_ns", 0))
-    lasted = duration((end_ns - event.time_ns) / 1e9) if end_ns else ""
+    lasted = rounded_duration((end_ns - event.time_ns) / 1e9) if end_ns else ""
     about = ", ".join(word for word in (label, lasted) if word)
     return f"{about}: {event.text}" if about else event.text
 
@@ -175,8 +175,16 @@ def place(site: Site) -> str:
     )
 
 
-def duration(seconds: float) -> str:
-    """``14 s``, ``9 min`` or ``3 h 09 min``."""
+def precise_duration(seconds: float) -> str:
+    """``4.2 s``, ``12 min 30 s`` or ``3 h 09 min``: the length of a recording."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def rounded_duration(seconds: float) -> str:
+    """``14 s``, ``9 min`` or ``3 h 09 min``: how long something has lasted, at a glance."""
     if seconds < 90:
         return f"{max(0.0, seconds):.0f} s"
     minutes = round(seconds / 60)

@@ -359,8 +359,9 @@ def _event(event: Event, latest: Latest) -> Text:
 
 def _progress(latest: Latest) -> RenderableType:
     done_s = (latest.time_ns - latest.start_ns) / 1e9
+    lasted = formatting.rounded_duration(done_s)
     if latest.planned_end_ns is None:
-        return Text(f"{formatting.duration(done_s)}, no planned end: {STOP_KEY}", "quiet")
+        return Text(f"{lasted}, no planned end: {STOP_KEY}", "quiet")
     total_s = max(1.0, (latest.planned_end_ns - (latest.start_ns or latest.planned_end_ns)) / 1e9)
     ends = formatting.clock_time(latest.planned_end_ns, latest.site)
     line = Table.grid(expand=True, padding=(0, 1, 0, 0))
@@ -368,6 +369,6 @@ def _progress(latest: Latest) -> RenderableType:
     line.add_column(no_wrap=True)
     line.add_row(
         ProgressBar(total=total_s, completed=min(done_s, total_s)),
-        Text(f"{formatting.duration(done_s)} of {formatting.duration(total_s)}, ends {ends}, {STOP_KEY}"),
+        Text(f"{lasted} of {formatting.rounded_duration(total_s)}, ends {ends}, {STOP_KEY}"),
     )
     return line

@@ -23,10 +23,10 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.workflows.cache import Cache, digest
-from fieldkit.workflows.estimates import Estimates
 from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers, local
 from fieldkit.workflows.provenance import provenance
 from fieldkit.workflows.result_files import write_results
+from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import Source, source_of
 
 if TYPE_CHECKING:

@@ -77,8 +77,8 @@ def describe_briefly(path: Path) -> dict[str, Any]:
             return {
                 "name": path.name, "state": session.state, "began": local_time(session, session.start_ns),
                 "start": iso_time(session, session.start_ns), "end": iso_time(session, session.end_ns),
-                "length": duration(length_s), "length_s": length_s, "samples": counts, "bytes": size,
-                "title": session.header.title,
+                "length": formatting.precise_duration(length_s), "length_s": length_s,
+                "samples": counts, "bytes": size, "title": session.header.title,
             }  # fmt: skip
     except SessionError as error:
         waits = path.with_name(path.name + ".journal").exists()
@@ -97,11 +97,3 @@ def local_time(session: SessionReader, time_ns: int) -> str:
 def iso_time(session: SessionReader, time_ns: int) -> str | None:
     """A moment as ISO 8601 with the site's offset; None for none."""
     return formatting.local_time(time_ns, session.site).isoformat() if time_ns else None
-
-
-def duration(seconds: float) -> str:
-    """``3 h 09 min``, ``12 min 30 s`` or ``4.2 s``."""
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes} min {rest:02} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02} min"

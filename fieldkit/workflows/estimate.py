@@ -20,7 +20,7 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
-from fieldkit.workflows.estimates import Estimates
+from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import SessionOrFile, path_of, regions_for, settings_from, source_of
 from fieldkit.workflows.temperature_table import read_table
 

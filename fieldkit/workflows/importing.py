@@ -20,7 +20,7 @@ from fieldkit.model.site import Site
 from fieldkit.sessions.formats import stills
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.jma import is_obsdl, is_radiation_table, read_obsdl, read_radiation_table
-from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
 from fieldkit.sessions.formats.merged import aligned, cut_to, merge
 from fieldkit.sessions.formats.purethermal_files import is_purethermal, read_purethermal
 from fieldkit.sessions.formats.stations import read_station
@@ -313,9 +313,7 @@ def _is_table(source: Path) -> bool:
 
 
 def _table(source: Path, options: ImportOptions) -> ImportedRecording:
-    return read_log(
-        source,
-        options.name or "logger",
+    unstated = LogOptions(
         zone=_zone(options),
         time_format=options.time_format,
         unit=options.unit,
@@ -324,6 +322,7 @@ def _table(source: Path, options: ImportOptions) -> ImportedRecording:
         encoding=options.encoding,
         measures=options.measures,
     )
+    return read_log(source, options.name or "logger", unstated)
 
 
 def _zone(options: ImportOptions) -> ZoneInfo | None:

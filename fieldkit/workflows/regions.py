@@ -132,7 +132,7 @@ def inspect_regions(config: Config, session: Path | None = None) -> list[RegionI
     Raises `SessionError` if the session has no frames with temperatures.
     """
     if session is not None:
-        frame = mean_frame_k(session)
+        frame = mean_of_first_frames_k(session)
         return check_regions(config.regions, frame.shape, frame)
     camera = config.tables.camera
     shape = (camera.height_px, camera.width_px) if camera and camera.height_px and camera.width_px else None
@@ -230,7 +230,7 @@ def check_regions(
     return inspections
 
 
-def mean_frame_k(path: Path) -> FrameK:
+def mean_of_first_frames_k(path: Path) -> FrameK:
     """Mean of the first good frames of a session's first camera, kelvin, shape (rows, cols).
 
     Raises `SessionError` if the session has no frames with a temperature.

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from fieldkit.workflows.check import CheckedSession
-    from fieldkit.workflows.estimates import Estimates
     from fieldkit.workflows.export import Export, Kind
     from fieldkit.workflows.report import Report
+    from fieldkit.workflows.session_estimates import Estimates
     from fieldkit.workflows.slope_map import MappedSession, Window
     from fieldkit.workflows.sources import Settings
 

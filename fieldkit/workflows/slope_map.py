@@ -353,7 +353,7 @@ def _solved(
     for one, references_k in zip(chosen, table[:, seen], strict=True):
         reference_k = float(np.mean(references_k))
         if np.isfinite(reference_k):
-            brightness = mean_frame_k(session, camera, one.minute)
+            brightness = mean_of_minute_k(session, camera, one.minute)
             # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
             kelvin = surface_temperature_k(
                 brightness - offset_k, emissivity, settings.reflected_temperature_k
@@ -387,7 +387,7 @@ def _of_pixels(
     return emissivity, offset_k
 
 
-def mean_frame_k(session: SessionReader, camera: StreamInfo, minute: int) -> FloatArray:
+def mean_of_minute_k(session: SessionReader, camera: StreamInfo, minute: int) -> FloatArray:
     """Mean brightness temperature (rows, cols) of the usable frames of a minute, kelvin.
 
     NaN where the camera's law has no temperature, and everywhere without a usable frame.

@@ -17,7 +17,7 @@ from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, Site
-from fieldkit.workflows.estimates import Estimates
+from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import reading
 
 

@@ -22,28 +22,25 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, how_to_state, named
 from fieldkit.model.samples import Reading, Severity
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 from fieldkit.sessions.formats.imported import ImportedRecording, parse_times_ns, plausible_ns, usual_rate_hz
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
 
 _UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
     **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, CELSIUS_ZERO_K, 1.0)),
-    **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, 459.67, 1.8)),
+    **dict.fromkeys(("f", "°f", "degf", "deg f", "fahrenheit"), (*_TEMPERATURE, *FAHRENHEIT_TO_K)),
     **dict.fromkeys(("k", "kelvin"), (*_TEMPERATURE, 0.0, 1.0)),
     **dict.fromkeys(("lx", "lux"), (*_LIGHT, 0.0, 1.0)),
     **dict.fromkeys(("klx", "klux", "kilolux"), (*_LIGHT, 0.0, 1e-3)),
-    **dict.fromkeys(("fc", "ftc", "foot-candle", "foot-candles"), (*_LIGHT, 0.0, 0.09290304)),  # 1 / ft2
+    **dict.fromkeys(("fc", "ftc", "foot-candle", "foot-candles"), (*_LIGHT, 0.0, FOOT2_M2)),
     **dict.fromkeys(("w m-2", "w/m2", "w/m²", "w/m^2"), (*_POWER, 0.0, 1.0)),
     **dict.fromkeys(("kw m-2", "kw/m2", "kw/m²", "kw/m^2"), (*_POWER, 0.0, 1e-3)),
 }
 
 _KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2"
-
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
-
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
-
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")
 
 # with the other mark behind them, or where there are two, marks can only be of thousands
@@ -68,11 +65,29 @@ class LogColumns:
     values: tuple[str, ...] = ()
 
 
-def read_log(
-    path: Path, name: str, *, zone: tzinfo | None = None, time_format: str | None = None,
-    offset_ns: int = 0, unit: str = "", columns: LogColumns | None = None, encoding: str = "utf-8-sig",
-    measures: str = "",
-) -> ImportedRecording:  # fmt: skip
+@dataclass(frozen=True, slots=True)
+class LogOptions:
+    """What a table does not give itself: zone and format of its times, units, columns, encoding.
+
+    `zone` is of times without one, where the table does not give it either; `time_format` of date and
+    time of day together where they stand in two columns; `offset_ns` is added to the times. `unit` is of
+    columns whose header has none; `measures` the component of radiation (``ghi``, ``dni``, ``dhi``), where
+    the column names do not give it.
+    """
+
+    zone: tzinfo | None = None
+    time_format: str | None = None
+    offset_ns: int = 0
+    unit: str = ""
+    columns: LogColumns = LogColumns()
+    encoding: str = "utf-8-sig"
+    measures: str = ""
+
+
+AS_WRITTEN = LogOptions()
+
+
+def read_log(path: Path, name: str, options: LogOptions = AS_WRITTEN) -> ImportedRecording:
     """Read a logger's table: one stream for each quantity in it.
 
     Parameters
@@ -81,20 +96,8 @@ def read_log(
         The table, with one header line; those of Campbell (TOA5) and HOBOware are recognised.
     name : str
         Name of the stream, or of the streams with their quantity behind it.
-    zone : tzinfo, optional
-        Zone of times without one, where the table does not give it either.
-    time_format : str, optional
-        Format of the times, of date and time of day together where they stand in two columns.
-    offset_ns : int
-        Added to the times. [ns]
-    unit : str
-        Unit of columns whose header has none.
-    columns : LogColumns, optional
-        The columns to read; by default the time and every column with a known unit.
-    encoding : str
-        Encoding of the text.
-    measures : str
-        Component of radiation (``ghi``, ``dni``, ``dhi``), where the column names do not give it.
+    options : LogOptions
+        What the table does not give; by default the time and every column with a known unit are read.
 
     Returns
     -------
@@ -106,32 +109,38 @@ def read_log(
     ConfigError
         The table is ambiguous or cannot be read; the message has what was found.
     """
-    table, chosen = read_table(path, encoding), columns or LogColumns()
-    head, rows, zone = table.head, table.rows, zone or table.zone
-    time_at = _place(path, head, chosen.time) if chosen.time else table.time_at
+    table, unit = read_table(path, options.encoding), options.unit
+    head, rows = table.head, table.rows
+    time_at = _place(path, head, options.columns.time) if options.columns.time else table.time_at
     stamps, behind = _stamps(path, rows, time_at)
     others = [place for place in range(len(head)) if place not in range(time_at, behind)]
-    places = [_place(path, head, one) for one in chosen.values] or _with_units(path, head, others, unit)
+    named_places = [_place(path, head, one) for one in options.columns.values]
+    places = named_places or _with_units(path, head, others, unit)
     read = [_column(path, place, head[place], unit) for place in places]
     refuse = _refuse_points if table.has_decimal_commas else _refuse_commas
     refuse(path, head, rows, places)
-    times_ns = [plausible_ns(stamp_ns + offset_ns) for stamp_ns in parse_times_ns(stamps, zone, time_format)]
+    times_ns = _times_ns(stamps, options.zone or table.zone, options)
     rate_hz = usual_rate_hz(sorted(times_ns))
-    infos = _infos(name, read, measures, rate_hz)
+    infos = _infos(name, read, options.measures, rate_hz)
     readings = [
         _reading(info, time_ns, row, [column for column in read if column.quantity == info.quantity])
         for info in infos
         for time_ns, row in zip(times_ns, rows, strict=True)
     ]
     ordered = sorted(readings, key=lambda reading: reading.time_ns)
-    applied = f", clock offset {offset_ns / 1e9:+g} s applied" if offset_ns else ""
+    applied = f", clock offset {options.offset_ns / 1e9:+g} s applied" if options.offset_ns else ""
     note = f"{path.name}: {len(rows)} rows{applied}"
-    unknown = [] if chosen.values else [head[at] for at in others if at not in places and _unit(head[at])]
+    unknown = [] if named_places else [head[at] for at in others if at not in places and _unit(head[at])]
     warnings = [
         *_warnings(*_without_value(rows, read), unknown, rate_hz if table.averages else 0.0),
         *chain.from_iterable(map(_unmeasured, infos)),
     ]
     return ImportedRecording(infos, ordered, ((Severity.INFO, note), *warnings))
+
+
+def _times_ns(stamps: Sequence[str], zone: tzinfo | None, options: LogOptions) -> list[int]:
+    stamped = parse_times_ns(stamps, zone, options.time_format)
+    return [plausible_ns(stamp_ns + options.offset_ns) for stamp_ns in stamped]
 
 
 class _Column(NamedTuple):
@@ -311,31 +320,15 @@ def _stands_for_none(number: float, quantity: str) -> bool:
     return math.isinf(number) or number in (_NO_VALUE | (_TOO_HOT if quantity == "temperature" else set()))
 
 
-# --- the table in such a file: its header, its rows, and what its first lines contain
-
-
-#
-
-
 # Tables have one header line with the unit of a column in brackets. Two makers write their own
-
-
 # (their manuals, and public programs that read such files):
-
-
+#
 # - Campbell Scientific (TOA5): a line on the logger, names, units, how each value was made (``Avg``,
-# ``Smp``).
-
-
+#   ``Smp``).
 # - Onset (HOBOware): a title, then cells like ``Temp, °C (LGR S/N: 1, SEN S/N: 2, LBL: bed)`` and the zone in
-
-
 #   that of the time, ``Date Time, GMT+09:00``.
-
 _MAX_BYTES = 100_000_000
-
 _TOA5_LINES = 4
-
 _GMT = re.compile(r"\bGMT ?([+-])(\d{2}):?(\d{2})\b")
 
 _HOBO = re.compile(r"(?P<name>[^,(]+?)(?:, (?P<unit>[^,(]+?))?(?: \((?P<more>(?:LGR|SEN|LBL).*)\))?")

@@ -110,6 +110,6 @@ def _facts(data: ReportData) -> str:
     """Place and time of the session in one line."""
     session = data.session
     start = formatting.local_time(session.start_ns, data.site)
-    lasted = formatting.duration((session.end_ns - session.start_ns) / 1e9)
+    lasted = formatting.rounded_duration((session.end_ns - session.start_ns) / 1e9)
     when = f"{start:%Y-%m-%d %H:%M} to {data.clock_time(session.end_ns)} ({data.zone}), {lasted}"
     return f"{formatting.place(data.site)} · {when}"

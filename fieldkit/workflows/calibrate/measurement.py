@@ -36,7 +36,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import Frame, Sample, is_usable
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.model.units import CELSIUS_ZERO_K, kelvin_if_fahrenheit
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.workflows.calibrate.inputs import one_region
 
@@ -354,7 +354,7 @@ class ReadingCollector:
         assert self.setup.thermometer is not None
         zero = 0.0 if self.setup.thermometer.unit == "K" else CELSIUS_ZERO_K
         kelvin = values + zero
-        return (kelvin - CELSIUS_ZERO_K - 32.0) / 1.8 + CELSIUS_ZERO_K if self.setup.fahrenheit else kelvin
+        return kelvin_if_fahrenheit(kelvin) if self.setup.fahrenheit else kelvin
 
     def other_probes_k(self) -> dict[str, FloatArray]:
         """The probes that were not chosen, by name; probes without any reading are omitted."""

@@ -172,7 +172,7 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     monkeypatch.setattr(slope_map, "with_bounds", lambda *_: (np.zeros(0), None))
     monkeypatch.setattr(slope_map, "_within_regions", lambda slopes, regions: slopes)
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
-    monkeypatch.setattr(slope_map, "mean_frame_k", lambda *_: np.full((4, 4), seen))
+    monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
     estimator = SimpleNamespace(regions=(flat, bed), settings=EstimatorSettings(offsets_k={"b": 1.0}))
     one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, dni_w_m2=800.0)
     slope_map._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])

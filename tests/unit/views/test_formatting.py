@@ -101,7 +101,7 @@ def test_places_have_letters_for_their_halves():
     ("seconds", "said"), [(14, "14 s"), (540, "9 min"), (3 * 3600 + 540, "3 h 09 min"), (3599, "1 h 00 min")]
 )
 def test_durations(seconds, said):
-    assert formatting.duration(seconds) == said
+    assert formatting.rounded_duration(seconds) == said
 
 
 @pytest.mark.parametrize(

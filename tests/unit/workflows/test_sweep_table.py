@@ -7,7 +7,7 @@ import pytest
 
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.workflows.estimates import Estimates
+from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sweep import _region_row
 
 BED = Region("b15", RegionKind.TARGET, ((0.0, 0.0),), 15.0, 180.0)

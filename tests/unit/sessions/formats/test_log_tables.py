@@ -11,7 +11,7 @@ import pytest
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording
-from fieldkit.sessions.formats.logs import LogColumns, read_log, read_table
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log, read_table
 
 DENVER = ZoneInfo("America/Denver")
 
@@ -47,7 +47,7 @@ def readings(imported: ImportedRecording) -> list[Reading]:
 
 def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
     columns = LogColumns(values=("Tair_Avg", "Tsand_Avg"))
-    imported = read_log(written(tmp_path, TOA5), "tower", zone=DENVER, columns=columns)
+    imported = read_log(written(tmp_path, TOA5), "tower", LogOptions(zone=DENVER, columns=columns))
     first, second = readings(imported)
     assert first.time_ns == 1_778_601_660_000_000_000  # 2026-05-12T16:01:00Z
     assert first.values == (293.65, 304.4)
@@ -57,7 +57,7 @@ def test_a_campbell_table_is_read_as_it_is(tmp_path: Path) -> None:
 
 
 def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -> None:
-    imported = read_log(written(tmp_path, TOA5), "tower", zone=DENVER)
+    imported = read_log(written(tmp_path, TOA5), "tower", LogOptions(zone=DENVER))
     assert {info.name: info.channels for info in imported.streams} == {
         "tower-temperature": ("Tair_Avg", "Tsand_Avg"),
         "tower-irradiance": ("SWin_Avg",),
@@ -66,7 +66,7 @@ def test_columns_of_several_units_go_into_streams_of_their_own(tmp_path: Path) -
 
 def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5)
-    imported = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
+    imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
     assert [one.values for one in readings(imported)] == [(812.5,), (813.0,)]
     assert (imported.streams[0].unit, imported.streams[0].quantity) == ("W m-2", "irradiance")
     assert read_table(path, "utf-8").head[:3] == ["TIMESTAMP", "RECORD", "Batt_Min [Volts]"]
@@ -75,28 +75,28 @@ def test_of_a_campbell_table_each_unit_is_a_stream_of_its_own(tmp_path: Path) ->
 def test_radiation_of_a_table_is_what_its_columns_are_called_or_what_was_said(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5)
     sun = LogColumns(values=("SWin_Avg",))
-    unknown = read_log(path, "sun", zone=DENVER, columns=sun)
+    unknown = read_log(path, "sun", LogOptions(zone=DENVER, columns=sun))
     assert unknown.streams[0].measures == ()
     warned = [text for severity, text in unknown.notes if severity is Severity.WARNING]
     assert any("--measures ghi" in text and "irradiance.measures.sun" in text for text in warned)
-    said = read_log(path, "sun", zone=DENVER, columns=sun, measures="ghi")
+    said = read_log(path, "sun", LogOptions(zone=DENVER, columns=sun, measures="ghi"))
     assert said.streams[0].measures == ("ghi",)
     named = written(tmp_path, TOA5.replace("SWin_Avg", "DNI_Avg"))
-    imported = read_log(named, "sun", zone=DENVER, columns=LogColumns(values=("DNI_Avg",)))
+    imported = read_log(named, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("DNI_Avg",))))
     assert imported.streams[0].measures == ("dni",)
     assert not any("--measures" in text for _, text in [*said.notes, *imported.notes])
 
 
 def test_samples_of_a_campbell_table_are_not_told_to_be_means(tmp_path: Path) -> None:
     path = written(tmp_path, TOA5.replace('"Avg"', '"Smp"'))
-    imported = read_log(path, "sun", zone=DENVER, columns=LogColumns(values=("SWin_Avg",)))
+    imported = read_log(path, "sun", LogOptions(zone=DENVER, columns=LogColumns(values=("SWin_Avg",))))
     assert not any("--offset" in text for _, text in imported.notes)
 
 
 @pytest.mark.parametrize("text", [HOBO, HOBO.split("\n", 1)[1]], ids=["title", "no title"])
 def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: str) -> None:
     columns = LogColumns(values=("Temp",))
-    imported = read_log(written(tmp_path, text), "bed3", time_format=HOBO_TIME, columns=columns)
+    imported = read_log(written(tmp_path, text), "bed3", LogOptions(time_format=HOBO_TIME, columns=columns))
     first, second, event = readings(imported)
     assert first.time_ns == 1_778_605_200_000_000_000  # 2026-05-12T17:00:00Z
     assert first.values[0] == pytest.approx(293.15)  # 68 °F are 20 °C
@@ -107,19 +107,21 @@ def test_a_hobo_table_says_its_zone_and_counts_fahrenheit(tmp_path: Path, text: 
 
 def test_times_with_am_and_pm_are_asked_for_by_an_example_that_fits(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="'05/12/26 10:00:00 AM' is not a time") as caught:
-        read_log(written(tmp_path, HOBO), "bed3", columns=LogColumns(values=("Temp",)))
+        read_log(written(tmp_path, HOBO), "bed3", LogOptions(columns=LogColumns(values=("Temp",))))
     assert f'--time-format "{HOBO_TIME}"' in (caught.value.fix or "")
 
 
 def test_thousands_with_a_point_behind_them_are_understood(tmp_path: Path) -> None:
     columns = LogColumns(values=("Intensity",))
-    imported = read_log(written(tmp_path, HOBO), "lux", time_format=HOBO_TIME, columns=columns)
+    imported = read_log(written(tmp_path, HOBO), "lux", LogOptions(time_format=HOBO_TIME, columns=columns))
     assert [one.values[0] for one in readings(imported)][:2] == [52_356.0, 52_400.0]
 
 
 def test_a_zone_that_is_given_is_taken_before_that_of_the_table(tmp_path: Path) -> None:
     columns = LogColumns(values=("Temp",))
-    imported = read_log(written(tmp_path, HOBO), "x", zone=DENVER, time_format=HOBO_TIME, columns=columns)
+    imported = read_log(
+        written(tmp_path, HOBO), "x", LogOptions(zone=DENVER, time_format=HOBO_TIME, columns=columns)
+    )
     assert readings(imported)[0].time_ns == 1_778_601_600_000_000_000  # summer time: 2026-05-12T16:00:00Z
 
 

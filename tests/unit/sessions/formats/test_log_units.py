@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
 
 
 def table(path: Path, text: str, encoding: str = "utf-8") -> Path:
@@ -29,7 +29,7 @@ def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
     tmp_path: Path, unit: str, cell: str, stored: str, value: float
 ) -> None:
     path = table(tmp_path / "log.csv", f"time,dni [{unit}]\n2026-05-12T10:00:00,{cell}\n")
-    imported = read_log(path, "log", zone=UTC)
+    imported = read_log(path, "log", LogOptions(zone=UTC))
     (reading,) = imported.samples
     assert imported.streams[0].unit == stored
     assert reading.values == pytest.approx((value,), rel=1e-7)
@@ -38,23 +38,23 @@ def test_thousands_of_a_unit_and_foot_candles_become_the_streams(
 def test_a_table_of_western_windows_asks_for_its_encoding(tmp_path: Path) -> None:
     path = table(tmp_path / "log.csv", "time,T1 [°C]\n2026-05-12T10:00:00,21.5\n", "cp1252")
     with pytest.raises(ConfigError, match="is not in utf-8: byte 0xb0") as caught:
-        read_log(path, "log", zone=UTC)
+        read_log(path, "log", LogOptions(zone=UTC))
     assert "--encoding cp1252" in (caught.value.fix or "")
-    (reading,) = read_log(path, "log", zone=UTC, encoding="cp1252").samples
+    (reading,) = read_log(path, "log", LogOptions(zone=UTC, encoding="cp1252")).samples
     assert reading.values == pytest.approx((294.65,))
 
 
 def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
     path = table(tmp_path / "log.csv", "time,T1 [C]\n2026-05-12T10:00:00,21.5\n")
     with pytest.raises(ConfigError, match="unknown encoding: klingon") as caught:
-        read_log(path, "log", zone=UTC, encoding="klingon")
+        read_log(path, "log", LogOptions(zone=UTC, encoding="klingon"))
     assert "cp1252" in (caught.value.fix or "")
 
 
 def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s]\n"
     rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3\n2026-05-12T10:00:00,21.5,68,63.986,850,2\n"
-    imported = read_log(table(tmp_path / "log.csv", text + rows), "logger", zone=UTC)
+    imported = read_log(table(tmp_path / "log.csv", text + rows), "logger", LogOptions(zone=UTC))
     found = {info.name: (info.quantity, info.unit, info.channels) for info in imported.streams}
     assert found == {
         "logger-temperature": ("temperature", "K", ("bed", "air")),
@@ -78,4 +78,4 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
 def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path / "log.csv", "time,wind [m/s],T [C]\n2026-05-12T10:00:00,3,21\n")
     with pytest.raises(ConfigError, match=r"column 'wind \[m/s\]' has the unit 'm/s'"):
-        read_log(path, "log", zone=UTC, columns=LogColumns(values=("wind",)))
+        read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))

@@ -12,7 +12,7 @@ import pytest
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading
-from fieldkit.sessions.formats.logs import LogColumns, read_log
+from fieldkit.sessions.formats.logs import LogColumns, LogOptions, read_log
 from fieldkit.sessions.formats.merged import cut_to, merge
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
@@ -32,7 +32,7 @@ def test_celsius_becomes_kelvin_and_the_offset_is_added(tmp_path: Path) -> None:
         tmp_path, "time,T1 [C],T2 [C],note\n2026/05/12 10:00:00,20.5,,dry\n2026/05/12 10:00:10,21,19,wet\n"
     )
     imported = read_log(
-        path, "logger", zone=TOKYO, time_format="yyyy/mm/dd HH:MM:SS", offset_ns=12_000_000_000
+        path, "logger", LogOptions(zone=TOKYO, time_format="yyyy/mm/dd HH:MM:SS", offset_ns=12_000_000_000)
     )
     first, second = (one for one in imported.samples if isinstance(one, Reading))
     assert first.time_ns == 1_778_547_612_000_000_000  # 2026-05-12T01:00:12Z
@@ -50,7 +50,7 @@ def test_semicolons_decimal_commas_and_other_encodings(tmp_path: Path) -> None:
         "Zeit;Licht (lx);Fühler [°C]\n2026-05-12T01:00:00Z;52300,5;20\n2026-05-12T01:01:00Z;1;2\n",
         "cp1252",
     )
-    imported = read_log(path, "lux", columns=LogColumns(values=("Licht",)), encoding="cp1252")
+    imported = read_log(path, "lux", LogOptions(columns=LogColumns(values=("Licht",)), encoding="cp1252"))
     assert [one.values for one in imported.samples if isinstance(one, Reading)] == [(52300.5,), (1.0,)]
 
 
@@ -66,7 +66,9 @@ def test_date_and_time_of_day_in_two_columns_are_one_time(
     tmp_path: Path, text: str, time_format: str | None, unit: str
 ) -> None:
     """Layout: HOBO's own option "Separate date and time into two columns" (HOBOware User's Guide)."""
-    imported = read_log(table(tmp_path, text), "logger", zone=TOKYO, time_format=time_format, unit=unit)
+    imported = read_log(
+        table(tmp_path, text), "logger", LogOptions(zone=TOKYO, time_format=time_format, unit=unit)
+    )
     found = [one for one in imported.samples if isinstance(one, Reading)]
     assert [one.time_ns // 10**9 for one in found] == [1_778_547_600, 1_778_547_610]  # 2026-05-12T01:00:00Z
     assert [one.values for one in found] == [(293.65,), (294.15,)]
@@ -96,11 +98,13 @@ def test_columns_of_unknown_units_are_named(tmp_path: Path) -> None:
     assert [
         text for _, text in imported.notes if text.startswith("excluded for their unit: RH [%], P [hPa];")
     ]
-    assert len(read_log(path, "logger", columns=LogColumns(values=("T1",))).notes) == 1
+    assert len(read_log(path, "logger", LogOptions(columns=LogColumns(values=("T1",)))).notes) == 1
 
 
 def test_dates_alone_are_taken_where_each_stands_once(tmp_path: Path) -> None:
-    imported = read_log(table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", zone=TOKYO)
+    imported = read_log(
+        table(tmp_path, "date,T1 [C]\n2026-05-12,3\n2026-05-13,4\n"), "logger", LogOptions(zone=TOKYO)
+    )
     assert imported.streams[0].rate_hz == 1 / 86_400
 
 
@@ -142,7 +146,9 @@ def local_log(tmp_path: Path, minutes: Sequence[int], *, newest_first: bool = Fa
 def test_hour_that_comes_twice_keeps_the_order_of_the_rows(
     tmp_path: Path, minutes: range, newest_first: bool
 ) -> None:
-    imported = read_log(local_log(tmp_path, minutes, newest_first=newest_first), "logger", zone=BERLIN)
+    imported = read_log(
+        local_log(tmp_path, minutes, newest_first=newest_first), "logger", LogOptions(zone=BERLIN)
+    )
     found = [
         ((one.time_ns - END_OF_SUMMER_NS) / 60e9, one.values[0] - 273.15)
         for one in imported.samples
@@ -159,13 +165,13 @@ def test_hour_that_came_twice_is_refused_where_its_rows_do_not_tell_which(
     tmp_path: Path, minutes: Sequence[int]
 ) -> None:
     with pytest.raises(ConfigError, match="came twice in Europe/Berlin") as caught:
-        read_log(local_log(tmp_path, minutes), "logger", zone=BERLIN)
+        read_log(local_log(tmp_path, minutes), "logger", LogOptions(zone=BERLIN))
     assert "--zone Etc/GMT-2" in (caught.value.fix or "")  # what a clock left in summer time needs
 
 
 def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C]\n2026-10-25 02:30:00,1\n2026-10-25 03:30:00,2\n")
-    imported = read_log(path, "logger", zone=ZoneInfo("Etc/GMT-2"))
+    imported = read_log(path, "logger", LogOptions(zone=ZoneInfo("Etc/GMT-2")))
     times = [one.time_ns for one in imported.samples]
     assert times == [END_OF_SUMMER_NS - 30 * 60 * 10**9, END_OF_SUMMER_NS + 30 * 60 * 10**9]
 
@@ -173,7 +179,7 @@ def test_log_of_a_clock_that_stayed_in_summer_time_is_taken_with_its_offset(tmp_
 def test_time_over_which_clocks_were_put_forward_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path, "time,T1 [C]\n2026-03-29 01:59:00,1\n2026-03-29 02:01:00,2\n")
     with pytest.raises(ConfigError, match="'2026-03-29 02:01:00' does not exist in Europe/Berlin"):
-        read_log(path, "logger", zone=BERLIN)
+        read_log(path, "logger", LogOptions(zone=BERLIN))
 
 
 @pytest.mark.parametrize(
