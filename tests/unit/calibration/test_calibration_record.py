@@ -13,10 +13,13 @@ from fieldkit.calibration.calibration_record import (
     expiry,
     find,
     from_toml,
+    instrument_of,
+    record_warnings,
     save,
     to_toml,
 )
 from fieldkit.calibration.uncertainty import Contribution
+from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 
 DATE = datetime(2026, 12, 10, 1, 30, tzinfo=UTC)
@@ -123,3 +126,40 @@ def test_a_calibration_is_good_for_as_long_as_the_reference_says(kind, days):
     """docs/reference/calibration.md."""
     made = datetime(2026, 3, 1, tzinfo=UTC)
     assert expiry(kind, made) - made == timedelta(days=days)
+
+
+EARLIER = datetime(2026, 12, 10, tzinfo=UTC)
+CAMERA = StreamInfo(
+    "camera", "brightness_temperature", "K", (120, 160),
+    model="Lepton", serial_number="12", settings={"gain": "high"},
+)  # fmt: skip
+LUX = StreamInfo("lux", "illuminance", "lx", (1,), model="LX-1128SD")
+OF_CAMERA = CalibrationRecord(
+    "emissivity", "sand", EARLIER, 0.9, 0.01, "1", "test",
+    instrument=instrument_of(CAMERA), expires=expiry("emissivity", EARLIER),
+)  # fmt: skip
+
+
+def test_a_fresh_record_of_this_camera_is_not_doubted():
+    assert record_warnings(OF_CAMERA, [LUX, CAMERA], EARLIER + timedelta(days=364)) == []
+
+
+@pytest.mark.parametrize(
+    ("streams", "days", "said"),
+    [
+        ([CAMERA], 400, "400 days old and was valid until 2027-12-10"),
+        ([CAMERA], -2, "after now"),
+        ([replace(CAMERA, serial_number="13")], 1, "made with Lepton serial 12; here is Lepton serial 13"),
+        ([replace(CAMERA, name="thermal", model="Boson")], 1, "here is Boson serial 12"),
+        ([replace(CAMERA, settings={"gain": "low"})], 1, "in range high; here is low"),
+        ([LUX], 1, "which is not connected"),
+    ],
+)
+def test_age_and_mismatch_are_warnings(streams, days, said):
+    (told,) = record_warnings(OF_CAMERA, streams, EARLIER + timedelta(days=days))
+    assert said in told
+
+
+def test_a_record_without_an_instrument_fits_any():
+    bare = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test")
+    assert record_warnings(bare, [CAMERA], EARLIER) == []

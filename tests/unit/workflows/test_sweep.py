@@ -1,7 +1,64 @@
+"""Sweeps: the grid of settings, a region's line in the summary worked out by hand, and the ranking."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 
-from fieldkit.workflows.sweep import ranked, read_grid
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.workflows.session_estimates import Estimates
+from fieldkit.workflows.sweep import _region_row, ranked, read_grid
+
+
+def test_a_range_holds_both_ends_in_decimals_as_one_would_write_them():
+    (parameter,) = read_grid(["surface.albedo=0.15:0.35:0.05"]).parameters
+    assert parameter.values == ("0.15", "0.20", "0.25", "0.30", "0.35")
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0.88,0.90 , 0.92", ("0.88", "0.90", "0.92")),
+        ("paper,full", ("paper", "full")),
+        ("600", ("600",)),
+        ("-40:-20:10,0", ("-40", "-30", "-20", "0")),
+        ("0:1:0.4", ("0.0", "0.4", "0.8")),
+        ("1e-1:0.3:0.1", ("0.1", "0.2", "0.3")),
+        ('["cloud", "cable"]', ('["cloud", "cable"]',)),
+        ("0.2,0.2", ("0.2",)),
+    ],
+)
+def test_lists_ranges_and_single_values(text, values):
+    assert read_grid([f"a.b={text}"]).parameters[0].values == values
+
+
+def test_sets_are_all_combinations_the_last_parameter_fastest():
+    grid = read_grid(["a.x=1,2", "a.y=5", "a.z=p,q"])
+    assert grid.sets == [
+        ("a.x=1", "a.y=5", "a.z=p"), ("a.x=1", "a.y=5", "a.z=q"),
+        ("a.x=2", "a.y=5", "a.z=p"), ("a.x=2", "a.y=5", "a.z=q"),
+    ]  # fmt: skip
+    assert [parameter.key for parameter in grid.varied] == ["a.x", "a.z"]
+
+
+@pytest.mark.parametrize("text", ["0.3:0.1:0.1", "0:1:0", "0:1:-0.1", "0:1:0.000001"])
+def test_a_range_that_goes_nowhere_is_refused(text):
+    with pytest.raises(ConfigError, match="is not a valid range"):
+        read_grid([f"surface.albedo={text}"])
+
+
+@pytest.mark.parametrize("setting", ["surface.albedo", "surface.albedo=", "=0.2"])
+def test_a_setting_without_key_or_value_is_refused(setting):
+    with pytest.raises(ConfigError, match="no value"):
+        read_grid([setting])
+
+
+def test_a_key_given_twice_is_refused():
+    with pytest.raises(ConfigError, match="more than once"):
+        read_grid(["a.b=1", "a.b=2"])
+
 
 GRID = read_grid(["a=1,2,3"])
 
@@ -92,3 +149,35 @@ def test_the_effect_of_a_parameter_is_its_mean_over_the_others():
 def test_a_best_value_at_the_end_of_those_tried_is_told():
     found = rank([[1, 1], [2, 2], [3, 3]])
     assert found.warnings == ("a: the best value is at the edge of those tried; widen the range",)
+
+
+# --- one bed's line in the summary
+
+BED = Region("b15", RegionKind.TARGET, ((0.0, 0.0),), 15.0, 180.0)
+
+
+def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
+    estimates = [
+        SlopeEstimate(minute * 60 * 10**9, region.name, state, tilt)
+        for minute, (state, tilt) in enumerate(found)
+    ]
+    rows = Estimates.of(estimates, np.full(len(found), 300.0), np.full(len(found), 800.0), (region,))
+    return _region_row(region, rows.of_region(region))
+
+
+def test_errors_are_of_the_minutes_with_an_answer() -> None:
+    ok = SlopeState.OK
+    held, few = (SlopeState.HELD_CLOUD, 40.0), (SlopeState.TOO_FEW, np.nan)
+    found = line(BED, (ok, 16.0), (ok, 13.0), (ok, 15.5), held, few)
+    assert (found["minutes"], found["answered"]) == (5, 3)
+    assert found["median_tilt_deg"] == 15.5
+    assert found["mean_error_deg"] == pytest.approx((1.0 - 2.0 + 0.5) / 3)
+    assert found["mean_abs_error_deg"] == pytest.approx(3.5 / 3)
+    assert found["median_abs_error_deg"] == 1.0
+    assert found["worst_abs_error_deg"] == 2.0
+
+
+def test_a_region_row_of_unknown_slope_has_no_error() -> None:
+    found = line(Region("x", RegionKind.TARGET, ((0.0, 0.0),)), (SlopeState.OK, 16.0))
+    assert found["median_tilt_deg"] == 16.0
+    assert np.isnan([found[name] for name in found if name.endswith("error_deg")]).all()

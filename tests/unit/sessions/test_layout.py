@@ -1,4 +1,4 @@
-"""What a session must not be called and what its streams must not be."""
+"""Names that a session or a stream must not have."""
 
 from __future__ import annotations
 

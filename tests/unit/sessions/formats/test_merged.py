@@ -1,4 +1,4 @@
-"""The offset of a log is found where the curves tell it, and refused where they do not."""
+"""The clock offset of a log is found where the time series determine it, and refused where they do not."""
 
 from __future__ import annotations
 
