@@ -12,7 +12,7 @@ from fieldkit.cli.record import terminal_views
 from fieldkit.cli.types import DURATION
 
 if TYPE_CHECKING:
-    from fieldkit.workflows.record import Instruments
+    from fieldkit.workflows.opening import Instruments
 
 
 @click.command(cls=common.Command)
@@ -36,8 +36,8 @@ def command(
     settings: tuple[str, ...],
 ) -> None:
     """Show the current frame and readings without recording; Ctrl-C ends it."""
+    from fieldkit.workflows.opening import open_instruments
     from fieldkit.workflows.preview import LivePreview, missing_instruments, write_png
-    from fieldkit.workflows.record import open_instruments
 
     config = common.campaign(ctx, settings)
     with open_instruments(config, duration_s=duration_s, allow_missing=True) as instruments:

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     from fieldkit.config import Config
     from fieldkit.recorder import Summary, View
-    from fieldkit.workflows.record import Instruments, PreparedRecording, RecordedSession
+    from fieldkit.workflows.opening import Instruments
+    from fieldkit.workflows.record import PreparedRecording, RecordedSession
 
 
 @click.command(cls=common.Command)

@@ -20,7 +20,8 @@ from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, i
 from fieldkit.recorder import SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.views import frame_image
-from fieldkit.workflows.record import Instruments, MinuteView, config_of, open_instruments
+from fieldkit.workflows.opening import Instruments, open_instruments
+from fieldkit.workflows.record import MinuteView, config_of
 
 if TYPE_CHECKING:
     from fieldkit.workflows.campaign import Campaign

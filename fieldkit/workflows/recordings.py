@@ -1,14 +1,18 @@
-"""The recordings of a folder: which there are, which are interrupted, and how to finish those."""
+"""The recordings of a folder: where a new one belongs, which are interrupted, and how to finish those."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fieldkit.model.errors import SessionError
+from fieldkit.model.errors import ConfigError, SessionError
+from fieldkit.model.units import SECOND_NS
 
 if TYPE_CHECKING:
+    from fieldkit.config import Config
     from fieldkit.sessions.recovery import RecoveryReport
 
 JOURNAL = ".journal"
@@ -81,3 +85,25 @@ def delete_crash_files(sessions: Iterable[Path]) -> list[Path]:
     for path in left:
         path.unlink()
     return left
+
+
+def session_path(config: Config, name: str, time_ns: int) -> Path:
+    """Where a session that begins at `time_ns` (UTC) belongs: ``recordings/20261211T025512Z-name.h5``.
+
+    With ``-2``, ``-3`` ... if that is taken, as by another run of the same simulated day. Raises
+    `ConfigError` for a name with a slash: the file would lie where no command looks for sessions.
+    """
+    if "/" in name or "\\" in name:
+        plain = name.replace("/", "-").replace("\\", "-")
+        raise ConfigError(f"the name {name!r} has a slash", fix=f"--name {shlex.quote(plain)}")
+    stamp = datetime.fromtimestamp(time_ns / SECOND_NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+    return _unused(config.recordings / (f"{stamp}-{name}.h5" if name else f"{stamp}.h5"))
+
+
+def _unused(path: Path) -> Path:
+    """The path, or the first ``-2``, ``-3`` ... beside it that does not exist: nothing is overwritten."""
+    number, free = 1, path
+    while exists(free):
+        number += 1
+        free = path.with_name(f"{path.stem}-{number}.h5")
+    return free

@@ -1,4 +1,4 @@
-"""The running recording of a campaign: which session it is, whether it responds; stop it, add notes to it.
+"""The running recording of a campaign: only one at a time; which session, whether it responds; stop, mark.
 
 Nothing here opens the session: another process is writing it.
 """
@@ -11,7 +11,8 @@ import os
 import shlex
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from datetime import time as time_of_day
@@ -23,10 +24,12 @@ from fieldkit.model.errors import ConfigError, RefusedError, SessionError, Stora
 from fieldkit.model.site import Site
 from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
-from fieldkit.sessions.lock import is_locked, owner
+from fieldkit.sessions.lock import SessionLock, is_locked, owner
 from fieldkit.views import formatting
 from fieldkit.workflows.recordings import is_interrupted
 
+LOCK_NAME = ".recording"
+"""File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
 SILENT_AFTER_S = 5.0
 """A recorder writes its state every second; a slow disk may hold up some of them."""
 SEALED_WITHIN_S = 60.0
@@ -52,6 +55,41 @@ def session_in_progress(recordings: Path) -> Path | None:
         if is_locked(journal):
             return journal.with_name(journal.name.removesuffix(".journal"))
     return None
+
+
+@contextmanager
+def only_recorder(recordings: Path) -> Iterator[None]:
+    """Be the one process that records in this campaign, from before its instruments are opened.
+
+    Raises `RefusedError` while another one is, `StorageError` if the folder cannot be written.
+    """
+    _refuse_second(recordings)  # a recorder of an earlier version holds only its session's lock
+    try:
+        recordings.mkdir(parents=True, exist_ok=True)
+        lock = SessionLock(recordings, LOCK_NAME)
+    except RefusedError as error:
+        _refuse_second(recordings)  # by the name of its session, once it has one
+        raise _already_recorded(error.message) from error
+    except OSError as error:
+        raise StorageError(
+            f"cannot record into {recordings}: {error.strerror}", fix="choose a folder that can be written"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _refuse_second(recordings: Path) -> None:
+    if (running := session_in_progress(recordings)) is not None:
+        raise _already_recorded(running.name)
+
+
+def _already_recorded(what: str) -> RefusedError:
+    return RefusedError(
+        f"this campaign is being recorded already: {what}",
+        fix="fieldkit status shows it, fieldkit stop ends it",
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.simulated import PORT, SimulatedField
 from fieldkit.simulation import Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.record import Instruments, PreparedRecording, open_all
+from fieldkit.workflows.opening import Instruments, open_all
+from fieldkit.workflows.record import PreparedRecording
 from fieldlab.campaign import toml
 
 
