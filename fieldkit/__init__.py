@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 if _TYPE_CHECKING:
     from fieldkit.drivers.discovery import find_devices as find_devices
     from fieldkit.drivers.instrument import open_device as open_device
+    from fieldkit.estimation.estimator import Minute as Minute
     from fieldkit.model.errors import FieldkitError as FieldkitError
     from fieldkit.model.site import Region as Region
     from fieldkit.model.site import Site as Site
@@ -24,6 +25,7 @@ if _TYPE_CHECKING:
     from fieldkit.workflows.estimate import estimate as estimate
     from fieldkit.workflows.export import export as export
     from fieldkit.workflows.importing import ImportOptions as ImportOptions
+    from fieldkit.workflows.importing import import_into as import_into
     from fieldkit.workflows.importing import import_recording as import_recording
     from fieldkit.workflows.plan import PlanOptions as PlanOptions
     from fieldkit.workflows.plan import plan as plan
@@ -40,6 +42,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "fieldkit.drivers.discovery": ("find_devices",),
     "fieldkit.drivers.instrument": ("open_device",),
+    "fieldkit.estimation.estimator": ("Minute",),
     "fieldkit.model.errors": ("FieldkitError",),
     "fieldkit.model.site": ("Region", "Site"),
     "fieldkit.workflows": ("calibrate",),
@@ -47,7 +50,7 @@ _HOMES = {
     "fieldkit.workflows.check": ("check",),
     "fieldkit.workflows.estimate": ("estimate",),
     "fieldkit.workflows.export": ("export",),
-    "fieldkit.workflows.importing": ("ImportOptions", "import_recording"),
+    "fieldkit.workflows.importing": ("ImportOptions", "import_into", "import_recording"),
     "fieldkit.workflows.plan": ("PlanOptions", "plan"),
     "fieldkit.workflows.record": ("record",),
     "fieldkit.workflows.report": ("ReportOptions", "report"),

@@ -7,7 +7,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack, overload
@@ -21,10 +22,12 @@ from fieldkit.config import (
     mistakes_in,
 )
 from fieldkit.config.template import PAPER_SITE, SIMULATED, campaign_toml
+from fieldkit.drivers.instrument import Instrument
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.site import Region, zone_by_longitude
 from fieldkit.views import formatting, html
 from fieldkit.workflows.executors import Workers
+from fieldkit.workflows.record import open_instruments
 from fieldkit.workflows.regions import Point, Rect, RegionProperties, add_region
 from fieldkit.workflows.session import Session, open_session
 from fieldkit.workflows.sources import Settings, settings_from
@@ -124,6 +127,18 @@ class Campaign:
         """
         add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
         self.config = load_config(self.config.path, settings=self.settings)
+
+    @contextmanager
+    def open_devices(self) -> Iterator[dict[str, Instrument[Any]]]:
+        """The campaign's instruments by name, open to be read by hand; closed at the end.
+
+        >>> with campaign.open_devices() as devices:  # doctest: +SKIP
+        ...     devices["lux"].read().value
+
+        Raises as `fieldkit.record`.
+        """
+        with open_instruments(self.config) as opened, opened.clock.taking_part():
+            yield {device.info.name: Instrument(device) for device in opened.devices}
 
     def sweep(
         self,

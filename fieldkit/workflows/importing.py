@@ -29,7 +29,8 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.seal import SealReport
 from fieldkit.weather import is_station_file
 from fieldkit.workflows import import_flir
-from fieldkit.workflows.sources import log_warning
+from fieldkit.workflows.session import Session, open_session
+from fieldkit.workflows.sources import SessionOrFile, log_warning, reading
 
 AUTO: Literal["auto"] = "auto"
 TABLES = (".csv", ".txt", ".tsv", ".dat")
@@ -97,6 +98,15 @@ class ImportedSession:
     size_bytes: int
     notes: tuple[tuple[Severity, str], ...]
 
+    def open(self) -> Session:
+        """The session, open for reading."""
+        return open_session(self.path)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {name}" for name, count in self.samples.items())
+        warnings = "".join(f"; {text}" for severity, text in self.notes if severity is not Severity.INFO)
+        return f"<ImportedSession {self.path}: {counts}{warnings}>"
+
     @classmethod
     def of(cls, report: SealReport, recording: ImportedRecording) -> ImportedSession:
         """What a sealed session and the recording it was made from have to report."""
@@ -148,7 +158,7 @@ def import_recording(
 
 
 def import_into(
-    session: SessionReader,
+    session: SessionOrFile,
     source: str | Path,
     out: str | Path | None = None,
     options: ImportOptions | None = None,
@@ -161,12 +171,13 @@ def import_into(
     source, options = Path(source), options or ImportOptions()
     recording = read_source(source, options)
     added = options.name or recording.streams[0].name
-    path = Path(out) if out is not None else session.path.with_name(f"{session.path.stem}-with-{added}.h5")
-    if options.offset_s == AUTO:
-        recording = aligned(session, recording)
-    recording = cut_to(session, _warned_of_distance(recording, session.site))
-    recording = _warned_of_irradiance(session, recording)
-    return ImportedSession.of(merge(session, recording, path, str(source)), recording)
+    with reading(session) as opened:
+        path = Path(out) if out is not None else opened.path.with_name(f"{opened.path.stem}-with-{added}.h5")
+        if options.offset_s == AUTO:
+            recording = aligned(opened, recording)
+        recording = cut_to(opened, _warned_of_distance(recording, opened.site))
+        recording = _warned_of_irradiance(opened, recording)
+        return ImportedSession.of(merge(opened, recording, path, str(source)), recording)
 
 
 def _campaign_or_none(start: Path, notify: Callable[[str], None]) -> Config | None:
