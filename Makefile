@@ -26,6 +26,7 @@ lint: $(VENV)/.lint
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy -p fieldkit -p benchmarks
 	$(VENV)/bin/lint-imports
+	$(RUN) docs/check_types.py
 
 bench: $(VENV)/.test
 	$(RUN) -m benchmarks

@@ -27,7 +27,7 @@ from fieldkit.model.errors import ConfigError, RefusedError, SessionError, Stora
 from fieldkit.model.site import Region, zone_by_longitude
 from fieldkit.views import formatting, html
 from fieldkit.workflows.executors import Workers
-from fieldkit.workflows.record import open_instruments
+from fieldkit.workflows.opening import open_instruments
 from fieldkit.workflows.regions import Point, Rect, RegionProperties, add_region
 from fieldkit.workflows.session import Session, open_session
 from fieldkit.workflows.sources import Settings, settings_from

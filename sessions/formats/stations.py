@@ -13,9 +13,9 @@ from fieldkit.weather import Weather, half_step_ns, read_station_file
 
 _COLUMNS = {
     # our column: what the stream is called after the station's name, its quantity, unit and component
-    "dni": ("direct", "irradiance", "W m-2", "dni"),
-    "dhi": ("diffuse", "irradiance", "W m-2", "dhi"),
-    "ghi": ("global", "irradiance", "W m-2", "ghi"),
+    "dni_w_m2": ("direct", "irradiance", "W m-2", "dni"),
+    "dhi_w_m2": ("diffuse", "irradiance", "W m-2", "dhi"),
+    "ghi_w_m2": ("global", "irradiance", "W m-2", "ghi"),
     "longwave_down_w_m2": ("longwave-down", "longwave_irradiance", "W m-2", "longwave_down"),
     "longwave_up_w_m2": ("longwave-up", "longwave_irradiance", "W m-2", "longwave_up"),
     "air_temperature_k": ("air", "air_temperature", "K", ""),

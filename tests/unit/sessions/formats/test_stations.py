@@ -26,6 +26,16 @@ def utc(reading: Reading) -> str:
     return datetime.fromtimestamp(reading.time_ns / 1e9, UTC).isoformat()
 
 
+def test_a_surfrad_file_gives_its_irradiance_with_what_it_measures(tmp_path: Path) -> None:
+    """Expected: the values that `foreign_files.surfrad` writes: global 500, direct 900, diffuse 50 W/m2."""
+    (tmp_path / "slv16001.dat").write_bytes(foreign_files.surfrad())
+    imported = read_station(tmp_path / "slv16001.dat", "slv")
+    first = {name: readings(imported, f"slv-{name}")[0].values for name in ("global", "direct", "diffuse")}
+    assert first == {"global": (500.0,), "direct": (900.0,), "diffuse": (50.0,)}
+    measured = {info.name: info.measures for info in imported.streams}
+    assert measured["slv-direct"] == ("dni",)
+
+
 def test_surfrad_day_gives_a_stream_for_each_quantity() -> None:
     """Expected: the extremes and the conventions in the README beside the file."""
     imported = read_station(shared("data/weather/slv16001.dat"), "slv")
