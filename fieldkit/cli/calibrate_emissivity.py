@@ -195,7 +195,7 @@ def command(
 
 def _record(ctx: click.Context, sample: str, options: MeasurementOptions, settings: tuple[str, ...]) -> Path:
     """Record until enough steady temperatures were seen, the time is over, or Ctrl-C; the session."""
-    from fieldkit.cli.record import run_until_stopped
+    from fieldkit.cli.recording import run_until_stopped
     from fieldkit.workflows.calibrate.emissivity_live import BURSTS, prepare_emissivity
 
     config = common.campaign(ctx, (*BURSTS, *settings))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table
+from fieldkit.cli.types import KEY_VALUE
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.units import CELSIUS_ZERO_K
 
@@ -29,10 +29,22 @@ _MAX_ROWS = 200
 @click.argument("driver")
 @click.argument("data", nargs=-1, required=True, metavar="HEX...|FILE|-")
 @click.option("--map", "register_map", metavar="NAME|FILE", help="Register map, for modbus.")
-@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="An option of the driver.")
+@click.option(
+    "-o",
+    "--option",
+    "pairs",
+    type=KEY_VALUE,
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="An option of the driver.",
+)
 @click.pass_context
 def command(
-    ctx: click.Context, driver: str, data: tuple[str, ...], register_map: str | None, pairs: tuple[str, ...]
+    ctx: click.Context,
+    driver: str,
+    data: tuple[str, ...],
+    register_map: str | None,
+    pairs: tuple[tuple[str, Any], ...],
 ) -> None:
     r"""Decode bytes of an instrument: values, flags, or why they are rejected.
 
@@ -45,7 +57,7 @@ def command(
     """
     from fieldkit.drivers import registry
 
-    given = dict(parse_option(pair) for pair in pairs)
+    given = dict(pairs)
     if register_map is not None:
         given["map"] = register_map
     decoded = registry.decode(driver, read_bytes(data, is_text=driver in TEXT_DRIVERS), given)
@@ -97,17 +109,6 @@ def as_document(decoded: Decoded) -> dict[str, Any]:
         "rest": decoded.rest,
         "notes": list(decoded.notes),
     }
-
-
-def parse_option(pair: str) -> tuple[str, Any]:
-    """``KEY=VALUE``; the value as TOML reads it, or the text itself."""
-    key, equals, value = pair.partition("=")
-    if not equals:
-        raise click.BadParameter(f"{pair!r} is not KEY=VALUE", param_hint="--option")
-    try:
-        return key, tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key, value
 
 
 def _print(decoded: Decoded) -> None:

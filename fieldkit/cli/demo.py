@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.record import live_views, run_until_stopped
+from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.config import Config
 from fieldkit.model.site import Region

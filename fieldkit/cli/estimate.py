@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,16 +12,12 @@ from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions
 from fieldkit.cli.slope_table import explain_slopes, print_slopes
 from fieldkit.cli.types import FACET, SITE
-from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Region, RegionKind, Site
-from fieldkit.model.slope import WITH_SLOPE
-from fieldkit.workflows.estimate import as_document
+from fieldkit.workflows.estimate import as_document, require_slope, session_document
 
 if TYPE_CHECKING:
-    from fieldkit.model.slope import SlopeEstimate
     from fieldkit.workflows.batch import EstimatedSessions
     from fieldkit.workflows.executors import Workers
-    from fieldkit.workflows.session_estimates import Estimates
 
 
 @click.command(cls=common.Command)
@@ -89,7 +85,7 @@ def _estimate_sessions(
     if found.estimates:
         _print(found)
     batch.raise_failures(found.failures, paths)
-    _require_slope([one for of_session in found.estimates.values() for one in of_session.final.values()])
+    require_slope([one for of_session in found.estimates.values() for one in of_session.final.values()])
 
 
 def _estimate_table(
@@ -106,12 +102,12 @@ def _estimate_table(
         targets = [Region(one.region, RegionKind.TARGET, ()) for one in slopes]
         print_slopes({one.region: one for one in slopes}, targets)
         explain_slopes(slopes)
-    _require_slope(slopes)
+    require_slope(slopes)
 
 
 def _print(found: EstimatedSessions) -> None:
     if common.options().json:
-        documents = [_document(found.paths[name], slopes) for name, slopes in found.estimates.items()]
+        documents = [session_document(found.paths[name], slopes) for name, slopes in found.estimates.items()]
         common.print_json(documents[0] if len(documents) == 1 else {"sessions": documents})
         return
     for name, estimates in found.estimates.items():
@@ -119,15 +115,3 @@ def _print(found: EstimatedSessions) -> None:
             click.echo(name)
         print_slopes(estimates.final, estimates.regions)
     explain_slopes(one for estimates in found.estimates.values() for one in estimates.final.values())
-
-
-def _document(path: Path, estimates: Estimates) -> dict[str, Any]:
-    regions = {region.name: region for region in estimates.regions}
-    slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
-    return {"session": str(path), "minutes": estimates.minutes, "slopes": slopes}
-
-
-def _require_slope(slopes: Sequence[SlopeEstimate]) -> None:
-    if not any(one.state in WITH_SLOPE for one in slopes):
-        reasons = {one.reason or one.state.name.lower() for one in slopes} or {"no targets"}
-        raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

@@ -2,51 +2,21 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
 from fieldkit.cli.session_paths import find_session
-from fieldkit.cli.types import SITE, ZONE
-from fieldkit.model.durations import parse_offset
-from fieldkit.model.errors import ConfigError
+from fieldkit.cli.types import CLOCK_OFFSET, KELVIN_PER_COUNT, SITE, STREAM_NAME, ZONE
 from fieldkit.model.radiation import COMPONENTS
 from fieldkit.model.samples import Severity
 
 if TYPE_CHECKING:
     from fieldkit.workflows.importing import ImportedSession
-
-AUTO: Literal["auto"] = "auto"
-
-
-def _stream_name(ctx: click.Context, param: click.Parameter, name: str | None) -> str | None:
-    from fieldkit.sessions.layout import RESERVED_NAMES
-
-    if name is not None and (name in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", name)):
-        raise click.BadParameter(f"{name!r} cannot name a stream; use letters and digits, like logger2")
-    return name
-
-
-def _kelvin_per_count(ctx: click.Context, param: click.Parameter, text: str | None) -> float | None:
-    """Kelvin per count; NaN for ``none``, if it is not known."""
-    if text is None:
-        return None
-    try:
-        return float("nan") if text == "none" else float(text)
-    except ValueError:
-        raise click.BadParameter(f"{text!r} is not a number or none") from None
-
-
-def _offset(ctx: click.Context, param: click.Parameter, text: str) -> float | Literal["auto"]:
-    try:
-        return AUTO if text == AUTO else parse_offset(text)
-    except ConfigError as error:
-        raise click.BadParameter(f"{error.message}, or auto") from None
 
 
 # all options but --out and --into go into `ImportOptions`: the second name is that of its field
@@ -58,8 +28,8 @@ def _offset(ctx: click.Context, param: click.Parameter, text: str) -> float | Li
 @click.option(
     "--as",
     "name",
+    type=STREAM_NAME,
     metavar="NAME",
-    callback=_stream_name,
     help="Name of the stream [default: camera, station or logger].",
 )
 @click.option(
@@ -70,8 +40,8 @@ def _offset(ctx: click.Context, param: click.Parameter, text: str) -> float | Li
 @click.option("--title", default="", help="Title of the session [default: the source's name].")
 @click.option(
     "--kelvin-per-count",
+    type=KELVIN_PER_COUNT,
     metavar="K|none",
-    callback=_kelvin_per_count,
     help="Scale of TIFF or IRG counts; none if it is not known. Never guessed.",
 )
 @click.option("--kelvin-at-zero", type=float, default=0.0, help="Kelvin of count 0 [default: 0].")
@@ -87,8 +57,8 @@ def _offset(ctx: click.Context, param: click.Parameter, text: str) -> float | Li
     "--offset",
     "offset_s",
     default="0s",
+    type=CLOCK_OFFSET,
     metavar="[+-]Ns|auto",
-    callback=_offset,
     help="Add to a table's times, if its clock was slow; auto finds it from the streams of --into.",
 )
 @click.option(
@@ -127,7 +97,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
         with open_session(find_session(ctx, into)) as session:
             _print(import_into(session, source, out, unstated))
         return
-    if unstated.offset_s == AUTO:
+    if unstated.offset_s == "auto":
         raise click.UsageError("--offset auto needs the session to align with: --into SESSION")
     _print(
         import_recording(

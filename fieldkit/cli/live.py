@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from fieldkit.cli import common
-from fieldkit.cli.record import terminal_views
+from fieldkit.cli.recording import terminal_views
 from fieldkit.cli.types import DURATION
 
 if TYPE_CHECKING:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +12,12 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
+from fieldkit.cli.types import WINDOW
 from fieldkit.model.errors import NoAnswerError
 
 if TYPE_CHECKING:
     from fieldkit.workflows.batch import Failures
     from fieldkit.workflows.slope_map import MappedSession, Maps
-
-_POLL_S = 1.0
 
 
 @click.command(cls=common.Command)
@@ -31,6 +28,7 @@ _POLL_S = 1.0
 )  # fmt: skip
 @click.option(
     "--window",
+    type=WINDOW,
     metavar="TIME",
     help="How far back from the last usable minute: 20m, 1h, all, or weather: as far as the regions' "
     "slopes look [default: as configured].",
@@ -44,7 +42,7 @@ def command(
     ctx: click.Context,
     sessions: tuple[Path, ...],
     out: Path | None,
-    window: str | None,
+    window: float | str | None,
     present: bool,
     follow: bool,
     jobs: int | None,
@@ -61,46 +59,30 @@ def command(
     from fieldkit.workflows.slope_map import map_sessions, slope_map
 
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
-    seconds = _window(window)
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
         workers = batch.workers(kind, address, jobs)
         _map_many(
             _bases(paths, out),
-            partial(map_sessions, window=seconds, settings=settings, present=present, workers=workers),
+            partial(map_sessions, window=window, settings=settings, present=present, workers=workers),
         )
         return
-    make = partial(slope_map, paths[0], seconds, settings=settings, present=present)
+    make = partial(slope_map, paths[0], window, settings=settings, present=present)
     if follow:
         _follow(paths[0], lambda: _map(paths[0], out, make, common.print_json_line))
     _map(paths[0], out, make, common.print_json_line if follow else common.print_json)
 
 
-def _window(window: str | None) -> Any:
-    from fieldkit.cli.types import DURATION
-
-    return window if window in (None, "all", "weather") else DURATION.convert(window, None, None)
-
-
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
     """Map at each new minute of a recording until it ends; a minute without a map is reported."""
-    from fieldkit.model.units import MINUTE_NS
-    from fieldkit.sessions.layout import journal_path
-    from fieldkit.sessions.lock import is_locked
-    from fieldkit.sessions.reader import open_session
+    from fieldkit.workflows.follow import new_minutes
 
-    mapped = -1
-    while is_locked(journal_path(path)):
-        with open_session(path) as opened:
-            minute = opened.end_ns // MINUTE_NS
-        if minute > mapped:
-            mapped = minute
-            try:
-                map_now()
-            except NoAnswerError as error:
-                common.say(error.message)
-        time.sleep(_POLL_S)
+    for _ in new_minutes(path):
+        try:
+            map_now()
+        except NoAnswerError as error:
+            common.say(error.message)
     common.say("the recording has ended")
 
 
@@ -152,13 +134,7 @@ def _bases(paths: Sequence[Path], out: Path | None) -> dict[Path, Path]:
 
 
 def _document(path: Path, found: MappedSession, files: Sequence[Path]) -> dict[str, Any]:
-    """A map for ``--json``."""
-    return {
-        "session": str(path), "files": [str(file) for file in files], "minutes": found.minutes,
-        "start_ns": found.start_ns, "end_ns": found.end_ns, "states": found.states,
-        "flags": [str(flag.name).lower() for flag in found.flags],
-        "regions": [asdict(region) for region in found.by_region()],
-    }  # fmt: skip
+    return {"session": str(path), "files": [str(file) for file in files], **found.document()}
 
 
 def _print_map(found: MappedSession, files: Sequence[Path]) -> None:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import shlex
-import signal
-import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from fieldkit.cli import common
+from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
 from fieldkit.workflows.recordings import sessions_in
@@ -21,10 +17,7 @@ if TYPE_CHECKING:
     from datetime import time
     from pathlib import Path
 
-    from fieldkit.config import Config
-    from fieldkit.recorder import Summary, View
-    from fieldkit.workflows.opening import Instruments
-    from fieldkit.workflows.record import PreparedRecording, RecordedSession
+    from fieldkit.recorder import Summary
 
 
 @click.command(cls=common.Command)
@@ -71,73 +64,6 @@ def command(
     print_summary(prepared.path, summary)
     if summary.failure is not None:
         raise summary.failure
-
-
-def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
-    """Record until the planned end or a signal, which seals the session; a second Ctrl-C stops at once."""
-    with stop_on_signals() as stopping:  # from before there is anything that must be sealed
-        try:
-            return prepared.run(
-                views, stopping=stopping, command_line=shlex.join(["fieldkit", *sys.argv[1:]])
-            )
-        except KeyboardInterrupt:
-            common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {prepared.path}")
-            raise
-
-
-@contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that Ctrl-C, SIGTERM and SIGHUP set; a second Ctrl-C raises `KeyboardInterrupt`."""
-    stopping = threading.Event()
-
-    def stop(number: int, frame: object) -> None:
-        if number == signal.SIGINT:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        stopping.set()
-
-    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, stop) for number in signals}
-    try:
-        yield stopping
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def live_views(prepared: PreparedRecording, theme: Literal["dark", "paper"] = "dark") -> list[View]:
-    """The live view of a recording on stderr; none with ``--quiet`` or ``--json``."""
-    return terminal_views(
-        prepared.config, prepared.instruments, prepared.path.stem, prepared.duration_s, theme
-    )
-
-
-def terminal_views(
-    config: Config,
-    instruments: Instruments,
-    title: str,
-    duration_s: float | None,
-    theme: Literal["dark", "paper"],
-) -> list[View]:
-    """The live view on stderr, none with ``--quiet`` or ``--json``."""
-    from fieldkit.views.terminal_view import terminal_view
-
-    given = common.options()
-    if given.quiet or given.json:
-        return []
-    now_ns = instruments.utc_ns()
-    end_ns = None if duration_s is None else now_ns + round(duration_s * 1e9)
-    console = common.console(err=True)
-    return [
-        terminal_view(
-            config.site,
-            config.regions,
-            instruments.streams,
-            title=title,
-            planned_end_ns=end_ns,
-            console=console,
-            theme=theme,
-        )
-    ]
 
 
 def print_summary(path: Path, summary: Summary) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, say
-from fieldkit.cli.decode import parse_option
+from fieldkit.cli.types import KEY_VALUE
 from fieldkit.model.errors import DeviceError
 
 FAILED = DeviceError.exit_code
@@ -32,10 +33,17 @@ class CablePrompts:
     "--identity", default="", help="Identity of the instrument to test, as `fieldkit devices` shows it."
 )
 @click.option("--unplug", is_flag=True, help="Also ask for the cable to be pulled and put back.")
-@click.option("-o", "--option", "pairs", multiple=True, metavar="KEY=VALUE", help="Driver option.")
+@click.option(
+    "-o", "--option", "pairs", type=KEY_VALUE, multiple=True, metavar="KEY=VALUE", help="Driver option."
+)
 @click.pass_context
 def command(
-    ctx: click.Context, driver: str, port: str, identity: str, unplug: bool, pairs: tuple[str, ...]
+    ctx: click.Context,
+    driver: str,
+    port: str,
+    identity: str,
+    unplug: bool,
+    pairs: tuple[tuple[str, Any], ...],
 ) -> None:
     """Check that a driver meets the driver contract; with --port or --identity, on an instrument too."""
     from fieldkit.drivers import registry
@@ -43,7 +51,7 @@ def command(
     from fieldkit.model.clock import HostClock
 
     found = registry.get(driver)
-    given = dict(parse_option(pair) for pair in pairs)
+    given = dict(pairs)
     instrument = settings_for(found, port, identity, given)
     outcomes = list(check_driver(found, HostClock(), instrument, CablePrompts() if unplug else None))
     passed = all(outcome.level != "fail" for outcome in outcomes)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from fieldkit.sessions.reader import SessionReader
 
 _LAST_EVENTS = 12
-_POLL_S = 0.5
 
 
 @click.command(cls=Command)
@@ -78,36 +76,16 @@ def _slope(slope: SlopeEstimate) -> str:
 
 def _follow(session: SessionReader) -> None:
     """Print what is recorded meanwhile, until the recording ends."""
-    from fieldkit.sessions.layout import journal_path
-    from fieldkit.sessions.lock import is_locked
+    from fieldkit.model.samples import Event
+    from fieldkit.workflows.follow import changes
 
-    seen = {name: session.count(name) for name in session.streams}
-    events = len(session.events())
-    while is_locked(journal_path(session.path)):
-        time.sleep(_POLL_S)
-        session.refresh()
-        for event in session.events()[events:]:
-            events += 1
-            _print_change(session, {"event": event.kind.name.lower(), "text": event.text}, event.time_ns)
-        for name, before in seen.items():
-            seen[name] = session.count(name)
-            if seen[name] > before:
-                _print_latest(session, name, seen[name])
+    for change in changes(session):
+        if isinstance(change, Event):
+            row = {"event": change.kind.name.lower(), "text": change.text}
+        else:
+            row = {name: getattr(change, name) for name in ("stream", "samples", "value", "unit")}
+        _print_change(session, row, change.time_ns)
     say("the recording has ended")
-
-
-def _print_latest(session: SessionReader, name: str, count: int) -> None:
-    from fieldkit.model.samples import Frame
-
-    sample = next(session.stream(name).samples(count - 1, count))
-    info = session.streams[name]
-    if isinstance(sample, Frame):
-        value: Any = float(sample.counts.mean()) * info.scale + info.offset
-    else:
-        value = list(sample.values)
-    _print_change(
-        session, {"stream": name, "samples": count, "value": value, "unit": info.unit}, sample.time_ns
-    )
 
 
 def _print_change(session: SessionReader, change: dict[str, Any], time_ns: int) -> None:

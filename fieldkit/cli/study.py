@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from datetime import date, time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from fieldkit.cli.common import Command, options, print_json, print_table, progress, say
 from fieldkit.cli.types import DAY, HOUR, SITE, ZONE
 from fieldkit.model.site import Site, with_zone
-
-if TYPE_CHECKING:
-    from fieldkit.study.runs import StudyOptions
 
 SHOWN = {
     "start": "start",
@@ -74,6 +70,9 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 def command(
     ctx: click.Context,
     /,
+    site: Site | None,
+    zone: str | None,
+    weather: Path | None,
     sensitivity: bool,
     sessions: tuple[Path, ...],
     surfrad: tuple[Path, ...],
@@ -96,8 +95,14 @@ def command(
         _compare_with_surfrad(surfrad)
         return
     from fieldkit.study.paper_study import paper_study
+    from fieldkit.study.runs import StudyOptions
+    from fieldkit.weather import read_station_file
 
-    chosen = _study_options(**given)
+    chosen = StudyOptions.of(
+        site=with_zone(site, zone) if site else None,
+        weather=read_station_file(weather) if weather else None,
+        **given,
+    )
     with progress() as bar:
         task = bar.add_task("study", total=None)
         study = paper_study(
@@ -112,29 +117,6 @@ def command(
         return
     _print(study.document)
     say(f"tables, figures and a page with all of them: {out / 'study.html'}")
-
-
-def _study_options(
-    site: Site | None,
-    zone: str | None,
-    day: date | None,
-    weather: Path | None,
-    starts: tuple[time, ...],
-    turbidity: float | None,
-    **values: Any,
-) -> StudyOptions:
-    """The study asked for; what was not given is the paper's."""
-    from fieldkit.study.runs import PAPER_DAY, PAPER_SITE, PAPER_STARTS, PAPER_TURBIDITY, StudyOptions
-    from fieldkit.weather import read_station_file
-
-    study = StudyOptions(
-        site=with_zone(site, zone) if site else PAPER_SITE,
-        day=day or PAPER_DAY,
-        starts=starts or PAPER_STARTS,
-        turbidity=turbidity or PAPER_TURBIDITY,
-        **values,
-    )
-    return study.under_weather(read_station_file(weather), day) if weather else study
 
 
 def _compare_with_surfrad(paths: tuple[Path, ...]) -> None:

@@ -7,14 +7,15 @@ one is the most common mistake, and worth hours of sun.
 from __future__ import annotations
 
 import re
+import tomllib
 from datetime import date, datetime, time
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from fieldkit.model.durations import parse_duration, parse_time_of_day
-from fieldkit.model.errors import FieldkitError
+from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
+from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Site, known_zone
 
 if TYPE_CHECKING:
@@ -48,6 +49,11 @@ def check_duration(text: str) -> str:
     """A duration as it was typed, for those who keep the text."""
     parse_duration(text)
     return text
+
+
+def parse_window(text: str) -> float | str:
+    """How far a map looks back: seconds of a duration, ``all`` or ``weather``."""
+    return text if text in ("all", "weather") else parse_duration(text)
 
 
 def parse_site(text: str) -> Site:
@@ -143,6 +149,42 @@ def parse_record_name(text: str) -> str:
     return text
 
 
+def parse_stream_name(text: str) -> str:
+    """The name of an imported stream, which becomes a group of the session file."""
+    from fieldkit.sessions.layout import RESERVED_NAMES
+
+    if text in RESERVED_NAMES or not re.fullmatch(r"\w[\w.-]{0,30}", text):
+        raise ConfigError(f"{text!r} cannot name a stream; use letters and digits, like logger2")
+    return text
+
+
+def parse_kelvin_per_count(text: str) -> float:
+    """Kelvin per count; NaN for ``none``, if it is not known."""
+    try:
+        return float("nan") if text == "none" else float(text)
+    except ValueError:
+        raise ConfigError(f"{text!r} is not a number or none") from None
+
+
+def parse_clock_offset(text: str) -> float | Literal["auto"]:
+    """Seconds to add to a table's times, or ``auto``."""
+    try:
+        return "auto" if text == "auto" else parse_offset(text)
+    except ConfigError as error:
+        raise ConfigError(f"{error.message}, or auto") from None
+
+
+def parse_key_value(text: str) -> tuple[str, Any]:
+    """``KEY=VALUE``; the value as TOML reads it, or the text itself."""
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise ConfigError(f"{text!r} is not KEY=VALUE")
+    try:
+        return key, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, value
+
+
 def _refuse_far(when: date) -> None:
     if when.year not in YEARS:
         raise ValueError(f"the year must lie within {YEARS[0]}..{YEARS[-1]}")
@@ -163,6 +205,7 @@ SITE = _Typed("LAT,LON[,ALT]", parse_site)
 TIME_OF_DAY = _Typed("HH:MM", parse_time_of_day)
 DURATION = _Typed("TIME", parse_duration)
 DURATION_TEXT = _Typed("TIME", check_duration)
+WINDOW = _Typed("TIME", parse_window)
 FACET = _Typed("TILT,AZIMUTH", parse_facet)
 MOMENT = _Typed("TIME", parse_moment)
 DAY = _Typed("YYYY-MM-DD", parse_day)
@@ -172,3 +215,7 @@ XY = _Typed("X,Y", parse_xy)
 RECT = _Typed("X,Y,WIDTH,HEIGHT", parse_rect)
 OR_RECORD = _Typed("NUMBER|@NAME", parse_or_record)
 RECORD_NAME = _Typed("NAME", parse_record_name)
+STREAM_NAME = _Typed("NAME", parse_stream_name)
+KELVIN_PER_COUNT = _Typed("K|none", parse_kelvin_per_count)
+CLOCK_OFFSET = _Typed("[+-]Ns|auto", parse_clock_offset)
+KEY_VALUE = _Typed("KEY=VALUE", parse_key_value)

@@ -63,6 +63,12 @@ class StudyOptions:
     estimators: tuple[Method, ...] = ("contours", "unit-norm")
     seed: int = 1
 
+    @classmethod
+    def of(cls, *, weather: Weather | None = None, **given: Any) -> StudyOptions:
+        """The paper's study with what is given; None and empty tuples stand for the paper's values."""
+        study = cls(**{name: value for name, value in given.items() if value not in (None, ())})
+        return study.under_weather(weather, given.get("day")) if weather else study
+
     def under_weather(self, weather: Weather, day: date | None = None) -> StudyOptions:
         """The same study at the site of measured weather, on its day unless one is given."""
         middle_ns = int(weather.time_ns[weather.time_ns.size // 2])

@@ -122,8 +122,8 @@ def _station(days: Sequence[tuple[Weather, FloatArray]]) -> Station:
     return Station(
         time_s=(time_ns - time_ns[0]) / 1e9,
         cos_zenith=sun_vectors(time_ns, days[0][0].site, refraction=True)[:, 2],
-        dni_w_m2=joined["dni"],
-        diffuse_w_m2=joined["dhi"],
+        dni_w_m2=joined["dni_w_m2"],
+        diffuse_w_m2=joined["dhi_w_m2"],
         longwave_down_w_m2=joined["longwave_down_w_m2"],
         longwave_up_w_m2=joined["longwave_up_w_m2"],
         air_k=joined["air_temperature_k"],

@@ -14,9 +14,9 @@ from fieldkit.config import Config, config_from_text
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.table import slopes_of_table
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.errors import ConfigError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.model.site import Region, Site
-from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
@@ -150,3 +150,18 @@ def as_document(estimate: SlopeEstimate, region: Region | None = None) -> dict[s
     if region is not None:
         document["true_tilt_deg"], document["true_azimuth_deg"] = region.tilt_deg, region.azimuth_deg
     return document
+
+
+def session_document(path: Path, estimates: Estimates) -> dict[str, Any]:
+    """The final estimates of a session for ``--json``."""
+    regions = {region.name: region for region in estimates.regions}
+    slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
+    return {"session": str(path), "minutes": estimates.minutes, "slopes": slopes}
+
+
+def require_slope(slopes: Iterable[SlopeEstimate]) -> None:
+    """Raise `NoAnswerError` with the reasons if none of the estimates has a slope."""
+    slopes = tuple(slopes)
+    if not any(one.state in WITH_SLOPE for one in slopes):
+        reasons = {one.reason or one.state.name.lower() for one in slopes} or {"no targets"}
+        raise NoAnswerError(f"no slope could be estimated: {', '.join(sorted(reasons))}")

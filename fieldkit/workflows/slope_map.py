@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,6 +132,14 @@ class MappedSession:
     def by_region(self) -> list[MappedRegion]:
         """Each region of the map in numbers."""
         return [_mapped_region(self, region) for region in self.regions]
+
+    def document(self) -> dict[str, Any]:
+        """The map in numbers, for ``--json``: minutes, states, flags, regions."""
+        return {
+            "minutes": self.minutes, "start_ns": self.start_ns, "end_ns": self.end_ns,
+            "states": self.states, "flags": [str(flag.name).lower() for flag in self.flags],
+            "regions": [asdict(region) for region in self.by_region()],
+        }  # fmt: skip
 
     def __repr__(self) -> str:
         shares = ", ".join(f"{share:.0%} {state}" for state, share in self.states.items())

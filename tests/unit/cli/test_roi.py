@@ -65,7 +65,7 @@ def test_the_first_region_may_be_a_target(roi):
         (("b15", "--points", "1,1", "2,2"), 3, "at least 3"),
         (("b15", "--points", "1,1", "2,x", "3,3"), 2, "expected X,Y"),
         (("b15", "--rect", "150,100,32,61"), 3, "outside the frame of 160 x 120"),
-        (("b15", "--rect", "1,1,9,9", "--tilt", "15"), 3, "also needs azimuth_deg"),
+        (("b15", "--reference", "--rect", "1,1,9,9", "--tilt", "15"), 3, "also needs azimuth_deg"),
         (("b15", "--rect", "1,1,9,9", "--tilt", "95"), 2, "0<=x<=90"),
     ],
 )
@@ -131,13 +131,14 @@ def test_a_region_is_changed_and_the_file_keeps_its_comments(roi, tmp_path):
     ("arguments", "code", "said"),
     [
         (("b15",), 2, "give what to change"),
-        (("b16", "--shrink", "2"), 3, "the regions are b15"),
+        (("b16", "--shrink", "2"), 3, "the regions are b15, flat"),
         (("b15", "--shrink", "16"), 3, "nothing of region 'b15' is 16 px inside its edge"),
-        (("b15", "--tilt", "15"), 3, "also needs azimuth_deg"),
+        (("flat", "--tilt", "15"), 3, "also needs azimuth_deg"),
     ],
 )
 def test_a_change_that_is_none_or_wrong_leaves_the_file_alone(roi, tmp_path, arguments, code, said):
     roi("add", "b15", "--rect", "82,30,32,61")
+    roi("add", "flat", "--reference", "--rect", "6,30,32,61")
     before = (tmp_path / "fieldkit.toml").read_bytes()
     result = roi("edit", *arguments)
     assert result.exit_code == code
@@ -192,7 +193,7 @@ def test_an_offset_is_given_as_kelvin_or_by_the_name_of_its_record(roi, tmp_path
     assert load_config(tmp_path / "fieldkit.toml").estimator_settings().offsets_k == {"b15": -0.2}
     unknown = roi("edit", "b15", "--emissivity", "@sand")
     assert unknown.exit_code == 3
-    assert "no calibration 'sand'" in unknown.output
+    assert "no calibration named 'sand'" in unknown.output
     assert "@sand" not in (tmp_path / "fieldkit.toml").read_text()
     assert roi("edit", "b15", "--offset", "warm").exit_code == 2
 
