@@ -136,9 +136,9 @@ def _loss(known_deg: float, minutes: int, goal: str) -> Result:
     """What kappa from a bed of `known_deg` costs the others against perfectly known parameters."""
     errors = np.array(list(_trials(known_deg, minutes)))
     wrong, right, scaled = errors.mean(axis=0)
-    doubt = float(np.std(errors[:, 2] - errors[:, 1])) / len(errors) ** 0.5
+    sd = float(np.std(errors[:, 2] - errors[:, 1])) / len(errors) ** 0.5
     note = (
-        f"{scaled:.3f} deg, known perfectly {right:.3f} ({scaled / right - 1.0:+.1%} ± {doubt / right:.1%}), "
+        f"{scaled:.3f} deg, known perfectly {right:.3f} ({scaled / right - 1.0:+.1%} ± {sd / right:.1%}), "
         f"20 % wrong {wrong:.2f}"
     )
     name = f"tilt MAE lost, kappa from one bed of {known_deg:g} deg, {minutes} min"

@@ -1,4 +1,4 @@
-"""``fieldkit --help`` in fresh processes: against a bare interpreter, and against importing every verb."""
+"""``fieldkit --help`` in fresh processes: against a bare interpreter, and against importing every command."""
 
 from __future__ import annotations
 
@@ -35,6 +35,6 @@ def run() -> list[Result]:
     return [
         Result("fieldkit --help above python -c pass", 1e3 * (lazy - bare), "ms", "< 75",
                f"{1e3 * lazy:.0f} ms against {1e3 * bare:.0f} ms"),
-        Result("every verb imported over lazy", (eager - bare) / (lazy - bare), "x", ">= 3",
-               f"{1e3 * eager:.0f} ms with every verb imported"),
+        Result("every command imported over lazy", (eager - bare) / (lazy - bare), "x", ">= 3",
+               f"{1e3 * eager:.0f} ms with every command imported"),
     ]  # fmt: skip

@@ -23,7 +23,7 @@ from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.drivers.decoding import Rejected
 
-ROUNDS, TURNS = 100, 300
+ROUNDS, REPEATS = 100, 300
 FARTHER_ROUNDS = 5
 Work = Callable[[], Any]
 
@@ -31,7 +31,7 @@ Work = Callable[[], Any]
 def _pair_us(ours: Work, theirs: Work, rounds: int = ROUNDS) -> tuple[float, float]:
     """Best mean time of each in microseconds: many short turns, so that both meet the same quiet moments."""
     best = [math.inf, math.inf]
-    for _ in range(TURNS):
+    for _ in range(REPEATS):
         for side, work in enumerate((ours, theirs)):
             started = time.perf_counter()
             for _ in range(rounds):
@@ -41,7 +41,7 @@ def _pair_us(ours: Work, theirs: Work, rounds: int = ROUNDS) -> tuple[float, flo
 
 
 class _Bed:
-    """A bed in the middle of the picture, a ninth of each side."""
+    """A bed in the middle of the frame, a ninth of each side."""
 
     def __init__(self, width: int, height: int) -> None:
         top, left = height // 3, width // 3
@@ -49,15 +49,15 @@ class _Bed:
         self._pixels = (height // 9) * (width // 9)
 
     def mean_k(self, image: NDArray[np.float32]) -> float:
-        """Mean temperature of the bed; the extremes of the whole picture are beside its flags."""
+        """Mean temperature of the bed; the extremes of the whole frame are beside its flags."""
         return cv2.sumElems(image[self._box])[0] / self._pixels
 
 
 def _ours(data: bytes, decode: Callable[[bytes], DecodedFrame | Rejected], bed: _Bed) -> Any:
-    picture = decode(data)
-    assert isinstance(picture, DecodedFrame)
-    image = kelvin(picture)
-    return image, picture.quality, bed.mean_k(image)
+    decoded = decode(data)
+    assert isinstance(decoded, DecodedFrame)
+    image = kelvin(decoded)
+    return image, decoded.quality, bed.mean_k(image)
 
 
 def lepton_bytes() -> bytes:
@@ -118,7 +118,7 @@ def _boson() -> list[Result]:
         return np.frombuffer(data, np.uint16).reshape(512, 640) / 100 - 273.15
 
     us = _pair_us(partial(_ours, data, partial(boson.decode, scale=0.01), _Bed(640, 512)), theirs)
-    return _rows("Boson 640x512", us, ">= 2.5", data, "the user's conversion of flirpy's picture")
+    return _rows("Boson 640x512", us, ">= 2.5", data, "the user's conversion of flirpy's frame")
 
 
 def _p2pro() -> list[Result]:
@@ -151,7 +151,7 @@ def _ht301() -> list[Result]:
     data = ht301_bytes()
 
     def theirs() -> Any:
-        """Metadata, the whole table of the law with its object correction, and the picture through it."""
+        """Metadata, the whole table of the law with its object correction, and the frame through it."""
         image = np.frombuffer(data, "<u2").reshape(292, 384)
         meta = image[288:]
         fpa = 20.0 - (float(meta[0, 1]) - 7800.0) / 36.0
@@ -194,8 +194,8 @@ def _seq() -> list[Result]:
     data, bed = fff_bytes(), _Bed(640, 512)
 
     def ours() -> Any:
-        (picture,) = flir_file.frames(data)
-        image = picture.temperature_k()
+        (decoded,) = flir_file.frames(data)
+        image = decoded.temperature_k()
         return image, bed.mean_k(image)
 
     try:

@@ -42,7 +42,7 @@ Read = Callable[[], Any]
 
 
 class FarEnd:
-    """The far end, a process of its own: says `record` ten times a second, or answers `A` and `K`."""
+    """The far end, a process of its own: sends `record` ten times a second, or replies to `A` and `K`."""
 
     def __init__(self, record: bytes, *, talks: bool) -> None:
         self._far, self._near = pty.openpty()
@@ -56,7 +56,7 @@ class FarEnd:
 
     @property
     def said_ns(self) -> int:
-        """When it said its last record."""
+        """When it sent its last record."""
         return int(self._said_ns.value)
 
     def close(self) -> None:
@@ -68,14 +68,14 @@ class FarEnd:
 
     def _talk(self, record: bytes) -> None:
         while True:
-            self._say(record)
+            self._send(record)
             time.sleep(EVERY_S)
 
     def _answer(self, record: bytes) -> None:
-        while heard := os.read(self._far, 64):
-            self._say(b"309\r" if heard == b"K" else record)
+        while received := os.read(self._far, 64):
+            self._send(b"309\r" if received == b"K" else record)
 
-    def _say(self, record: bytes) -> None:
+    def _send(self, record: bytes) -> None:
         self._said_ns.value = time.monotonic_ns()
         os.write(self._far, record)
 

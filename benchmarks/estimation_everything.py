@@ -127,8 +127,8 @@ def trial(name: str, random: np.random.Generator) -> dict[str, list[float]]:
         ("paper, known", replace(plain, azimuth="known")),
         ("paper, free", plain),
     ):
-        answers = slopes(history, regions(beds), one)[1:]
-        errors[kind] = [abs(a.tilt_deg - bed[0]) for a, bed in zip(answers, unknown, strict=True)]
+        estimated = slopes(history, regions(beds), one)[1:]
+        errors[kind] = [abs(a.tilt_deg - bed[0]) for a, bed in zip(estimated, unknown, strict=True)]
     return errors
 
 

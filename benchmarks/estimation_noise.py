@@ -150,10 +150,14 @@ def _branches(name: str, one: Trial, misfit: Misfit, choice: Choice) -> Result:
     tilts = tilt_azimuth(np.stack([both.first, both.second]))[0]
     double = (both.second_misfit - both.first_misfit < NINETY_PERCENT) & (tilts <= LIMIT_DEG).all(axis=0)
     double &= ~both.merged
-    said = np.isfinite(choice.other_misfit)
+    reported = np.isfinite(choice.other_misfit)
     note = f"{100 * double.mean():.1f} % of slopes"
     return Result(
-        f"{name}: both branches fit and it was said", 100.0 * float(said[double].mean()), "%", "100", note
+        f"{name}: both branches fit and the second is reported",
+        100.0 * float(reported[double].mean()),
+        "%",
+        "100",
+        note,
     )
 
 

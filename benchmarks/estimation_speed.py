@@ -1,4 +1,4 @@
-"""What the live estimator costs: a picture, a minute, a map; and live against batch.
+"""What the live estimator costs: a frame, a minute, a map; and live against batch.
 
 The contour scoring and least squares of the whole study are measured in `benchmarks.study`.
 """
@@ -57,7 +57,7 @@ def _best(action: Callable[[], object], repeats: int) -> float:
 
 
 def session(minutes: int) -> list[Sample]:
-    """A burst of three noisy pictures a minute and lux every 2 s."""
+    """A burst of three noisy frames a minute and lux every 2 s."""
     random = np.random.default_rng(1)
     masks = [bed.mask(SHAPE) for bed in BEDS]
     none = np.zeros((0, SHAPE[1]), np.uint16)
@@ -86,15 +86,15 @@ def estimated(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Mi
     return closed + estimator.finish()
 
 
-def pictures() -> list[Result]:
-    """One picture of 160 x 120 into four regions, as an owner of numpy would do it beside."""
+def frame_cost() -> list[Result]:
+    """One frame of 160 x 120 into four regions, as an owner of numpy would do it beside."""
     frame = next(sample for sample in session(1) if isinstance(sample, Frame))
     outline, sums = RegionPixels(BEDS, SHAPE), RegionSums(len(BEDS))
     masks = [bed.mask(SHAPE) for bed in BEDS]
     cost = _best(lambda: sums.add(*outline.sums(frame.counts), 0), 2000)
     plain = _best(lambda: [(frame.counts[m].mean(), frame.counts[m].std()) for m in masks], 500)
     note = f"boolean masks, mean and std: {1e6 * plain / len(BEDS):.0f} µs"
-    return [Result("one picture into one region", 1e6 * cost / len(BEDS), "µs", "≤ 20", note)]
+    return [Result("one frame into one region", 1e6 * cost / len(BEDS), "µs", "≤ 20", note)]
 
 
 def sessions() -> list[Result]:
@@ -131,7 +131,7 @@ def _timed(samples: Sequence[Sample], settings: EstimatorSettings) -> float:
 
 
 def maps() -> list[Result]:
-    """Slope maps: a picture added and a map solved, one core."""
+    """Slope maps: a frame added and a map solved, one core."""
     found = []
     for shape, must in (((120, 160), "≥ 500"), ((512, 640), "≥ 30")):
         random = np.random.default_rng(3)
@@ -159,4 +159,4 @@ def maps() -> list[Result]:
 
 def run() -> list[Result]:
     """All rows; about half a minute."""
-    return pictures() + sessions() + maps()
+    return frame_cost() + sessions() + maps()

@@ -73,12 +73,12 @@ def _looks(
     history: History, beds: Sequence[Bed], settings: EstimatorSettings, begin: int, every: int
 ) -> Iterator[tuple[int, Bed, SlopeEstimate]]:
     for last in range(begin, len(history), every):
-        answers = slopes(history.until(last + 1), regions(beds), settings)
-        yield from ((last, bed, answer) for bed, answer in zip(beds, answers, strict=True))
+        solved = slopes(history.until(last + 1), regions(beds), settings)
+        yield from ((last, bed, answer) for bed, answer in zip(beds, solved, strict=True))
 
 
 def windows() -> Iterator[Result]:
-    """Mean tilt error and share of answers with 20 minutes and with the default window."""
+    """Mean tilt error and share of solved slopes with 20 minutes and with the default window."""
     for day, weather in days():
         ways: tuple[tuple[Literal["known", "free"], tuple[Bed, ...]], ...] = (
             ("known", BEDS_SOUTH),
@@ -99,27 +99,33 @@ def _errors(weather: Weather, beds: Sequence[Bed], settings: EstimatorSettings) 
         for seed in range(2)
         for _, bed, one in _looks(_day(weather, beds, seed), beds, settings, 40, 10)
     ]
-    said = [(bed, one) for bed, one in found if np.isfinite(one.tilt_deg)]
-    answers = [(bed, one) for bed, one in said if one.state in SOLVED]
-    held = 100.0 * float(np.mean([holds(one, bed) for bed, one in answers]))
-    error = float(np.mean([abs(one.tilt_deg - bed[0]) for bed, one in said]))
-    return error, f"{100 * len(answers) / len(found):.0f} % worked out, regions hold {held:.0f} %"
+    known = [(bed, one) for bed, one in found if np.isfinite(one.tilt_deg)]
+    solved = [(bed, one) for bed, one in known if one.state in SOLVED]
+    held = 100.0 * float(np.mean([holds(one, bed) for bed, one in solved]))
+    error = float(np.mean([abs(one.tilt_deg - bed[0]) for bed, one in known]))
+    return error, f"{100 * len(solved) / len(found):.0f} % worked out, regions hold {held:.0f} %"
 
 
 def drifts() -> Iterator[Result]:
-    """False alarms of a drift on clear and cloudy days, and how soon 2 K an hour on one bed is told."""
+    """False alarms of a drift on clear and cloudy days, and how soon 2 K an hour on one bed is reported."""
     for day, weather in days():
         for model in ("paper", "full"):
             settings = EstimatorSettings(model=model, slab=SLAB)
             quiet = _day(weather, MIXED, 0)
             alarms = sum(_is_drift(one) for _, _, one in _looks(quiet, MIXED, settings, 60, 6))
-            yield Result(f"{day}, {model} model: drifts told where there are none", float(alarms), "", "0")
-            after = [_told_after(quiet, target, settings) for target in range(len(MIXED))]
-            told = [minutes for minutes in after if minutes is not None]
-            note = f"{len(told)} of {len(after)} beds"
-            soonest = float(np.mean(told)) if told else float("nan")
             yield Result(
-                f"{day}, {model} model: one bed drifts by 2 K/h, told after", soonest, "min", "reported", note
+                f"{day}, {model} model: drifts reported where there are none", float(alarms), "", "0"
+            )
+            after = [_told_after(quiet, target, settings) for target in range(len(MIXED))]
+            delays = [minutes for minutes in after if minutes is not None]
+            note = f"{len(delays)} of {len(after)} beds"
+            soonest = float(np.mean(delays)) if delays else float("nan")
+            yield Result(
+                f"{day}, {model} model: one bed drifts by 2 K/h, reported after",
+                soonest,
+                "min",
+                "reported",
+                note,
             )
 
 

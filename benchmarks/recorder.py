@@ -1,6 +1,6 @@
 """The recorder on two cores: CPU, losses, memory, latency, and one frame's cost against a plain loop.
 
-Real recorder, real drivers, real session; prepared pictures and meters in another process
+Real recorder, real drivers, real session; prepared frames and meters in another process
 (`benchmarks.replayed`). Set FIELDKIT_BENCH_S to change how long each recording lasts.
 """
 
@@ -40,7 +40,7 @@ def run() -> list[Result]:
     return [*small_camera(), *large_camera(), *cost_of_a_frame()]
 
 
-def lepton_pictures(count: int) -> list[bytes]:
+def lepton_frames(count: int) -> list[bytes]:
     """Pictures of the simulated sand slopes as a PureThermal sends them."""
     scene = sand_slopes(duration_s=600.0)
     with SimulatedClock(scene.start_ns) as clock:
@@ -53,7 +53,7 @@ def small_camera() -> list[Result]:
     """160x120 at 8.7 Hz with both serial instruments."""
     clock = HostClock()
     with meters() as (lux, thermometer), tempfile.TemporaryDirectory() as folder:
-        source = PreparedCamera(lepton_pictures(90), 8.7, clock)
+        source = PreparedCamera(lepton_frames(90), 8.7, clock)
         settings = (
             DeviceSettings("camera", "purethermal", source=source),
             DeviceSettings("lux", "lutron", port=lux),
@@ -76,9 +76,9 @@ def large_camera() -> list[Result]:
     clock = HostClock()
     random = np.random.default_rng(1)
     base = 29_500 + 50 * np.add.outer(np.arange(512), np.arange(640)) // 100
-    pictures = [(base + random.normal(0, 5, base.shape)).astype("<u2").tobytes() for _ in range(60)]
+    raw_frames = [(base + random.normal(0, 5, base.shape)).astype("<u2").tobytes() for _ in range(60)]
     info = StreamInfo("camera", "brightness_temperature", "K", (512, 640), scale=0.01, rate_hz=30.0)
-    source = PreparedCamera(pictures, 30.0, clock)
+    source = PreparedCamera(raw_frames, 30.0, clock)
     camera = ThermalCamera(info, source, _decode_large, clock)
     with tempfile.TemporaryDirectory() as folder:
         recording = _record(Path(folder) / "large.h5", [camera], source, clock)
@@ -154,8 +154,8 @@ def _watch_memory(memory: list[float], recorder: Recorder) -> None:
 
 def cost_of_a_frame() -> list[Result]:
     """From bytes to the disk: ours (decoded, flagged, journalled) against a plain loop with h5py."""
-    pictures = lepton_pictures(FRAMES)
-    ours, plain = _per_frame(lambda: _ours(pictures)), _per_frame(lambda: _plain(pictures))
+    raw_frames = lepton_frames(FRAMES)
+    ours, plain = _per_frame(lambda: _ours(raw_frames)), _per_frame(lambda: _plain(raw_frames))
     note = f"ours {1e6 * ours:.0f} µs, plain {1e6 * plain:.0f} µs a frame"
     return [
         Result(
@@ -175,33 +175,33 @@ def _per_frame(work: Callable[[], None]) -> float:
     return (time.perf_counter() - start) / FRAMES
 
 
-def _ours(pictures: Sequence[bytes]) -> None:
+def _ours(raw_frames: Sequence[bytes]) -> None:
     clock = HostClock()
-    source = PreparedCamera(pictures, 1e6, clock)
+    source = PreparedCamera(raw_frames, 1e6, clock)
     source.kept = 10**9
     camera = registry.open_device(DeviceSettings("camera", "purethermal", source=source), clock)
     scene = sand_slopes()
     with tempfile.TemporaryDirectory() as folder:
         header = SessionHeader("benchmark", scene.site, (camera.info,), scene.regions)
         writer = SessionWriter(Path(folder) / "ours.h5", header, clock)
-        for _ in pictures:
+        for _ in raw_frames:
             frame = camera.read(1.0)
             assert frame is not None
             writer.append(frame)
         writer.abandon()
 
 
-def _plain(pictures: Sequence[bytes]) -> None:
+def _plain(raw_frames: Sequence[bytes]) -> None:
     """What a user writes: view the buffer, cut the telemetry, append, and flush so that it survives."""
     with tempfile.TemporaryDirectory() as folder, h5py.File(Path(folder) / "plain.h5", "w") as file:
         frames = file.create_dataset(
             "frames", (0, 120, 160), "<u2", maxshape=(None, 120, 160), chunks=(1, 120, 160)
         )
         times = file.create_dataset("time", (0,), "<f8", maxshape=(None,))
-        for number, data in enumerate(pictures):
-            picture = np.frombuffer(data, "<u2").reshape(-1, 160)
+        for number, data in enumerate(raw_frames):
+            pixels = np.frombuffer(data, "<u2").reshape(-1, 160)
             frames.resize(number + 1, 0)
             times.resize(number + 1, 0)
-            frames[number] = picture[:120]
+            frames[number] = pixels[:120]
             times[number] = time.time()
             file.flush()

@@ -23,7 +23,7 @@ from fieldkit.model.units import SECOND_NS
 
 
 class PreparedCamera:
-    """A `FrameSource` that repeats prepared pictures at a rate, stamped when they are due.
+    """A `FrameSource` that repeats prepared frames at a rate, stamped when they are due.
 
     Like the kernel it keeps four buffers; a reader that comes later finds a gap in `sequence`.
     """
@@ -32,8 +32,8 @@ class PreparedCamera:
     port = "prepared"
     kept = 4
 
-    def __init__(self, pictures: Sequence[bytes], rate_hz: float, clock: HostClock) -> None:
-        self._pictures, self._clock = tuple(pictures), clock
+    def __init__(self, frames: Sequence[bytes], rate_hz: float, clock: HostClock) -> None:
+        self._frames, self._clock = tuple(frames), clock
         self._period_ns = round(SECOND_NS / rate_hz)
         self.begin()
 
@@ -42,7 +42,7 @@ class PreparedCamera:
         self._start_ns, self._next, self.skipped = self._clock.mono_ns(), 0, 0
 
     def read(self, timeout_s: float) -> Buffer | None:
-        """The next picture once it is due."""
+        """The next frame once it is due."""
         now = self._clock.mono_ns()
         oldest = (now - self._start_ns) // self._period_ns - self.kept + 1
         self.skipped += max(0, oldest - self._next)
@@ -52,10 +52,10 @@ class PreparedCamera:
         if self._clock.mono_ns() < due:
             return None
         number, self._next = self._next, self._next + 1
-        return Buffer(self._pictures[number % len(self._pictures)], due, number)
+        return Buffer(self._frames[number % len(self._frames)], due, number)
 
     def skip_until(self, mono_ns: int) -> None:
-        """Let pictures go by."""
+        """Let frames go by."""
         self._clock.sleep((mono_ns - self._clock.mono_ns()) / SECOND_NS)
 
     def get_control(self, unit: int, selector: int, length: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Cameras, pictures and scratch folders for the measurements of sessions."""
+"""Cameras, frames and scratch folders for the measurements of sessions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fieldkit.sessions.layout import SessionHeader
 LARGE, MEDIUM, SMALL = ((512, 640), 30.0), ((192, 256), 25.0), ((120, 160), 9.0)
 Frames = NDArray[np.uint16]
 Camera = tuple[tuple[int, int], float]
-"""Rows and columns, pictures a second."""
+"""Rows and columns, frames a second."""
 
 
 def camera(shape: tuple[int, int], rate_hz: float) -> StreamInfo:
@@ -33,7 +33,7 @@ def header(info: StreamInfo) -> SessionHeader:
     return SessionHeader("benchmark", Site(35.56, 139.4), (info,))
 
 
-def pictures(shape: tuple[int, int], count: int = 60) -> Frames:
+def noisy_frames(shape: tuple[int, int], count: int = 60) -> Frames:
     """Sky, ground and beds with 50 mK of noise, as counts of 10 mK; the same every time."""
     rng = np.random.default_rng(7)
     rows, cols = shape

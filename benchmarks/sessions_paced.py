@@ -2,7 +2,7 @@
 
 Each recording lasts 20 s; the goal for the loaded one is five minutes: set FIELDKIT_BENCH_S to 300.
 On a computer that is shared, the slowest appends are those during which it was not there at all: before each
-recording a bare checksum of a picture, at the same rate, shows what is the computer's own.
+recording a bare checksum of a frame, at the same rate, shows what is the computer's own.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.result import Result
-from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, pictures
+from benchmarks.session_data import LARGE, MEDIUM, Camera, camera, folder, frame, header, noisy_frames
 from fieldkit.model.clock import HostClock
 from fieldkit.recorder.sample_queue import queue_limit
 from fieldkit.sessions.writer import SessionWriter
@@ -33,10 +33,10 @@ def run() -> list[Result]:
 def _record_paced(size: Camera, place: Path) -> tuple[list[float], float, int]:
     """Append at the camera's rate: milliseconds of each append, share of a core used, frames dropped.
 
-    Dropped is a frame that would find the recorder's inbox full, or that the sealed file has not.
+    Dropped is a frame that would find the recorder's queue full, or that is missing from the sealed file.
     """
     info, clock = camera(*size), HostClock()
-    ready, waits = pictures(info.shape), []  # type: ignore[arg-type]
+    ready, waits = noisy_frames(info.shape), []  # type: ignore[arg-type]
     writer = SessionWriter(place / "paced.h5", header(info), clock)
     missing = 0
     patience_s = queue_limit(info) / info.rate_hz
@@ -60,11 +60,11 @@ def _turns(rate_hz: float) -> Iterator[tuple[int, float]]:
 
 
 def _bare_checksums(size: Camera) -> list[float]:
-    """Milliseconds of each checksum of a picture at the camera's rate, with nothing else going on."""
-    picture, waits = pictures(size[0], 1).tobytes(), []
+    """Milliseconds of each checksum of a frame at the camera's rate, with nothing else going on."""
+    data, waits = noisy_frames(size[0], 1).tobytes(), []
     for _ in _turns(size[1]):
         before = time.perf_counter()
-        zlib.crc32(picture)
+        zlib.crc32(data)
         waits.append((time.perf_counter() - before) * 1000)
     return waits
 
@@ -131,7 +131,7 @@ def _burst() -> Result:
     info, clock = camera(*LARGE), HostClock()
     with folder() as place:
         writer = SessionWriter(place / "burst.h5", header(info), clock)
-        for one in pictures(LARGE[0], 50):
+        for one in noisy_frames(LARGE[0], 50):
             writer.append(frame(info, one, clock))
         kept = writer.close().counts["camera"]
     return Result("burst of 50 frames at once, kept", kept, "frames", "50")

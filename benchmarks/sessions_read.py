@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from benchmarks.result import Result
-from benchmarks.session_data import MEDIUM, SMALL, camera, folder, frame, header, pictures
+from benchmarks.session_data import MEDIUM, SMALL, camera, folder, frame, header, noisy_frames
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.site import Region, RegionKind
@@ -41,7 +41,7 @@ def _forget(path: Path) -> None:
 
 def _recorded(path: Path, info: StreamInfo, count: int) -> SessionWriter:
     clock, writer = HostClock(), SessionWriter(path, header(info), HostClock())
-    ready = pictures((info.shape[0], info.shape[1]))
+    ready = noisy_frames((info.shape[0], info.shape[1]))
     for number in range(count):
         writer.append(frame(info, ready[number % len(ready)], clock))
         while writer._file_thread.is_behind():
@@ -50,7 +50,7 @@ def _recorded(path: Path, info: StreamInfo, count: int) -> SessionWriter:
 
 
 def _series() -> list[Result]:
-    """A 20x20 region over all pictures, files dropped from the cache before; scaled to three hours."""
+    """A 20x20 region over all frames, files dropped from the cache before; scaled to three hours."""
     info = camera(*MEDIUM)
     corners = ((100.0, 80.0), (119.0, 80.0), (119.0, 99.0), (100.0, 99.0))
     region = Region("bed", RegionKind.TARGET, corners)
@@ -80,7 +80,7 @@ def _series() -> list[Result]:
     ]
 
 
-def _follow(path: Path, told: Path) -> None:
+def _follow(path: Path, ages_file: Path) -> None:
     """Look ten times a second and note how old each frame is when first seen."""
     ages, seen, used, began = [], 0, time.process_time(), time.monotonic()
     with open_session(path) as session:
@@ -92,16 +92,16 @@ def _follow(path: Path, told: Path) -> None:
             ages += ((time.monotonic_ns() - stamps) / 1e9).tolist()
             seen = count
     share = (time.process_time() - used) / (time.monotonic() - began)
-    told.write_text(json.dumps({"ages": ages, "share": share}))
+    ages_file.write_text(json.dumps({"ages": ages, "share": share}))
 
 
 def _live() -> list[Result]:
     info, clock = camera(*MEDIUM), HostClock()
-    ready = pictures(MEDIUM[0])
+    ready = noisy_frames(MEDIUM[0])
     with folder() as place:
-        path, told = place / "live.h5", place / "told"
+        path, ages_file = place / "live.h5", place / "ages.json"
         writer = SessionWriter(path, header(info), clock)
-        reader = multiprocessing.get_context("spawn").Process(target=_follow, args=(path, told))
+        reader = multiprocessing.get_context("spawn").Process(target=_follow, args=(path, ages_file))
         reader.start()
         began = time.monotonic()
         for number in range(int(FOLLOWED_S * info.rate_hz)):
@@ -109,7 +109,7 @@ def _live() -> list[Result]:
             time.sleep(max(0.0, began + number / info.rate_hz - time.monotonic()))
         writer.abandon()
         reader.join()
-        found = json.loads(told.read_text())
+        found = json.loads(ages_file.read_text())
     ages = np.array(found["ages"][int(5 * info.rate_hz) :])  # after the reader has got going
     return [
         Result("age of a frame when another process sees it, median", float(np.median(ages)), "s", "<= 1.1"),

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 
 from benchmarks.result import Result
-from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, pictures
+from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, noisy_frames
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions import chunks, file_tree
@@ -54,7 +54,7 @@ def _rate_once(work: Callable[[Path], None], data: Frames) -> float:
 
 def _sustained() -> list[Result]:
     info = camera(*LARGE)
-    data = np.tile(pictures(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
+    data = np.tile(noisy_frames(LARGE[0]), (RAW_FRAMES // 60, 1, 1))
     ways: dict[str, Callable[[Path], None]] = {
         "os.write": lambda place: _os_write(place / "raw", data),
         "twice": lambda place: _os_write_twice(place, data),
@@ -205,7 +205,7 @@ def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
 
 def _against_naive(shape: tuple[int, int], rate_hz: float, words: str, must: float) -> Result:
     info = camera(shape, rate_hz)
-    few = pictures(shape, NAIVE_FRAMES)
+    few = noisy_frames(shape, NAIVE_FRAMES)
     many = np.tile(few, (5, 1, 1))
     ours = _rate(lambda place: _compressed(place / "a.h5", info, many), many) / few[0].nbytes * 1e6
     naive = _rate(lambda place: _naive(place / "a.h5", few), few, 1) / few[0].nbytes * 1e6
@@ -220,7 +220,7 @@ def _size() -> Result:
     with folder() as place:
         path = place / "size.h5"
         writer = SessionWriter(path, header(info), clock)
-        data = pictures(MEDIUM[0], 250)
+        data = noisy_frames(MEDIUM[0], 250)
         for one in data:
             writer.append(frame(info, one, clock))
         writer.close()

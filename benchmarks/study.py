@@ -2,7 +2,7 @@
 
 The loop is what one writes first: the table is stored, and for every slope a mask over all
 of it says which cells lie on the contours. It is timed on every twentieth slope and
-multiplied; on those slopes winners, votes and ties must be the same.
+multiplied; on those slopes winners, scores and ties must be the same.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ def _timed(work: Callable[[], Answer], repeats: int = 1) -> tuple[float, Answer]
 
 @dataclass(frozen=True)
 class Start:
-    """One start of the study, timed: seconds of the plain loop, of the votes and of least squares."""
+    """One start of the study, timed: seconds of the plain loop, of the contours and of least squares."""
 
     plain_s: float
-    votes_s: float
+    ours_s: float
     squares_s: float
     identical: bool
     p90_deg: float
@@ -90,26 +90,26 @@ class Start:
         design = conditions.sun * conditions.dni_w_m2[:, np.newaxis]
         stored, some = design @ (cells - VERTICAL).T, differences[::EVERY]
         plain_s, plain = _timed(lambda: _plain_loop(cells, stored, some), 2)
-        votes_s, votes = _timed(
+        ours_s, ours = _timed(
             lambda: RadiationTable(cells, design, VERTICAL).winners(differences, TOLERANCE_W_M2), 3
         )
         squares = StudySettings(method="unit-norm")
         squares_s, found = _timed(lambda: estimated_normals(target, reference, conditions, squares), 5)
         p90 = summarise(Outcome(slopes, found).normal_error_deg).p90
-        return cls(plain_s * EVERY, votes_s, squares_s, _same(votes, *plain), p90)
+        return cls(plain_s * EVERY, ours_s, squares_s, _same(ours, *plain), p90)
 
 
 def run() -> list[Result]:
     Start.at(STARTS[0])  # warm: the day's sun, the libraries' first calls
     starts = [Start.at(start) for start in STARTS]
-    plain_s, votes_s, squares_s = (
+    plain_s, ours_s, squares_s = (
         sum(getattr(start, name) for start in starts) for name in ("plain_s", "votes_s", "squares_s")
     )
     note = f"plain numpy mask {plain_s:.0f} s"
     return [
-        Result("study x 3, contour scoring, plain loop over fieldkit", plain_s / votes_s, "x", ">= 10 (30)",
-               f"{note}, fieldkit {votes_s:.2f} s"),
-        Result("  winners, votes and ties identical", float(all(one.identical for one in starts)), "", "1",
+        Result("study x 3, contour scoring, plain loop over fieldkit", plain_s / ours_s, "x", ">= 10 (30)",
+               f"{note}, fieldkit {ours_s:.2f} s"),
+        Result("  winners, scores and ties identical", float(all(one.identical for one in starts)), "", "1",
                f"on every {EVERY}th slope"),
         Result("study x 3, least squares, plain loop over fieldkit", plain_s / squares_s, "x", ">= 150",
                f"{note}, fieldkit {squares_s:.2f} s"),
@@ -119,7 +119,7 @@ def run() -> list[Result]:
 
 
 def _same(
-    votes: ContourWinners, normals: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64]
+    ours: ContourWinners, normals: FloatArray, best: NDArray[np.int64], tied: NDArray[np.int64]
 ) -> bool:
-    alike = np.abs(votes.normals[::EVERY] - normals).max() < 1e-12
-    return bool(alike and (votes.best[::EVERY] == best).all() and (votes.tied[::EVERY] == tied).all())
+    alike = np.abs(ours.normals[::EVERY] - normals).max() < 1e-12
+    return bool(alike and (ours.best[::EVERY] == best).all() and (ours.tied[::EVERY] == tied).all())
