@@ -250,6 +250,6 @@ def _only_device() -> ConnectedDevice:
         found = ", ".join(map(repr, certain)) or "none"
         raise DeviceNotFoundError(
             f"open_device() needs one recognised instrument; found: {found}",
-            fix='name it: open_device("purethermal"); fieldkit.drivers.discovery.find_devices() lists all',
+            fix='name it: open_device("purethermal"); fieldkit.find_devices() lists all',
         )
     return certain[0]

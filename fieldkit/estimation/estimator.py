@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import History, MinuteBin
@@ -47,6 +48,14 @@ class Minute:
     events: tuple[Event, ...]
     dhi_w_m2: float = math.nan
     longwave_down_w_m2: float = math.nan
+
+    def __repr__(self) -> str:
+        start = datetime.fromtimestamp(self.time_ns / 1e9, UTC)
+        slopes = ", ".join(
+            f"{one.region} {one.tilt_deg:.1f}°" if one.tilt_deg == one.tilt_deg else f"{one.region} –°"
+            for one in self.estimates
+        )
+        return f"<Minute {start:%H:%M} UTC: {slopes or 'no slopes'}; {self.dni_w_m2:.0f} W/m² direct>"
 
 
 class Estimator:

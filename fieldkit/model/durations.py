@@ -42,7 +42,11 @@ def parse_offset(text: str) -> float:
 
 def as_seconds(duration: str | float) -> float:
     """Seconds of a duration that may be given as text or as a number of seconds; raises `ConfigError`."""
-    return parse_duration(duration) if isinstance(duration, str) else float(duration)
+    if isinstance(duration, str):
+        return parse_duration(duration)
+    if not duration >= 0.0:
+        raise ConfigError(f"{duration} is not a valid duration; use seconds, or text such as 3h, 90m or 45s")
+    return float(duration)
 
 
 def parse_time_of_day(text: str) -> time:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
 from fieldkit.sessions.formats import images_out, mcap_out, tables_out
@@ -53,10 +53,12 @@ def export(
     Raises
     ------
     ConfigError
-        If `stream` is given for a kind that contains every stream.
+        If `stream` is given for a kind that contains every stream, or there is no such kind.
     StorageError
         If the files cannot be written.
     """
+    if to not in get_args(Kind):
+        raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(get_args(Kind))}")
     if stream is not None and to in WHOLE_KINDS:
         raise ConfigError(
             f"--stream {stream}: --to {to} writes every stream, each into a file of its own",

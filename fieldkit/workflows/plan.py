@@ -211,7 +211,11 @@ def _site(site: Site | Sequence[float]) -> Site:
         return site
     if not 2 <= len(site) <= 3:
         raise ConfigError(f"{site!r} is not a site", fix="give latitude, longitude and elevation")
-    return Site(site[0], site[1], site[2] if len(site) == 3 else 0.0, zone_by_longitude(site[1]))
+    latitude_deg, longitude_deg = site[:2]
+    if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
+        raise ConfigError(f"{site!r} is not a site", fix="give latitude first, then longitude, in degrees")
+    elevation_m = site[2] if len(site) == 3 else 0.0
+    return Site(latitude_deg, longitude_deg, elevation_m, zone_by_longitude(longitude_deg))
 
 
 def _day(day: date | str) -> date:

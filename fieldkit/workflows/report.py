@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.errors import FieldkitError, StorageError
+from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.report import Part, write_campaign_report, write_report
@@ -112,6 +112,8 @@ def report(
     """
     given = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
     paths = tuple(map(path_of, given))
+    if not paths:
+        raise ConfigError("no sessions to report", fix="give a session, its file, or several")
     target = None if out is None else Path(out)
     pdf = target if target is not None and target.suffix == ".pdf" else None
     page = target if pdf is None else pdf.with_suffix(".html")

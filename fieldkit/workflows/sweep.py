@@ -213,7 +213,7 @@ def grid_of(parameters: Mapping[str, Sequence[Any]]) -> Grid:
 
 def _parameter(key: str, values: Sequence[Any]) -> Parameter:
     """A key and its values as ``fieldkit.toml`` would have them."""
-    if isinstance(values, str) or not len(values):
+    if isinstance(values, str) or not hasattr(values, "__len__") or not len(values):
         raise ConfigError(f"{key}: {values!r} is not a list of values", fix="write it as [0.15, 0.20, 0.25]")
     plain = [value.item() if hasattr(value, "item") else value for value in values]  # of a numpy array
     written = [value if isinstance(value, str) else tomlkit.item(value).as_string() for value in plain]

@@ -11,6 +11,8 @@ import pytest
 
 import fieldkit
 from fieldkit.model.errors import FieldkitError, SessionError
+from fieldkit.model.samples import Quality
+from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
@@ -77,3 +79,63 @@ def test_a_session_without_regions_plots_its_first_meter(session):
     axes = session.plot(Figure().subplots())
     assert axes.lines
     assert "local time" in axes.get_xlabel()
+
+
+def test_a_minute_shows_its_tilts_in_one_line():
+    estimates = (
+        SlopeEstimate(0, "b05", SlopeState.OK, tilt_deg=5.04),
+        SlopeEstimate(0, "b15", SlopeState.TOO_FEW),
+    )
+    minute = fieldkit.Minute(
+        time_ns=3_600_000_000_000, estimates=estimates, temperature_k={}, spread_k={}, pixels={},
+        illuminance_lx=64e3, dni_w_m2=901.2, irradiance_model="", sun_zenith_deg=60.0, sun_azimuth_deg=180.0,
+        contact_k=(), flags=Quality.GOOD, events=(),
+    )  # fmt: skip
+    assert repr(minute) == "<Minute 01:00 UTC: b05 5.0°, b15 –°; 901 W/m² direct>"
+
+
+def test_an_import_shows_its_streams_and_warnings_and_opens(tmp_path):
+    (tmp_path / "log.csv").write_text(
+        "time,light [lx]\n2026-05-12 12:00:00,50000\n2026-05-12 12:01:00,51000\n", "utf-8"
+    )
+    options = fieldkit.ImportOptions(site=fieldkit.Site(47.1, 8.5, 400.0, "Europe/Zurich"), zone="UTC")
+    made = fieldkit.import_recording(tmp_path / "log.csv", tmp_path / "log.h5", options, campaign=tmp_path)
+    assert repr(made).startswith(f"<ImportedSession {made.path}: 2 logger")
+    with made.open() as session:
+        assert isinstance(session, fieldkit.Session)
+        assert session["logger"].readings().values.ravel().tolist() == [50000.0, 51000.0]
+
+
+def test_a_campaign_opens_its_instruments_by_name(tmp_path):
+    fieldkit.init_campaign(tmp_path / "field", simulated=True)
+    campaign = fieldkit.open_campaign(tmp_path / "field", {"simulation.speed": "max"})
+    with campaign.open_devices() as devices:
+        assert list(devices) == ["camera", "lux", "thermometer"]
+        assert devices["lux"].read().unit == "lx"
+        assert 250.0 < devices["camera"].read().kelvin.mean() < 330.0
+
+
+@pytest.mark.parametrize(
+    ("call", "fix"),
+    [
+        (lambda session: session.export("xls"), "csv, parquet"),
+        (lambda session: fieldkit.report([]), "give a session"),
+        (lambda session: fieldkit.plan((139.4, 35.6), "2026-12-11"), "latitude first"),
+        (lambda session: fieldkit.record(duration=-3.0), "3h"),
+        (lambda session: fieldkit.Campaign.sweep(session, {"albedo": 0.2}, sessions=[]), "write it as"),
+        (lambda session: session.estimate(colour=1.0), "configuration reference"),
+    ],
+    ids=["export", "report", "plan", "record", "sweep", "estimate"],
+)
+def test_a_wrong_argument_is_explained(session, call, fix, tmp_path, monkeypatch):
+    fieldkit.init_campaign(tmp_path / "field", simulated=True)
+    monkeypatch.chdir(tmp_path / "field")
+    with pytest.raises(fieldkit.FieldkitError, match=fix):
+        call(session)
+
+
+def test_a_calibration_takes_a_session_or_its_file(session):
+    for given in (session, session.path):
+        with pytest.raises(fieldkit.FieldkitError, match="field"):
+            fieldkit.calibrate.surface(given, beds=["none"])
+    assert session.count("camera") > 0  # still open

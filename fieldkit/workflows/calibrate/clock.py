@@ -21,7 +21,7 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.workflows.calibrate.inputs import end_of, minute_means, one_stream, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
-from fieldkit.workflows.sources import config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import SessionOrFile, config_for, log_warning, notify_damage, reading
 
 DEFAULT_NAME = "clock"
 BY_HAND_S = 0.5
@@ -60,7 +60,7 @@ class ClockCalibration(Calibration):
 
 
 def clock(
-    session: SessionReader,
+    session: SessionOrFile,
     *,
     gps: str | None = None,
     name: str = DEFAULT_NAME,
@@ -70,7 +70,7 @@ def clock(
 
     Parameters
     ----------
-    session : Session
+    session : Session or path
         A recording with a GPS stream, or with an illuminance stream under a clear sky.
     gps : str, optional
         Name of the GPS stream; without it the illuminance is compared with the sun's elevation.
@@ -86,16 +86,19 @@ def clock(
     CalibrationError
         If the receiver had no fix, or the illuminance does not determine an offset.
     """
-    config = config_for(session)
-    if gps is None:
-        found, method = _against_sun(session), "the light against the sun's height"
-    else:
-        found, method = _against_gps(session, gps), f"GPS receiver {gps}"
-    notify_damage(session, notify)
-    _warn_of_another_day(found, notify)
-    record = _record(name, end_of(session), found, method, (record_source(session.path),))
-    used_by = "apply() corrects the session's times" if _is_significant(found) else NOTHING_TO_DO
-    return ClockCalibration(record, _summary(found, method), used_by, config.calibration, found, session.path)
+    with reading(session) as opened:
+        config = config_for(opened)
+        if gps is None:
+            found, method = _against_sun(opened), "the light against the sun's height"
+        else:
+            found, method = _against_gps(opened, gps), f"GPS receiver {gps}"
+        notify_damage(opened, notify)
+        _warn_of_another_day(found, notify)
+        record = _record(name, end_of(opened), found, method, (record_source(opened.path),))
+        used_by = "apply() corrects the session's times" if _is_significant(found) else NOTHING_TO_DO
+        return ClockCalibration(
+            record, _summary(found, method), used_by, config.calibration, found, opened.path
+        )
 
 
 def host_clock(

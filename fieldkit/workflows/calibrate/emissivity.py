@@ -18,7 +18,6 @@ from fieldkit.calibration.steady_pairs import (
     steady_intervals,
 )
 from fieldkit.model.units import CELSIUS_ZERO_K
-from fieldkit.sessions.reader import SessionReader
 from fieldkit.views.calibration_figure import emissivity_figure, emissivity_svg
 from fieldkit.views.plotting import available
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
@@ -30,7 +29,14 @@ from fieldkit.workflows.calibrate.measurement import (
     measurement_setup,
 )
 from fieldkit.workflows.calibrate.result import Calibration, stamped
-from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +67,7 @@ class EmissivityCalibration(Calibration):
 
 
 def emissivity(
-    session: SessionReader,
+    session: SessionOrFile,
     *,
     sample: str,
     region: str | None = None,
@@ -74,7 +80,7 @@ def emissivity(
 
     Parameters
     ----------
-    session : Session
+    session : Session or path
         A recording in which the surface was steady at several temperatures.
     sample : str
         What was measured, such as ``dry-silica-sand``; names the record.
@@ -99,43 +105,46 @@ def emissivity(
     ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
     Radiometers.
     """
-    options = options or MeasurementOptions()
-    options = replace(
-        options,
-        region=region or options.region,
-        reflected=options.reflected if reflected is None else reflected,
-    )
-    config = config_for(session, settings)
-    inventory = Inventory(session.path, tuple(session.streams.values()), session.regions or config.regions)
-    setup = measurement_setup(inventory, options)
-    collector = ReadingCollector(setup)
-    for one in session.samples():
-        collector.add(one)
-    notify_damage(session, notify)
-    pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
-    found = _fitted(pairs, setup, options)
-    found = replace(found, remarks=(*remarks, *found.remarks))
-    record = CalibrationRecord(
-        "emissivity",
-        sample,
-        end_of(session),
-        found.value,
-        found.standard_uncertainty,
-        "1",
-        WITH_THERMOMETER if setup.tape is None else WITH_TAPE,
-        found.freedom,
-        found.budget,
-        band=setup.band.label,
-        angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
-        instrument=instrument_of(setup.camera),
-        sources=(record_source(session.path),),
-        details=_details(found, pairs, setup),
-        settings={"sample": sample, **options.recorded()},
-        remarks=found.remarks,
-    )
-    used_by = f'surface.emissivity = "@{sample}"'
-    summary = _summary(found, pairs, setup)
-    return EmissivityCalibration(stamped(record), summary, used_by, config.calibration, found, pairs, setup)
+    with reading(session) as opened:
+        options = options or MeasurementOptions()
+        options = replace(
+            options,
+            region=region or options.region,
+            reflected=options.reflected if reflected is None else reflected,
+        )
+        config = config_for(opened, settings)
+        inventory = Inventory(opened.path, tuple(opened.streams.values()), opened.regions or config.regions)
+        setup = measurement_setup(inventory, options)
+        collector = ReadingCollector(setup)
+        for one in opened.samples():
+            collector.add(one)
+        notify_damage(opened, notify)
+        pairs, remarks = pairs_of(steady_intervals(_checked_readings(collector)))
+        found = _fitted(pairs, setup, options)
+        found = replace(found, remarks=(*remarks, *found.remarks))
+        record = CalibrationRecord(
+            "emissivity",
+            sample,
+            end_of(opened),
+            found.value,
+            found.standard_uncertainty,
+            "1",
+            WITH_THERMOMETER if setup.tape is None else WITH_TAPE,
+            found.freedom,
+            found.budget,
+            band=setup.band.label,
+            angle_deg=math.nan if options.angle_deg is None else options.angle_deg,
+            instrument=instrument_of(setup.camera),
+            sources=(record_source(opened.path),),
+            details=_details(found, pairs, setup),
+            settings={"sample": sample, **options.recorded()},
+            remarks=found.remarks,
+        )
+        used_by = f'surface.emissivity = "@{sample}"'
+        summary = _summary(found, pairs, setup)
+        return EmissivityCalibration(
+            stamped(record), summary, used_by, config.calibration, found, pairs, setup
+        )
 
 
 def _checked_readings(collector: ReadingCollector) -> Readings:

@@ -19,7 +19,14 @@ from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import Times, end_of, minute_means, one_stream, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.simulate import measured_weather
-from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage
+from fieldkit.workflows.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+)
 
 FloatArray = NDArray[np.float64]
 Against = Literal["pyranometer", "pyrheliometer", "station"]
@@ -29,7 +36,7 @@ NEAR_S = 90.0
 
 
 def irradiance(
-    session: SessionReader,
+    session: SessionOrFile,
     *,
     against: Against,
     reference: str,
@@ -45,7 +52,7 @@ def irradiance(
 
     Parameters
     ----------
-    session : Session
+    session : Session or path
         A recording with one illuminance stream.
     against : {"pyranometer", "pyrheliometer", "station"}
         Kind of reference: a stream of global irradiance on the meter's plane, a stream of direct normal
@@ -68,39 +75,46 @@ def irradiance(
     CalibrationError
         If the readings do not determine a factor.
     """
-    config = config_for(session, settings)
-    files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
-    if files:  # relative paths are meant from the current folder, not from the campaign's
-        reference = str(files[0])
-    meter = one_stream(session, "illuminance")
-    minutes, reading = minute_means(session, meter.name)
-    plane, method, diffuse_sd = _reference(session, config, minutes, against, reference)
-    notify_damage(session, notify)
-    found = light_factor(reading, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
-    model = config.irradiance_model()
-    record = CalibrationRecord(
-        "irradiance",
-        name,
-        end_of(session),
-        found.value,
-        found.standard_uncertainty,
-        "W/m2/lx",
-        method,
-        found.minutes - 1,
-        found.budget,
-        instrument=instrument_of(meter),
-        sources=tuple(record_source(file) for file in (session.path, *files)),
-        details={
-            "minutes": found.minutes,
-            "scatter": found.scatter,
-            "mounting": model.mounting,
-            "diffuse": model.diffuse,
-        },
-        settings={"name": name, "pyranometer": "", "pyrheliometer": "", "station": "", against: reference},
-        remarks=found.remarks,
-    )
-    used_by = f'irradiance.model = "calibrated", irradiance.factor = "@{name}"'
-    return Calibration(stamped(record), _summary(found), used_by, config.calibration)
+    with reading(session) as opened:
+        config = config_for(opened, settings)
+        files = [Path(reference).resolve()] if against == "station" and Path(reference).is_file() else []
+        if files:  # relative paths are meant from the current folder, not from the campaign's
+            reference = str(files[0])
+        meter = one_stream(opened, "illuminance")
+        minutes, illuminance = minute_means(opened, meter.name)
+        plane, method, diffuse_sd = _reference(opened, config, minutes, against, reference)
+        notify_damage(opened, notify)
+        found = light_factor(illuminance, plane, reference_sd=reference_sd, diffuse_sd=diffuse_sd)
+        model = config.irradiance_model()
+        record = CalibrationRecord(
+            "irradiance",
+            name,
+            end_of(opened),
+            found.value,
+            found.standard_uncertainty,
+            "W/m2/lx",
+            method,
+            found.minutes - 1,
+            found.budget,
+            instrument=instrument_of(meter),
+            sources=tuple(record_source(file) for file in (opened.path, *files)),
+            details={
+                "minutes": found.minutes,
+                "scatter": found.scatter,
+                "mounting": model.mounting,
+                "diffuse": model.diffuse,
+            },
+            settings={
+                "name": name,
+                "pyranometer": "",
+                "pyrheliometer": "",
+                "station": "",
+                against: reference,
+            },
+            remarks=found.remarks,
+        )
+        used_by = f'irradiance.model = "calibrated", irradiance.factor = "@{name}"'
+        return Calibration(stamped(record), _summary(found), used_by, config.calibration)
 
 
 def _summary(found: LightFactor) -> str:

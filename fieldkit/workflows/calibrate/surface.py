@@ -22,11 +22,18 @@ from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
 from fieldkit.physics.facet import FloatArray, normal
-from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
 from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.sources import Settings, config_for, log_warning, notify_damage, settings_from
+from fieldkit.workflows.sources import (
+    SessionOrFile,
+    Settings,
+    config_for,
+    log_warning,
+    notify_damage,
+    reading,
+    settings_from,
+)
 
 LEAST_TILT_DEG = 3.0
 """Flatter regions hardly differ from the reference, whatever kappa is."""
@@ -47,7 +54,7 @@ class KnownSlope:
 
 
 def surface(
-    session: SessionReader,
+    session: SessionOrFile,
     *,
     beds: Sequence[str] = (),
     tilt_sd_deg: float = 0.5,
@@ -61,7 +68,7 @@ def surface(
 
     Parameters
     ----------
-    session : Session
+    session : Session or path
         A recording with target regions whose ``tilt_deg`` and ``azimuth_deg`` are known.
     beds : sequence of str
         Only these regions; by default all of known slope.
@@ -81,37 +88,38 @@ def surface(
     CalibrationError
         If no region has, if there are too few clear minutes, or if the regions disagree.
     """
-    # kappa is measured relative to one, whatever was configured
-    config = config_for(session, (*settings_from(settings), "estimator.scale=1.0"))
-    estimator = estimator_for(session, config)
-    for _ in minutes_of(session, estimator):
-        pass
-    notify_damage(session, notify)
-    known = known_slopes(estimator, beds, session.path)
-    history = History.of(estimator.bins)
-    rows = clear_rows(estimator, history)
-    scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
-    found = pool(scales, tilt_sd_deg)
-    model = identified(estimator, history, known)
-    record = CalibrationRecord(
-        "surface",
-        name,
-        end_of(session),
-        found.kappa,
-        found.standard_uncertainty,
-        "1",
-        f"beds of known slope, {estimator.settings.model} model",
-        found.freedom,
-        found.budget,
-        values={bed: scale.kappa for bed, scale in scales.items()},
-        uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
-        sources=(record_source(session.path),),
-        details=_details(model, estimator.irradiance_model),
-        settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
-        remarks=(model.summary,),
-    )
-    summary = _summary(found, scales, estimator)
-    return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
+    with reading(session) as opened:
+        # kappa is measured relative to one, whatever was configured
+        config = config_for(opened, (*settings_from(settings), "estimator.scale=1.0"))
+        estimator = estimator_for(opened, config)
+        for _ in minutes_of(opened, estimator):
+            pass
+        notify_damage(opened, notify)
+        known = known_slopes(estimator, beds, opened.path)
+        history = History.of(estimator.bins)
+        rows = clear_rows(estimator, history)
+        scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
+        found = pool(scales, tilt_sd_deg)
+        model = identified(estimator, history, known)
+        record = CalibrationRecord(
+            "surface",
+            name,
+            end_of(opened),
+            found.kappa,
+            found.standard_uncertainty,
+            "1",
+            f"beds of known slope, {estimator.settings.model} model",
+            found.freedom,
+            found.budget,
+            values={bed: scale.kappa for bed, scale in scales.items()},
+            uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
+            sources=(record_source(opened.path),),
+            details=_details(model, estimator.irradiance_model),
+            settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
+            remarks=(model.summary,),
+        )
+        summary = _summary(found, scales, estimator)
+        return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
 
 
 def known_slopes(estimator: Estimator, beds: Sequence[str], path: Path) -> dict[str, KnownSlope]:
