@@ -14,7 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-BLOCK = re.compile(r"(?ms)^```python\n(.*?)^```")
+BLOCK = re.compile(r"(?ms)^```py(?:thon)?\n(.*?)^```")
+WITHOUT_IMPORTS = ("usb-lab.md",)
+"""Pages that show part of a test."""
 OPTIONS = {
     "typeCheckingMode": "strict",
     "pythonVersion": "3.11",
@@ -36,7 +38,8 @@ def modules() -> Iterator[tuple[str, str]]:
         )
     pages = (path for folder in ("docs", "examples") for path in sorted((ROOT / folder).rglob("*.md")))
     for path in (ROOT / "README.md", *pages):
-        if blocks := BLOCK.findall(path.read_text(encoding="utf-8")):
+        blocks = BLOCK.findall(path.read_text(encoding="utf-8"))
+        if blocks and path.name not in WITHOUT_IMPORTS:
             yield module_name(path), "\n\n".join(blocks)
     for path in sorted((ROOT / "examples").rglob("*.py")):
         yield module_name(path), path.read_text(encoding="utf-8")
