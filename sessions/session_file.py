@@ -1,6 +1,6 @@
 """The HDF5 side of a session, for the one thread that owns it: records in, blocks and rows out.
 
-Everything exists before the first record (see `schema`). In SWMR mode another process may
+Everything exists before the first record (see `file_tree`). In SWMR mode another process may
 read what `flush` has written.
 """
 

@@ -7,6 +7,9 @@ There is no standard; this is fieldkit's. A line ends with LF or CR LF and is on
   the option `columns`; a name may end in its unit: ``_c``, ``_f``, ``_k``, ``_lx``, ``_w_m2``
 * a comment, beginning with ``#``
 
+Any other line (``LUX 980.2`` without an equals sign, a checksum at the end) is another format and needs a
+driver of its own.
+
 ``nan``, an empty field and the numbers of the option `no_value` (for a DS18B20: -127 disconnected, 85 just
 powered on) are no value. Radiation is used by its name, ``ghi_w_m2`` or ``DNI=712 W/m2``; of any other column
 in W/m2 the configuration must state what it measures (`fieldkit.model.radiation`). A column called ``ms`` is

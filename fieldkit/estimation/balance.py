@@ -60,7 +60,8 @@ class Rows:
     systematics
         Change of `y` for one standard uncertainty of each systematic effect, (p, n, m): offset between
         regions, its drift, exchange with the air; for the full model conductivity and heat capacity of the
-        layer; then every emissivity with a stated uncertainty. [-]
+        layer; then every emissivity with a stated uncertainty. Only what changes the heat and not the light:
+        an effect on the light depends on the slope and belongs to `methods`, as the scale does. [-]
     reference
         Mean unit normal of the references, (3,). [-]
     """
@@ -96,8 +97,10 @@ def least_squares_rows(
     shifted_k
         For each uncertain emissivity the temperatures (n, regions) one standard uncertainty further. [K]
 
-    References ---------- Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for
-    Planetary Exploration Rovers", eq. (6); for the full model see the module's equation.
+    References
+    ----------
+    Watanabe et al., "A Terrain Slope Estimation Scheme using Infrared Camera for Planetary Exploration
+    Rovers", eq. (6); for the full model see the module's equation.
     """
     references = _measured_references(history, first, columns)
     target_k = history.temperature_k[:, columns.targets]

@@ -142,7 +142,7 @@ class DiscoveredDevice:
 
 @runtime_checkable
 class Device(Protocol):
-    """An opened instrument."""
+    """An opened instrument: mostly a `cameras.camera.ThermalCamera` or a `meters.meter.Meter`."""
 
     info: StreamInfo
 

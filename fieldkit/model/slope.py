@@ -69,7 +69,8 @@ class SlopeEstimate:
     alone. Azimuth bounds are unwrapped (low <= azimuth
     <= high, so below 0 or above 360 across north). `kelvin_per_degree` is the change of
     surface temperature per degree of tilt at `time_ns`. `chi_square` is reduced (per degree
-    of freedom). `reason` explains in words why the state is not `OK`.
+    of freedom). `reason` explains in words why the state is not `OK`. Every field is a column of the session
+    file and of its journal.
     """
 
     time_ns: int

@@ -269,9 +269,9 @@ class _RunScheduler:
 
     def __init__(self, executor: Executor, cache: Cache) -> None:
         # the estimator takes a second to import, more than all else where everything is known
-        from fieldkit.workflows import work
+        from fieldkit.workflows import bins_and_slopes
 
-        self._read_minutes, self._slopes = work.read_minutes, work.estimate
+        self._read_minutes, self._slopes = bins_and_slopes.read_minutes, bins_and_slopes.estimate
         self._work: Work[_Note] = Work(executor)
         self._cache = cache
 

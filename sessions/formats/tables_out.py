@@ -142,10 +142,6 @@ def _events(session: SessionReader) -> pd.DataFrame:
 
 # --- streams as netCDF files of their own, for programs that do not look into groups
 
-
-#
-
-
 # A session is a netCDF-4 file already; here each group becomes the root of a file, its flags verified.
 
 _SCALE_MARKS = {"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}

@@ -78,6 +78,8 @@ def emissivity(
 ) -> EmissivityCalibration:
     """Find the emissivity of a sample from a session with camera and contact thermometer, or with tape.
 
+    The fit itself is `fieldkit.calibration.emissivity.fit_emissivity`.
+
     Parameters
     ----------
     session : Session or path

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows import work
+from fieldkit.workflows import bins_and_slopes
 
 GRID = ("--set", "surface.albedo=0.15:0.25:0.05", "--set", "surface.emissivity=0.88,0.90")
 
@@ -189,7 +189,7 @@ def test_damaged_pictures_of_a_session_are_left_out_and_told(recordings, tmp_pat
 
 
 def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
-    real, count = work.estimate, 0
+    real, count = bins_and_slopes.estimate, 0
 
     def stopped_after_five(*arguments):
         nonlocal count
@@ -198,10 +198,10 @@ def test_a_sweep_that_was_stopped_goes_on(recordings, tmp_path, monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr("fieldkit.workflows.work.estimate", stopped_after_five)
+    monkeypatch.setattr("fieldkit.workflows.bins_and_slopes.estimate", stopped_after_five)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 130
-    monkeypatch.setattr("fieldkit.workflows.work.estimate", real)
+    monkeypatch.setattr("fieldkit.workflows.bins_and_slopes.estimate", real)
     found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "r")
     assert found.exit_code == 0
     assert "5 of them known before" in found.stderr

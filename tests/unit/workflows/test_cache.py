@@ -105,7 +105,7 @@ def test_results_of_another_kind_of_machine_are_not_found(monkeypatch, fresh_ver
         "fieldkit/estimation/balance.py",
         "fieldkit/physics/sun.py",
         "fieldkit/sessions/stream_reader.py",
-        "fieldkit/workflows/work.py",
+        "fieldkit/workflows/bins_and_slopes.py",
     ],
 )
 def test_results_of_other_code_are_not_found(monkeypatch, fresh_version, file):

@@ -13,8 +13,8 @@ from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.batch import bin_settings
+from fieldkit.workflows.bins_and_slopes import estimate, read_minutes
 from fieldkit.workflows.sources import config_for
-from fieldkit.workflows.work import estimate, read_minutes
 
 OTHER = {
     "surface": SurfaceParameters(0.25, 0.85, 0.93, 900.0, 1.1, 0.012),
