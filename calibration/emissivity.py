@@ -45,7 +45,7 @@ GOOD_CONTRAST_K = 25.0
 MIN_SPAN_K = 15.0
 """Least span of surface temperatures for fitting the reflected temperature as well."""
 MAX_UNCERTAINTY = 0.05
-"""Standard uncertainty beyond which an emissivity does not tell soils apart, 0.85 to 0.98."""
+"""Standard uncertainty beyond which an emissivity does not distinguish soils, 0.85 to 0.98."""
 UNLIKELY = 1e-3
 MIN_SOIL, MAX_SOIL = 0.6, 1.02
 DARK = 0.985
@@ -452,7 +452,7 @@ def refuse_after(
         raise CalibrationError(
             "the pairs disagree by more than their uncertainties (chi-square "
             f"{chi_square / freedom:.1f} per degree of freedom)",
-            fix="look for unsteady moments, a probe outside the region, clocks that differ between logs, "
+            fix="check for unsteady moments, a probe outside the region, clocks that differ between logs, "
             "or a reflected temperature from another sky",
         )
     if standard > MAX_UNCERTAINTY:

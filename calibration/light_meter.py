@@ -166,7 +166,7 @@ def _steady(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def _intercept(points: Points) -> tuple[str, ...]:
-    """A remark where the free line misses the origin by more than 5 % of the mean."""
+    """A note where the free line misses the origin by more than 5 % of the mean."""
     if np.ptp(points.x) < 0.2 * points.x.mean():
         return ()
     free = fit_line(points, origin=False)

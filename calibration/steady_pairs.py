@@ -83,7 +83,7 @@ def steady_intervals(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> 
 def pairs_of(
     intervals: list[SteadyInterval], reflected_k: float | None = None
 ) -> tuple[Pairs, tuple[str, ...]]:
-    """Pairs of the intervals that camera and probe agree on, and remarks on the others.
+    """Pairs of the intervals that camera and probe agree on, and notes on the others.
 
     `reflected_k` replaces what the reflector showed.
     """
@@ -100,7 +100,9 @@ def pairs_of(
     if reflected_k is not None:
         pairs = Pairs(table[0], table[1], np.full(len(good), reflected_k), table[3], table[4])
     if len(good) >= 2 and pairs.span_k < 5.0:
-        remarks.append(f"the surface spans only {pairs.span_k:.1f} K; three temperatures 5 K apart tell more")
+        remarks.append(
+            f"the surface spans only {pairs.span_k:.1f} K; three temperatures 5 K apart determine it better"
+        )
     return pairs, tuple(remarks)
 
 

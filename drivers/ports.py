@@ -1,6 +1,7 @@
 """Serial ports, found by identity and opened exclusively, and the records in the bytes they deliver.
 
-pyserial opens and configures the port; the session's clock does the waiting. Foreign exceptions end here.
+pyserial opens and configures the port; the session's clock does the waiting. Exceptions of
+other libraries end here.
 
 A record's stamp is when its first byte was on the wire: the moment the chunk that brought it was read, less
 the wire time of that byte and what came after it in the same chunk. On a computer that falls behind, that
@@ -364,7 +365,7 @@ def open_port(
     kinds: Sequence[tuple[int, int]] = (),
     dtr: bool = True,
 ) -> SerialPort:
-    """The port that `settings` names, by path or identity; with neither, the only one that could be meant.
+    """The port that `settings` names, by path or identity; with neither, the only matching one.
 
     `kinds` are the (vendor, product) pairs that a meter's own adapter may have. Raises
     `DeviceNotFoundError` with what is connected instead.

@@ -161,30 +161,32 @@ def region_series(
     info = camera_of(session, stream)
     chosen = tuple(session.regions if regions is None else regions)
     reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
-    curves = [_curve(reader, region, convert) for region in chosen]
+    series = [_region_series(reader, region, convert) for region in chosen]
     # a chunk's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
     flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()
-    for curve in curves:
-        flags = flags | curve.flags
+    for one in series:
+        flags = flags | one.flags
     shape = (len(reader), len(chosen))
     return RegionSeries(
         tuple(region.name for region in chosen),
         session.times_ns(info.name),
-        np.array([curve.mean for curve in curves]).T.reshape(shape),
-        np.array([curve.spread for curve in curves]).T.reshape(shape),
-        np.array([curve.pixels for curve in curves], np.int64),
+        np.array([one.mean for one in series]).T.reshape(shape),
+        np.array([one.spread for one in series]).T.reshape(shape),
+        np.array([one.pixels for one in series], np.int64),
         flags,
     )
 
 
-class _Curve(NamedTuple):
+class _RegionSeries(NamedTuple):
     mean: FloatArray
     spread: FloatArray
     flags: NDArray[np.uint16]
     pixels: int
 
 
-def _curve(reader: StreamReader, region: Region, convert: Callable[[FrameBlock], FloatArray]) -> _Curve:
+def _region_series(
+    reader: StreamReader, region: Region, convert: Callable[[FrameBlock], FloatArray]
+) -> _RegionSeries:
     """Mean and spread of one region over all frames, a few chunks at a time."""
     info = reader.info
     mask = region.mask((info.shape[0], info.shape[1]))
@@ -201,7 +203,7 @@ def _curve(reader: StreamReader, region: Region, convert: Callable[[FrameBlock],
         pixels[is_damaged(part.flags)] = np.nan
         span = slice(part.start, part.start + len(pixels))
         mean[span], spread[span], flags[span] = pixels.mean(axis=1), pixels.std(axis=1), part.flags
-    return _Curve(mean, spread, flags, int(inside.sum()))
+    return _RegionSeries(mean, spread, flags, int(inside.sum()))
 
 
 def minute_means(

@@ -62,10 +62,10 @@ def check(path: str | Path) -> list[Finding]:
     with session:
         findings: list[Finding] = []
         sealed = (_state, integrity_findings, _objects)
-        for look in (*sealed, _streams, _events, clock_findings, sun_findings, _regions):
+        for check_one in (*sealed, _streams, _events, clock_findings, sun_findings, _regions):
             try:
-                findings.extend(look(session))
-            except Exception as error:  # whatever stands in the file, the other looks go on
+                findings.extend(check_one(session))
+            except Exception as error:  # whatever is in the file, the other checks go on
                 findings.append(
                     Finding("fail", "file", f"damaged: {message_of(error)}", f"fieldkit recover {path}")
                 )
@@ -174,7 +174,7 @@ _HARMLESS = (Quality.SHUTTER, Quality.DUPLICATE)
 
 _BUNCHED_SHARE = 0.02
 
-_LOOK_EVERY = 32
+_EVERY_NTH = 32
 
 
 def stream_findings(session: SessionReader, name: str) -> Iterator[Finding]:
@@ -215,7 +215,7 @@ def _contents(reader: StreamReader) -> tuple[list[int], float, float]:
             bad.append(sample.seq)
             continue
         if isinstance(sample, Frame):
-            if sample.seq % _LOOK_EVERY:
+            if sample.seq % _EVERY_NTH:
                 continue
             values = _middle_k(sample, info)
         else:

@@ -38,7 +38,7 @@ _HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms
 
 
 class EntryRows:
-    """Turns entries into rows, for one session."""
+    """Converts entries to rows, for one session."""
 
     def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
         self._regions = {name: number for number, name in enumerate(header.region_names)}

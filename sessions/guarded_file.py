@@ -93,12 +93,12 @@ class GuardedFile:
 
     def discard(self) -> None:
         """Close, what is not yet on the disk going nowhere."""
-        self._turn_away()
+        self._detach()
         if self.file:
             with contextlib.suppress(OSError, RuntimeError):
                 self.file.close()
 
-    def _turn_away(self) -> None:
+    def _detach(self) -> None:
         """Let the library's descriptor stand for memory, if it still stands for our file."""
         try:
             if os.readlink(f"/proc/self/fd/{self._descriptor}") != str(self._path):

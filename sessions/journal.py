@@ -297,7 +297,7 @@ class SyncThread(threading.Thread):
         self._wake = threading.Event()
         self._stopping = False
         self._first = 1
-        self._noticed_bytes = 0
+        self._seen_bytes = 0
         self._begun = (1, 0)  # part, bytes of its log
 
     def run(self) -> None:
@@ -311,10 +311,10 @@ class SyncThread(threading.Thread):
                 self._sync()
                 due = time.monotonic() + SYNC_EVERY_S
 
-    def notice(self) -> None:
+    def grown(self) -> None:
         """To be called when the journal has grown; returns at once."""
-        if self._journal.bytes_written - self._noticed_bytes >= BEGIN_BYTES:
-            self._noticed_bytes = self._journal.bytes_written
+        if self._journal.bytes_written - self._seen_bytes >= BEGIN_BYTES:
+            self._seen_bytes = self._journal.bytes_written
             self._wake.set()
 
     def stop(self) -> None:

@@ -247,7 +247,7 @@ class SessionReader:
         return self._recorded(names)
 
     def _recorded(self, names: tuple[str, ...]) -> Iterator[Sample]:
-        streams = (_in_turn(self._reader(name).samples()) for name in names)
+        streams = (_with_merge_time(self._reader(name).samples()) for name in names)
         return (sample for _, sample in heapq.merge(*streams, key=itemgetter(0)))
 
     @property
@@ -391,9 +391,9 @@ class SessionReader:
             datasets = columns_of(self.group("time_map"), TIME_MAP_COLUMNS)
             columns = {name: dataset[:] for name, dataset in datasets.items()}
             check_rows(columns)
-        newest = columns["version"].max(initial=0)
+        latest = columns["version"].max(initial=0)
         rows = zip(*(columns[name] for name in ("version", "mono_ns", "add_ns", "reason")), strict=False)
-        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == newest]
+        return [TimeStep(int(m), int(a), decode_text(r)) for v, m, a, r in rows if v == latest]
 
     def integrity(self) -> dict[str, NDArray[Any]]:
         """What was written down when the session was sealed, per stream and per table.
@@ -513,16 +513,16 @@ class SessionReader:
         return exact_time_ns(table["time"], table["mono_ns"], self.anchor_ns)
 
 
-def _in_turn(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
+def _with_merge_time(samples: Iterable[Sample]) -> Iterator[tuple[int, Sample]]:
     """Samples with the monotonic times by which streams are merged: of a damaged one, that of the one before.
 
     Its own may be years away, and all of its stream would wait for the other streams to end.
     """
-    turn_ns = 0
+    merge_ns = 0
     for sample in samples:
         if not sample.quality & Quality.BAD_CRC:
-            turn_ns = sample.mono_ns
-        yield turn_ns, sample
+            merge_ns = sample.mono_ns
+        yield merge_ns, sample
 
 
 def open_session(path: str | Path) -> SessionReader:

@@ -358,12 +358,12 @@ class StoredSamples:
         self.total = 0
         if session is not None:
             try:
-                self._look(session.path.stat().st_size)
+                self._count_up(session.path.stat().st_size)
             except (SessionError, OSError, RuntimeError) as error:
                 damage.append(f"{info.name}: {message_of(error)}")
         self._rows = dict(zip(self.numbers.tolist(), self._whole.tolist(), strict=True))
 
-    def _look(self, end: int) -> None:
+    def _count_up(self, end: int) -> None:
         assert self._reader is not None
         self._whole = self._reader.whole_rows(end)
         spans = [(int(span[0]), int(span[-1]) + 1) for span in _runs(self._whole)]
@@ -478,11 +478,11 @@ def _index(dataset: h5py.Dataset) -> Index:
     """Where the file's own index has each chunk: read in one go, asking for single ones is slow."""
     index: Index = {}
 
-    def look(chunk: Any) -> None:
+    def visit(chunk: Any) -> None:
         index[tuple(chunk.chunk_offset)] = chunk.byte_offset, chunk.size
 
     with contextlib.suppress(OSError, RuntimeError):
-        dataset.id.chunk_iter(look)
+        dataset.id.chunk_iter(visit)
     return index
 
 

@@ -204,7 +204,7 @@ SYNC_EVERY_S = 10.0
 
 COMPRESSORS = 2
 
-_LOOK_AGAIN_S = 0.01  # what is behind is so by seconds
+_POLL_S = 0.01  # what is behind is so by seconds
 
 
 class FileThread(threading.Thread):
@@ -247,7 +247,7 @@ class FileThread(threading.Thread):
     def caught_up(self, timeout_s: float) -> bool:
         """Whether no more is waiting than may wait, or will be after a while; see `Clock.hold_until`."""
         if self.is_behind():
-            time.sleep(min(timeout_s, _LOOK_AGAIN_S))
+            time.sleep(min(timeout_s, _POLL_S))
         return not self.is_behind()
 
     def stop(self, *, at_once: bool = False) -> None:

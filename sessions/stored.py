@@ -107,12 +107,12 @@ def check_inflation(dataset: h5py.Dataset) -> None:
     """
     largest: list[Any] = []
 
-    def look(chunk: Any) -> None:
+    def visit(chunk: Any) -> None:
         if chunk.size * _DEFLATE_RATIO > _MOST_INFLATED_BYTES:
             largest.append(chunk.chunk_offset)
 
     with contextlib.suppress(RuntimeError, OSError):  # what has no index is not inflated either
-        dataset.id.chunk_iter(look)
+        dataset.id.chunk_iter(visit)
     whole = math.prod(dataset.chunks) * dataset.dtype.itemsize
     for offset in largest:
         _, packed = dataset.id.read_direct_chunk(offset)
@@ -129,11 +129,11 @@ def whole_rows(dataset: h5py.Dataset, row_bytes: int, end: int) -> NDArray[np.in
     """Rows of an uncompressed growing dataset whose bytes lie in the first `end` bytes of the file."""
     spans: list[NDArray[np.int64]] = []
 
-    def look(chunk: Any) -> None:
+    def visit(chunk: Any) -> None:
         first = int(chunk.chunk_offset[0])
         rows = min((end - chunk.byte_offset) // row_bytes, dataset.chunks[0], dataset.shape[0] - first)
         spans.append(np.arange(first, first + max(0, rows), dtype=np.int64))
 
     with contextlib.suppress(RuntimeError, OSError):  # a part of the index is gone: so are its chunks
-        dataset.id.chunk_iter(look)
+        dataset.id.chunk_iter(visit)
     return np.sort(np.concatenate([np.empty(0, np.int64), *spans]))

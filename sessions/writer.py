@@ -172,7 +172,7 @@ class SessionWriter:
         if self.is_closed:
             raise SessionError(f"{self.path} is closed")
         number, crc32 = self._journal.append(record)
-        self._syncer.notice()
+        self._syncer.grown()
         self._file_thread.offer(number, record, crc32)
 
     # --- the end
@@ -252,13 +252,13 @@ class SessionWriter:
         return False
 
     def _disk_did_not_confirm(self, text: str) -> None:
-        self._tell(text, Severity.ERROR)
+        self._add_note(text, Severity.ERROR)
 
     def _file_failed(self, error: Exception) -> None:
         text = f"the session file cannot be written: {message_of(error)}; recording goes on in the journal"
-        self._tell(text, Severity.ERROR)
+        self._add_note(text, Severity.ERROR)
 
-    def _tell(self, text: str, severity: Severity) -> None:
+    def _add_note(self, text: str, severity: Severity) -> None:
         """An event of the writer's own; dropped where even the journal is full."""
         now = self._clock.mono_ns()
         event = Event(EventKind.DISK, now, self._clock.to_utc_ns(now), text, "", severity)

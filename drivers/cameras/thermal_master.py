@@ -44,7 +44,7 @@ READ, GAIN, SHUTTER = b"\x01\x01", b"\x01\x2f", b"\x01\x36"
 READ_SUBJECT, SHUTTER_SUBJECT = 0x81, 0x43
 SERIAL_NUMBER, PART_NUMBER = 7, 6
 GAINS = {b"\0": "low", b"\1": "high"}
-BUSY, ANSWERS, DONE = 1, 2, 3
+BUSY, REPLYING, DONE = 1, 2, 3
 PATIENCE_S = 2.0
 
 
@@ -181,7 +181,7 @@ class BulkSource:
 
     def _wait(self) -> None:
         deadline_ns = self._clock.mono_ns() + int(PATIENCE_S * 1e9)
-        while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (ANSWERS, DONE):
+        while (status := self._unit.ctrl_transfer(*STATUS, 0, 0, 1)[0]) not in (REPLYING, DONE):
             if status != BUSY:
                 raise DeviceError(f"the camera at {self.port} refuses the command: status {status}")
             if self._clock.mono_ns() > deadline_ns:

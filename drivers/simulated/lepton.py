@@ -44,7 +44,7 @@ class ShutterState(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ShutterStatus:
-    """State at one time, when the newest correction began, number and end of the last finished one."""
+    """State at one time, when the latest correction began, number and end of the last finished one."""
 
     state: ShutterState
     began_ns: int
@@ -55,8 +55,8 @@ class ShutterStatus:
 class Shutter:
     """Remembers every correction since the camera was switched on.
 
-    `unasked_ns` are times at which it corrects itself out of turn; `is_automatic` whether it
-    does so in turn.
+    `unasked_ns` are times at which it corrects itself off schedule; `is_automatic` whether it
+    does so on schedule.
     """
 
     def __init__(self, on_ns: int, unasked_ns: Sequence[int]) -> None:
@@ -72,10 +72,10 @@ class Shutter:
     def at(self, mono_ns: int) -> ShutterStatus:
         """The shutter at a time; what the camera does by itself until then is done."""
         self._run_unasked(mono_ns)
-        newest = bisect_right(self._began, mono_ns) - 1
-        began_ns = self._began[newest]
-        running = newest > 0 and mono_ns < began_ns + CORRECTION_NS
-        last = newest - running
+        latest = bisect_right(self._began, mono_ns) - 1
+        began_ns = self._began[latest]
+        running = latest > 0 and mono_ns < began_ns + CORRECTION_NS
+        last = latest - running
         due_ns = began_ns + AUTOMATIC_NS - _ANNOUNCED_NS
         state = ShutterState.RUNNING if running else ShutterState.DONE
         if self.is_automatic and mono_ns >= due_ns:
@@ -205,7 +205,7 @@ _TRANSFER_NS = 60_000_000  # 39 kB over full-speed USB
 _QUEUED = 4  # buffers the kernel keeps for a slow reader
 _WARM_NS = 600 * SECOND_NS  # the camera was switched on before
 _CLOCK_TOO_FAST = 20e-6
-_COUNTS_PER_PICTURE = 3  # the sensor counts at 27 Hz and every third frame is sent
+_COUNTS_PER_FRAME = 3  # the sensor counts at 27 Hz and every third frame is sent
 _FPA_ABOVE_AIR_K, _HOUSING_ABOVE_AIR_K = 18.0, 14.0
 
 
@@ -326,7 +326,7 @@ class SimulatedLepton:
         air_k = self._scene.at(self._clock.to_utc_ns(mono_ns)).air_temperature_k
         return BoardStatus(
             uptime_ms=self._uptime_ms(mono_ns),
-            frame_counter=_COUNTS_PER_PICTURE * number,
+            frame_counter=_COUNTS_PER_FRAME * number,
             state=shutter.state,
             corrected_ms=self._uptime_ms(shutter.ended_ns),
             fpa_k=air_k + _FPA_ABOVE_AIR_K,

@@ -147,7 +147,7 @@ def say_damage(session: SessionReader) -> None:
 
 @contextmanager
 def usage_errors() -> Iterator[None]:
-    """Turn a `ConfigError` about an option's value into a usage error (exit code 2)."""
+    """Raise a `ConfigError` about an option's value as a usage error (exit code 2)."""
     try:
         yield
     except ConfigError as error:

@@ -30,7 +30,7 @@ MOST_NAMES = 10
 def command(
     ctx: click.Context, session: Path | None, kind: Kind, out: Path | None, stream: str | None, every: int
 ) -> None:
-    """Write SESSION (default: the newest) for other programs.
+    """Write SESSION (default: the latest) for other programs.
 
     Tables as CSV or Parquet, one row a sample, units in the header; netCDF, one file a stream;
     MCAP, everything in one file for its viewers; frames as PNG, film, or 16-bit TIFF of 0.01 K per count.

@@ -176,14 +176,14 @@ def check(ctx: click.Context, session: Path | None) -> None:
     """
     from fieldkit.workflows.regions import inspect_regions, read_regions
 
-    config, remarks = read_regions(_file(ctx))
+    config, mistakes = read_regions(_file(ctx))
     inspections = inspect_regions(config, find_session(ctx, session) if session else None)
-    failed = bool(remarks) or any(inspection.level == "FAIL" for inspection in inspections)
+    failed = bool(mistakes) or any(inspection.level == "FAIL" for inspection in inspections)
     if options(ctx).json:
         print_json(
             {
                 "regions": [inspection.document() for inspection in inspections],
-                "mistakes": remarks,
+                "mistakes": mistakes,
                 "ok": not failed,
             }
         )
@@ -191,8 +191,8 @@ def check(ctx: click.Context, session: Path | None) -> None:
         print_table(
             ("name", "tilt/azimuth", "pixels", "spread", ""), [inspection.row() for inspection in inspections]
         )
-        for remark in remarks:
-            click.echo(f"FAIL: {remark}")
+        for mistake in mistakes:
+            click.echo(f"FAIL: {mistake}")
     ctx.exit(ConfigError.exit_code if failed else 0)
 
 

@@ -30,7 +30,7 @@ Closed = tuple[MinuteBin, tuple[Event, ...]]
 
 
 class Binner:
-    """Turns samples into minute bins.
+    """Collects samples into minute bins.
 
     The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
     else from global irradiance, else from the illuminance meter (`Instruments`). Samples of other streams are

@@ -59,7 +59,7 @@ class Minute:
 
 
 class Estimator:
-    """Turns samples into minute bins (`Binner`) and these into slopes (`slopes`)."""
+    """Collects samples into minute bins (`Binner`) and estimates slopes from these (`slopes`)."""
 
     def __init__(
         self,

@@ -153,8 +153,8 @@ def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArra
     response = np.diff(heat_of_step(slab, step_s * np.arange(steps + 1))) / step_s
     size = next_fast_len(2 * steps, real=True)
     warming = rfft(np.diff(surface, axis=0), size, axis=0)
-    answers = rfft(response, size).reshape(-1, *(1,) * (surface.ndim - 1))
-    flux[1:] = irfft(warming * answers, size, axis=0)[:steps]
+    responses = rfft(response, size).reshape(-1, *(1,) * (surface.ndim - 1))
+    flux[1:] = irfft(warming * responses, size, axis=0)[:steps]
     return flux
 
 

@@ -61,7 +61,7 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
 
 
 @dataclass
-class MarkInbox:
+class MarkReader:
     """Yields the marks dropped for a recording, once each, oldest first.
 
     A mark's file is removed when the next mark is requested: a caller that cannot store a mark stops there

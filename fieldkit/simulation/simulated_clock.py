@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 START_MONO_NS = 1000 * SECOND_NS
 _CHECK_ERROR_NS = 200
 _CLOSED_AGAIN_S = 0.1  # how often a held clock checks whether it was closed
-_LOOK_AGAIN_S = 0.02  # how often descriptors are polled while real time has to pass
+_POLL_S = 0.02  # how often descriptors are polled while real time has to pass
 
 
 def _closed_gate() -> threading.Lock:
@@ -303,7 +303,7 @@ class SimulatedClock:
         if left_s <= 0:
             return True
         with self._changed:
-            self._changed.wait(min(left_s, _LOOK_AGAIN_S))
+            self._changed.wait(min(left_s, _POLL_S))
         return False
 
     def _elapsed_s(self, mono_ns: float) -> float:

@@ -61,10 +61,10 @@ def contours(
     return plotting.svg(figure)
 
 
-def scores(votes: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
-    """Fig. 8: votes per slope."""
+def scores(score_map: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> str:
+    """Fig. 8: contour score of each slope."""
     figure, axes = _figure()
-    mesh = axes.pcolormesh(azimuths, tilts, votes, cmap="viridis", rasterized=True)
+    mesh = axes.pcolormesh(azimuths, tilts, score_map, cmap="viridis", rasterized=True)
     figure.colorbar(mesh, label="score")
     _slope_axes(axes)
     return plotting.svg(figure)

@@ -142,7 +142,7 @@ class Processes(Executor):
 def dask(address: str) -> Iterator[Executor]:
     """The workers of a Dask cluster whose scheduler is at an address such as ``tcp://10.0.0.5:8786``.
 
-    Raises `ConfigError` if no scheduler answers or Dask is not installed, `RefusedError` if a worker has
+    Raises `ConfigError` if no scheduler responds or Dask is not installed, `RefusedError` if a worker has
     another fieldkit.
     """
     try:

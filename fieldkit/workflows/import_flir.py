@@ -82,7 +82,7 @@ def read_flir(source: Path, name: str) -> ImportedRecording:
 
 
 def _scanned(source: Path) -> tuple[FlirFrame, list[_File], tuple[tuple[Severity, str], ...]]:
-    """The first frame, which all must be like; the files in order of time; a remark on those skipped."""
+    """The first frame, which all must be like; the files in order of time; a note on those skipped."""
     first, files, others = None, [], []
     for path in files_in(source):
         try:

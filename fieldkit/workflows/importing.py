@@ -90,7 +90,7 @@ class ImportOptions:
 class ImportedSession:
     """A session made from another program's recording; `samples` counts those of each stream.
 
-    `notes` tell how the recording was read: those of `Severity.WARNING` may change results.
+    `notes` describe how the recording was read: those of `Severity.WARNING` may change results.
     """
 
     path: Path

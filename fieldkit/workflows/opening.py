@@ -109,7 +109,7 @@ def _together(failed: Sequence[ConfigError | DeviceError]) -> ConfigError | Devi
         f"\n  {error.message}" + (f"\n    fix: {error.fix}" if error.fix else "") for error in failed
     )
     return DeviceError(
-        f"{len(failed)} instruments cannot be used:{lines}", fix="fieldkit doctor looks for causes"
+        f"{len(failed)} instruments cannot be used:{lines}", fix="fieldkit doctor shows the causes"
     )
 
 

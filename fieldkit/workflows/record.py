@@ -23,7 +23,7 @@ from fieldkit.model.radiation import with_components
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
-from fieldkit.recorder.marks import MarkInbox, marks_folder
+from fieldkit.recorder.marks import MarkReader, marks_folder
 from fieldkit.recorder.recorder import Shown
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
@@ -128,7 +128,7 @@ class PreparedRecording:
         start_ns = instruments.clock.mono_ns()
         header = header_of(config, self.name, instruments.streams, command_line)
         writer = SessionWriter(self.path, header, instruments.clock)
-        marks = MarkInbox(marks_folder(self.path), instruments.clock)
+        marks = MarkReader(marks_folder(self.path), instruments.clock)
         estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
         try:
             summary = Recorder(

@@ -31,7 +31,7 @@ from fieldkit.sessions.writer import SessionWriter
 
 @dataclass(frozen=True, slots=True)
 class ImportedRecording:
-    """A recording of another program: its streams, its samples in order of time, remarks on it.
+    """A recording of another program: its streams, its samples in order of time, notes on it.
 
     `site` is where it was made, if the recording has it.
     """
@@ -90,9 +90,9 @@ def write_imported(path: Path, header: SessionHeader, imported: ImportedRecordin
     clock = StampedClock(first.time_ns)
     writer = SessionWriter(path, header, clock)
     try:
-        _tell(writer, clock, Severity.INFO, f"imported from {source}")
+        _add_note(writer, clock, Severity.INFO, f"imported from {source}")
         for severity, text in imported.notes:
-            _tell(writer, clock, severity, text)
+            _add_note(writer, clock, severity, text)
         for sample in _chain(first, samples):
             clock.now_ns = max(clock.now_ns, sample.time_ns)
             writer.append(sample)
@@ -107,7 +107,7 @@ def _chain(first: Sample, rest: Iterator[Sample]) -> Iterator[Sample]:
     yield from rest
 
 
-def _tell(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
+def _add_note(writer: SessionWriter, clock: StampedClock, severity: Severity, text: str) -> None:
     writer.event(Event(EventKind.IMPORTED, clock.now_ns, clock.now_ns, text, "", severity))
 
 

@@ -144,7 +144,7 @@ def _obsdl(path: Path, rows: list[list[str]], name: str) -> ImportedRecording:
     if not items:
         have = ", ".join(f"{word}({unit})" for word, unit in _KINDS)
         raise ConfigError(f"{path} has no item that fieldkit takes", fix=f"it takes {have}")
-    return _foreign(path, name, items, body, timedelta(hours=1 if hourly else 24))
+    return _recording(path, name, items, body, timedelta(hours=1 if hourly else 24))
 
 
 def _is_hourly(names: Sequence[str]) -> bool:
@@ -152,7 +152,7 @@ def _is_hourly(names: Sequence[str]) -> bool:
     return "時" in names[0] or _SPLIT[3] in names[: len(_SPLIT)]
 
 
-def _foreign(
+def _recording(
     path: Path, name: str, items: Sequence[_Item], body: Sequence[tuple[datetime, list[str]]], step: timedelta
 ) -> ImportedRecording:
     streams, readings = [], []

@@ -37,7 +37,7 @@ _STAMPS = {
     "device_time": {"type": ["integer", "null"], "description": "the device's own stamp"},
     "flags": {**_INTEGER, "description": "quality flags; meanings in the session file's reference"},
 }
-_PICTURE = {
+_RAW_IMAGE = {
     **_STAMPS,
     "frame_id": _TEXT,
     "width": _INTEGER,
@@ -123,7 +123,7 @@ def _stream_channel(writer: Writer, info: StreamInfo) -> int:
     }  # fmt: skip
     declared["settings"] = json.dumps(dict(info.settings), default=str)
     if info.is_camera:
-        return _channel(writer, info.name, "foxglove.RawImage", _PICTURE, declared)
+        return _channel(writer, info.name, "foxglove.RawImage", _RAW_IMAGE, declared)
     values = {name: {**_NUMBER, "description": info.unit} for name in channel_names(info)}
     reading = {**_STAMPS, "values": {"type": "object", "properties": values}, "raw": _BYTES}
     return _channel(writer, info.name, f"fieldkit.Reading.{info.name}", reading, declared)

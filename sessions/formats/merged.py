@@ -134,12 +134,12 @@ def aligned(session: SessionReader, imported: ImportedRecording) -> ImportedReco
 def _best_stream(
     session: SessionReader, streams: Sequence[StreamInfo], readings: Sequence[Reading]
 ) -> tuple[str, Alignment]:
-    """The curve that determines the offset of the log best, whichever of its streams it is of."""
+    """The time series that determines the offset of the log best, whichever of its streams it is of."""
     start_ns = session.start_ns
     found, refused = [], ""
     for info in streams:
-        log = _curve(_points(one for one in readings if one.stream == info.name), start_ns)
-        for name, curve in _curves(session, info.quantity, start_ns):
+        log = _time_series(_points(one for one in readings if one.stream == info.name), start_ns)
+        for name, curve in _all_series(session, info.quantity, start_ns):
             try:
                 found.append((name, best_offset(log, curve)))
             except NoAnswerError as error:
@@ -161,34 +161,34 @@ def _points(readings: Iterable[Reading]) -> Iterator[tuple[int, float]]:
             yield one.time_ns, float(np.nanmean(one.values))
 
 
-def _curves(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, Curve]]:
+def _all_series(session: SessionReader, quantity: str, start_ns: int) -> Iterator[tuple[str, TimeSeries]]:
     """What the session has of a quantity: meters, and for temperatures the regions of its frames."""
     for name, info in session.streams.items():
         if info.quantity == quantity and not info.is_camera and session.count(name):
-            yield name, _stream_curve(session, name, start_ns)
+            yield name, _stream_series(session, name, start_ns)
         if info.quantity == "brightness_temperature" and quantity == "temperature" and session.count(name):
             series = session.region_series(stream=name)
             good = is_usable(series.flags)
             for region, kelvin in zip(series.regions, series.mean_k[good].T, strict=True):
                 if kelvin.size and np.isfinite(kelvin).all():
                     points = zip(series.time_ns[good].tolist(), kelvin.tolist(), strict=True)
-                    yield f"region {region} of {name}", _curve(points, start_ns)
+                    yield f"region {region} of {name}", _time_series(points, start_ns)
 
 
-def _stream_curve(session: SessionReader, name: str, start_ns: int) -> Curve:
+def _stream_series(session: SessionReader, name: str, start_ns: int) -> TimeSeries:
     readings = session.readings(name)
     known = is_usable(readings.flags) & np.isfinite(readings.values).any(axis=1)
     means = np.nanmean(readings.values[known], axis=1)
-    return _curve(zip(readings.time_ns[known].tolist(), means.tolist(), strict=True), start_ns)
+    return _time_series(zip(readings.time_ns[known].tolist(), means.tolist(), strict=True), start_ns)
 
 
-def _curve(points: Iterable[tuple[int, float]], start_ns: int) -> Curve:
+def _time_series(points: Iterable[tuple[int, float]], start_ns: int) -> TimeSeries:
     """Points in order of time, the first of each moment."""
     ordered = sorted(points)
     times = np.array([(time_ns - start_ns) / 1e9 for time_ns, _ in ordered])
     values = np.array([value for _, value in ordered], np.float64)
     times, first = np.unique(times, return_index=True)
-    return Curve(times, values[first])
+    return TimeSeries(times, values[first])
 
 
 # --- the offset between two clocks that recorded the same time series
@@ -225,7 +225,7 @@ _FIX = "use a longer interval with clouds or a shadow, or give the offset: --off
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class TimeSeries:
     """A measured quantity over time, in order: seconds since any moment, values in any unit."""
 
     time_s: FloatArray
@@ -246,8 +246,8 @@ class Alignment:
     correlation: float
 
 
-def best_offset(log: Curve, reference: Curve) -> Alignment:
-    """The offset at which a log's curve lies on the reference's.
+def best_offset(log: TimeSeries, reference: TimeSeries) -> Alignment:
+    """The offset at which a log's time series matches the reference's.
 
     Raises `NoAnswerError` where too little overlaps, nothing fits, or more than one offset does.
     """
@@ -274,7 +274,7 @@ def best_offset(log: Curve, reference: Curve) -> Alignment:
     return Alignment(offset, uncertainty, float(np.sqrt(fit)))
 
 
-def _earliest(log: Curve, reference: Curve) -> float:
+def _earliest(log: TimeSeries, reference: TimeSeries) -> float:
     """The lowest offset worth trying, at which the log's end meets the reference's beginning."""
     return max(-LONGEST_OFFSET_S, float(reference.time_s[0] - log.time_s[-1]))
 
@@ -293,7 +293,7 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
     """
     if not tops or tops[0][1] < _LEAST_FIT:
         raise NoAnswerError(
-            f"the two curves fit nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
+            f"the two time series match nowhere: at best {tops[0][1] if tops else 0.0:.0%} of the variance",
             fix="check that they are of the same thing, or give the offset: --offset +12s",
         )
     left_over = max(1 - tops[0][1], _LEFT_OVER)
@@ -307,11 +307,11 @@ def _distinct(tops: Sequence[tuple[float, float]], reach: float) -> tuple[float,
 
 
 def _top(
-    log: Curve, grid: FloatArray, y: FloatArray, near: float, coarse: float, step: float
+    log: TimeSeries, grid: FloatArray, y: FloatArray, near: float, coarse: float, step: float
 ) -> tuple[float, float]:
     """Offset and fit at the top around a coarse one: of a parabola through the upper third of the hill.
 
-    Single fits go up and down with the noise of the few readings between which a curve is interpolated.
+    Single fits go up and down with the noise of the few readings between which a series is interpolated.
     """
     reach = _REACH * coarse
     for _ in range(2):
@@ -326,9 +326,9 @@ def _top(
 
 
 def _standard_deviation(
-    log: Curve, grid: FloatArray, y: FloatArray, offset: float, coarse: float, step: float
+    log: TimeSeries, grid: FloatArray, y: FloatArray, offset: float, coarse: float, step: float
 ) -> float:
-    """How much the offset depends on single stretches of the curve: a delete-one-block jackknife, seconds."""
+    """Standard error of the offset by a delete-one-block jackknife over the series, seconds."""
     found = []
     for block in np.array_split(np.arange(grid.size), _BLOCKS):
         without = y.copy()
@@ -337,7 +337,7 @@ def _standard_deviation(
     return float(np.sqrt((_BLOCKS - 1) * np.var(found)))
 
 
-def _fits(log: Curve, grid: FloatArray, y: FloatArray, offsets: FloatArray, step: float) -> FloatArray:
+def _fits(log: TimeSeries, grid: FloatArray, y: FloatArray, offsets: FloatArray, step: float) -> FloatArray:
     """Share of the reference's variance that the log explains at each offset; 0 where it cannot."""
     least = max(_LEAST_POINTS // 2, int(0.5 * min(np.isfinite(y).sum(), np.ptp(log.time_s) / step)))
     return np.array([_fit(_shifted(log, grid, float(offset), step), y, least) for offset in offsets])
@@ -353,7 +353,7 @@ def _fit(x: FloatArray, y: FloatArray, least: int) -> float:
     return max(correlation, 0.0) ** 2
 
 
-def _binned(curve: Curve, step: float) -> tuple[FloatArray, FloatArray]:
+def _binned(curve: TimeSeries, step: float) -> tuple[FloatArray, FloatArray]:
     """Middles and means of bins of `step` seconds, NaN where nothing was measured."""
     place = np.floor((curve.time_s - curve.time_s[0]) / step).astype(np.int64)
     counts = np.bincount(place)
@@ -363,7 +363,7 @@ def _binned(curve: Curve, step: float) -> tuple[FloatArray, FloatArray]:
     return np.where(counts > 0, middles, curve.time_s[0] + (np.arange(counts.size) + 0.5) * step), means
 
 
-def _shifted(log: Curve, grid: FloatArray, offset: float, step: float) -> FloatArray:
+def _shifted(log: TimeSeries, grid: FloatArray, offset: float, step: float) -> FloatArray:
     """The log at the moments of the grid, its times moved by `offset`; smoothed to the bins' width."""
     value = log.value
     width = 2 * (round(step / log.step_s) // 2) + 1  # odd, so that nothing moves

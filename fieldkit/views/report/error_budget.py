@@ -42,7 +42,7 @@ class BudgetSection:
     """The error budget as a report shows it: what the model omits, a table of causes, and advice."""
 
     summary: str
-    causes: Table
+    contributions: Table
     advice: Sequence[str]
 
 
@@ -51,12 +51,12 @@ def error_budget(data: ReportData) -> BudgetSection | None:
     if not data.columns.beds or not np.isfinite(data.columns.irradiance_w_m2).any():
         return None
     budgets = [budget(data.columns, bed, data.settings) for bed in data.columns.beds]
-    causes = Table(
+    contributions = Table(
         ("cause", *(one.name for one in budgets)),
         cause_rows(budgets),
         f"Degrees of tilt, medians over the session, {READING}",
     )
-    return BudgetSection(_omitted_words(data, budgets), causes, _advice(budgets))
+    return BudgetSection(_omitted_words(data, budgets), contributions, _advice(budgets))
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
@@ -87,11 +87,11 @@ def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
 
 def _calibrated(budgets: Sequence[ErrorBudget]) -> Iterator[list[object]]:
     """Rows of the calibrations' uncertainties, one standard uncertainty each."""
-    causes: dict[str, Callable[[ErrorBudget], tuple[float, str]]] = {
+    contributions: dict[str, Callable[[ErrorBudget], tuple[float, str]]] = {
         "emissivity as calibrated": lambda b: (b.of_offset(b.emissivity_k), f"{b.emissivity_k:.2f} K"),
         "light meter as calibrated": lambda b: (b.of_scale(b.factor_sd), f"{b.factor_sd:.1%}"),
     }
-    for name, of in causes.items():
+    for name, of in contributions.items():
         cells = [of(one) for one in budgets]
         if any(degrees for degrees, _ in cells):
             yield [name, *(f"±{formatting.number(abs(degrees), 1)}° ({amount})" for degrees, amount in cells)]

@@ -98,7 +98,7 @@ def emissivity(
     Raises
     ------
     ConfigError
-        If it is unclear which region, thermometer or probe is meant.
+        If region, thermometer or probe is ambiguous.
     CalibrationError
         If the session does not determine an emissivity.
 

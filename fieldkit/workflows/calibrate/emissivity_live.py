@@ -150,7 +150,7 @@ class SteadyView:
         except CalibrationError as error:
             self.on_minute(f"   {error.message}" + (f"; {error.fix}" if error.fix else ""))
             return
-        steady_k = [stretch.contact_k for stretch in steady_intervals(readings)]
+        steady_k = [interval.contact_k for interval in steady_intervals(readings)]
         count, span_k = len(apart(steady_k)), max(steady_k, default=0.0) - min(steady_k, default=0.0)
         progress = f"temperatures {count} of {self.wanted}, span {span_k:.0f} K"
         self.on_minute(f"   {_state(readings)}   {progress}")

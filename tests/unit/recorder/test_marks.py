@@ -6,7 +6,7 @@ import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import EventKind, Severity
-from fieldkit.recorder.marks import Mark, MarkInbox, drop_mark, left_marks, marks_folder
+from fieldkit.recorder.marks import Mark, MarkReader, drop_mark, left_marks, marks_folder
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
@@ -38,16 +38,16 @@ def folder(tmp_path):
 
 def test_a_mark_becomes_an_event_now_and_is_read_once(folder, clock):
     drop_mark(folder, Mark("wind picks up"))
-    (event,) = MarkInbox(folder, clock)()
+    (event,) = MarkReader(folder, clock)()
     assert (event.kind, event.text) == (EventKind.MARK, "wind picks up")
     assert (event.time_ns, event.mono_ns) == (NOON_NS, clock.mono_ns())
     assert event.data == {}
-    assert list(MarkInbox(folder, clock)()) == []
+    assert list(MarkReader(folder, clock)()) == []
 
 
 def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
     drop_mark(folder, Mark("cloud", "cloud", at=-240.0, to=-60.0))
-    (event,) = MarkInbox(folder, clock)()
+    (event,) = MarkReader(folder, clock)()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.mono_ns == clock.mono_ns() - 240 * 10**9
     assert event.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
@@ -55,7 +55,7 @@ def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
 
 def test_an_absolute_time_is_taken_in_its_own_zone(folder, clock):
     drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30.25-07:00"))
-    (event,) = MarkInbox(folder, clock)()
+    (event,) = MarkReader(folder, clock)()
     assert event.time_ns == NOON_NS - 29_750_000_000
     assert event.mono_ns == clock.mono_ns() - 29_750_000_000
 
@@ -64,12 +64,12 @@ def test_marks_come_in_the_order_they_were_dropped(folder, clock):
     for number in range(20):
         file = drop_mark(folder, Mark(f"mark {number}"))
         os.utime(file, (1e9 + number, 1e9 + number))
-    assert [event.text for event in MarkInbox(folder, clock)()] == [f"mark {number}" for number in range(20)]
+    assert [event.text for event in MarkReader(folder, clock)()] == [f"mark {number}" for number in range(20)]
 
 
 def test_a_half_written_mark_is_not_seen(folder, clock):
     (folder / ".half").write_text('{"text": "ha')
-    assert list(MarkInbox(folder, clock)()) == []
+    assert list(MarkReader(folder, clock)()) == []
 
 
 @pytest.mark.parametrize(
@@ -80,19 +80,19 @@ def test_a_half_written_mark_is_not_seen(folder, clock):
 def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, clock, content):
     drop_mark(folder, Mark("good"))
     (folder / "0.json").write_text(content)
-    events = {event.severity: event for event in MarkInbox(folder, clock)()}
+    events = {event.severity: event for event in MarkReader(folder, clock)()}
     assert events[Severity.INFO].text == "good"
     assert "could not be read" in events[Severity.WARNING].text
     assert content in events[Severity.WARNING].text
 
 
 def test_a_folder_that_cannot_be_made_is_no_marks(tmp_path, clock):
-    marks = MarkInbox(tmp_path / "absent" / "marks", clock)
+    marks = MarkReader(tmp_path / "absent" / "marks", clock)
     assert [*marks(), *marks.close()] == []
 
 
 def test_after_the_last_look_no_mark_can_be_dropped(folder, clock):
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     drop_mark(folder, Mark("the last"))
     last = marks.close()
     with pytest.raises(FileNotFoundError):
@@ -101,7 +101,7 @@ def test_after_the_last_look_no_mark_can_be_dropped(folder, clock):
 
 
 def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, clock):
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     drop_mark(folder, Mark("the last"))
     marks.close()  # nobody goes through them
     assert [event.text for event in left_marks(folder)] == ["the last"]
@@ -125,7 +125,7 @@ def hiccup(monkeypatch):
 
 def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, hiccup):
     drop_mark(folder, Mark("wind"))
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     with hiccup():
         assert list(marks()) == []
     assert [event.text for event in marks()] == ["wind"]
@@ -133,7 +133,7 @@ def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, 
 
 def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, hiccup):
     drop_mark(folder, Mark("wind"))
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     with hiccup():
         with pytest.raises(StorageError, match="stale file handle") as caught:
             marks.close()
@@ -150,7 +150,7 @@ def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch)
         raise PermissionError
 
     monkeypatch.setattr("pathlib.Path.unlink", refused)
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
 
 
@@ -159,7 +159,7 @@ def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
     for number in range(3):
         file = drop_mark(folder, Mark(f"mark {number}"))
         os.utime(file, (1e9 + number, 1e9 + number))
-    marks = MarkInbox(folder, clock)
+    marks = MarkReader(folder, clock)
     events = marks()
     assert [next(events).text, next(events).text] == ["mark 0", "mark 1"]
     events.close()  # the second was not stored
@@ -170,7 +170,7 @@ def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
 
 def test_a_time_without_a_zone_is_not_guessed(folder, clock):
     drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30"))
-    (event,) = MarkInbox(folder, clock)()
+    (event,) = MarkReader(folder, clock)()
     assert event.severity is Severity.WARNING
     assert "has no time zone" in event.text
     assert event.time_ns == NOON_NS

@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.samples import Event, EventKind, Health, Severity
-from fieldkit.recorder.marks import MarkInbox
+from fieldkit.recorder.marks import MarkReader
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
@@ -147,8 +147,8 @@ def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     last = Event(EventKind.MARK, 1, 1, "packing up")
-    genuine = MarkInbox.close
-    monkeypatch.setattr(MarkInbox, "close", lambda self: [last, *genuine(self)])
+    genuine = MarkReader.close
+    monkeypatch.setattr(MarkReader, "close", lambda self: [last, *genuine(self)])
     done = record(campaign, "--set", "simulation.faults=['cloud']", "--json")
     assert done.exit_code == 0, done.output
     counts, events = stored(the_session(campaign))

@@ -13,7 +13,7 @@ from fieldkit.model.samples import Frame, Reading
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.sessions.formats.imported import ImportedRecording, write_imported
 from fieldkit.sessions.formats.logs import read_log
-from fieldkit.sessions.formats.merged import Curve, aligned, best_offset
+from fieldkit.sessions.formats.merged import TimeSeries, aligned, best_offset
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.weather import packaged, read_surfrad
@@ -22,7 +22,9 @@ from tests.shared_data import shared
 NOON_S = 19 * 3600.0  # of the station, in UTC
 
 
-def light(chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: float) -> tuple[Curve, Curve]:
+def light(
+    chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: float
+) -> tuple[TimeSeries, TimeSeries]:
     """Three hours at 1 Hz, and a log of four at 0.1 Hz with a gain and level of its own and a wrong clock."""
     day = read_surfrad(shared("data/weather/slv15365.dat"), "alamosa") if cloudy else packaged()
     measured_s = (day.time_ns - day.time_ns[0]) / 1e9
@@ -30,8 +32,8 @@ def light(chance: np.random.Generator, *, cloudy: bool, true_s: float, noise: fl
     lux = 110.0 * np.interp(NOON_S + seconds, measured_s, day.ghi_w_m2)
     log = 500.0 + 102.0 * np.interp(NOON_S + tens, measured_s, day.ghi_w_m2)
     return (
-        Curve(tens - true_s, log + chance.normal(0, noise, tens.size)),
-        Curve(seconds, lux + chance.normal(0, noise, seconds.size)),
+        TimeSeries(tens - true_s, log + chance.normal(0, noise, tens.size)),
+        TimeSeries(seconds, lux + chance.normal(0, noise, seconds.size)),
     )
 
 
@@ -65,21 +67,23 @@ SECONDS = np.arange(3000.0)
     [
         (np.sin(SECONDS / 50), "does as well"),
         (SECONDS, "not distinct"),
-        (np.ones(3000), "fit nowhere"),
+        (np.ones(3000), "match nowhere"),
     ],
     ids=["periodic", "a straight line", "constant"],
 )
 def test_curves_that_fit_in_several_places_or_nowhere_are_refused(curve: np.ndarray, words: str) -> None:
     with pytest.raises(NoAnswerError, match=words):
-        best_offset(Curve(SECONDS - 7, curve), Curve(SECONDS, curve))
+        best_offset(TimeSeries(SECONDS - 7, curve), TimeSeries(SECONDS, curve))
 
 
 def test_two_noises_are_refused_and_few_points_too() -> None:
     chance = np.random.default_rng(3)
-    with pytest.raises(NoAnswerError, match="fit nowhere"):
-        best_offset(Curve(SECONDS, chance.normal(size=3000)), Curve(SECONDS, chance.normal(size=3000)))
+    with pytest.raises(NoAnswerError, match="match nowhere"):
+        best_offset(
+            TimeSeries(SECONDS, chance.normal(size=3000)), TimeSeries(SECONDS, chance.normal(size=3000))
+        )
     with pytest.raises(NoAnswerError, match="20 points"):
-        best_offset(Curve(SECONDS[:5], SECONDS[:5]), Curve(SECONDS, SECONDS))
+        best_offset(TimeSeries(SECONDS[:5], SECONDS[:5]), TimeSeries(SECONDS, SECONDS))
 
 
 # --- sessions
