@@ -1,13 +1,19 @@
+from __future__ import annotations
+
+import gzip
 import subprocess
 import sys
 import warnings
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fieldkit import weather
 from fieldkit.model.errors import ConfigError
+from fieldkit.weather import is_station_file, read_station_file
+from tests.harness import foreign_files
 from tests.shared_data import shared
 
 SURFRAD = "data/weather/slv16001.dat"
@@ -136,3 +142,149 @@ def test_a_file_of_another_place_is_refused(tmp_path):
     north.write_text(north.read_text().replace("37.70  105.92", "48.31  105.92"))
     with pytest.raises(ConfigError, match="not at alamosa"):
         weather.read_surfrad(north, "alamosa")
+
+
+# --- station files are told apart by what stands in them, and read as their networks describe them
+
+
+def bsrn(path: Path, *, longwave_up: bool = False) -> Path:
+    path.write_bytes(foreign_files.bsrn(longwave_up=longwave_up))
+    return path
+
+
+# --- station files are identified by their content
+@pytest.mark.parametrize("packed", [False, True])
+def test_bsrn_month_is_read_by_pvlib_and_stamped_in_the_middle(tmp_path: Path, packed: bool) -> None:
+    pytest.importorskip("pvlib")
+    path = bsrn(tmp_path / "tat0624.dat")
+    if packed:
+        plain, path = path, tmp_path / "tat0624.dat.gz"
+        path.write_bytes(gzip.compress(plain.read_bytes()))
+    assert is_station_file(path)
+    month = read_station_file(path)
+    assert month.site.latitude_deg == pytest.approx(36.058)  # the file counts from the south pole
+    assert month.site.longitude_deg == pytest.approx(140.126)  # and from 180 degrees west
+    assert month.site.timezone == "Etc/GMT-9"  # nine hours ahead: the file does not say
+    # labels are the beginnings of minutes (GCOS-174), so the first middle is half past midnight's minute
+    assert np.datetime64(int(month.time_ns[0]), "ns") == np.datetime64("2024-06-01T00:00:30")
+    assert np.isnan(month.dni_w_m2).tolist() == [False, True, False]
+    assert (month.ghi_w_m2[0], month.dhi_w_m2[0], month.longwave_down_w_m2[0]) == (600.0, 90.0, 350.0)
+    assert (month.air_temperature_k[0], month.pressure_pa[0]) == (pytest.approx(294.65), 101200.0)
+    assert np.isnan(month.wind_m_s).all()
+
+
+def test_bsrn_minutes_that_only_the_further_record_has_stand_at_their_time(tmp_path: Path) -> None:
+    """Layout: GCOS-174, records 0100 and 0300, which need not have the same minutes."""
+    pytest.importorskip("pvlib")
+    lines = foreign_files.bsrn(longwave_up=True).decode().splitlines()
+    basic = lines.index("*C0100")
+    (tmp_path / "gap.dat").write_text("\n".join(lines[: basic + 3] + lines[basic + 5 :]))  # without minute 1
+    month = read_station_file(tmp_path / "gap.dat")
+    assert (np.diff(month.time_ns) == 60_000_000_000).all()
+    assert np.isnan(month.ghi_w_m2).tolist() == [False, True, False]
+    assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
+
+
+def test_bsrn_minute_that_stands_twice_counts_once(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    minutes = foreign_files.BSRN_MINUTES
+    (tmp_path / "twice.dat").write_bytes(foreign_files.bsrn([*minutes[:2], minutes[1], minutes[2]]))
+    assert read_station_file(tmp_path / "twice.dat").time_ns.size == len(minutes)
+
+
+def test_means_of_three_minutes_are_stamped_in_their_middle(tmp_path: Path) -> None:
+    """SURFRAD README: stamps are the ends of averages, of three minutes before 2009; BSRN labels starts."""
+    pytest.importorskip("pvlib")
+    lines = foreign_files.surfrad().decode().splitlines()
+    rows = [
+        line.replace(f" 19 {n:2} 19.{n:03}", f" 19 {3 * n:2} 19.{5 * n:02}")
+        for n, line in enumerate(lines[2:])
+    ]
+    (tmp_path / "slv08001.dat").write_text("\n".join([*lines[:2], *rows]))
+    day = read_station_file(tmp_path / "slv08001.dat")
+    middles = np.array(
+        ["2016-01-01T18:58:30", "2016-01-01T19:01:30", "2016-01-01T19:04:30"], "datetime64[ns]"
+    )
+    assert np.array_equal(day.time_ns, middles.astype(np.int64))
+    minutes = [(day, 3 * minute, *values) for day, minute, *values in foreign_files.BSRN_MINUTES]
+    (tmp_path / "tat0624.dat").write_bytes(foreign_files.bsrn(minutes))
+    first = read_station_file(tmp_path / "tat0624.dat").time_ns[0]
+    assert np.datetime64(int(first), "ns") == np.datetime64("2024-06-01T00:01:30")
+
+
+def test_bsrn_long_wave_from_the_ground_is_read_where_it_is_there(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    assert np.isnan(read_station_file(bsrn(tmp_path / "a.dat")).longwave_up_w_m2).all()
+    month = read_station_file(bsrn(tmp_path / "b.dat", longwave_up=True))
+    assert month.longwave_up_w_m2.tolist() == [450.0, 451.0, 452.0]
+
+
+@pytest.mark.parametrize(("name", "station"), [("slv16001.dat", "alamosa"), ("tbl17005.dat", "boulder")])
+def test_surfrad_station_is_identified_by_its_place(name: str, station: str) -> None:
+    path = shared(f"data/weather/{name}")
+    assert is_station_file(path)
+    day = read_station_file(path)
+    assert day.site == weather.STATIONS[station]
+    assert np.array_equal(day.dni_w_m2, weather.read_surfrad(path, station).dni_w_m2, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "not a SURFRAD daily file"),
+        (b"Somewhere\n 10.0 20.0 5 m version 1\n", "unknown SURFRAD station"),
+        (b"Alamosa\n 37.70 105.92 2317 m version 1\n2016 1 99 99 0 0 0 0" + b" 1.0 0" * 20, "is damaged"),
+        (b"Alamosa\n 37.70 105.92 2317 m version 1\n2016 1 1 1", "not a SURFRAD daily file"),
+        (b"*U0001\n 16  6 2024  1\n", "is damaged"),
+        (gzip.compress(foreign_files.surfrad(), mtime=0), "is compressed"),
+        (gzip.compress(b"*U0001\n 16  6 2024  1\n", mtime=0)[:-9], "is damaged"),
+    ],
+)  # fmt: skip
+def test_damaged_and_other_files_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+    pytest.importorskip("pvlib")
+    path = tmp_path / "a.dat"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=words) as caught:
+        read_station_file(path)
+    assert caught.value.fix
+
+
+def alamosa_as_bsrn(path: Path) -> Path:
+    """The packaged day, 2016-01-01 UTC, in BSRN's whole watts, without the row that ends at midnight."""
+    day = weather.packaged()
+    labels = (day.time_ns[1:] - 30_000_000_000) // 60_000_000_000 % 1440
+    columns = (day.ghi_w_m2, day.dni_w_m2, day.dhi_w_m2, day.longwave_down_w_m2)
+    rows = zip(
+        np.ones(1439), labels, *(np.rint(column[1:]) for column in columns),
+        day.air_temperature_k[1:] - 273.15, day.pressure_pa[1:] / 100.0, strict=True,
+    )  # fmt: skip
+    place = (day.site.latitude_deg, day.site.longitude_deg, 2317)
+    path.write_bytes(foreign_files.bsrn(list(rows), month=" 1 2016", place=place))
+    return path
+
+
+def test_a_day_is_the_same_from_either_network(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    day, found = weather.packaged(), read_station_file(alamosa_as_bsrn(tmp_path / "ala0116.dat"))
+    assert np.array_equal(found.time_ns, day.time_ns[1:])
+    for name in ("ghi_w_m2", "dni_w_m2", "dhi_w_m2", "longwave_down_w_m2"):
+        np.testing.assert_allclose(getattr(found, name), getattr(day, name)[1:], atol=0.5)
+    np.testing.assert_allclose(found.air_temperature_k, day.air_temperature_k[1:], atol=0.05)
+
+
+def test_bsrn_serves_the_calibration_and_not_the_scene_for_it_has_no_wind(tmp_path: Path) -> None:
+    pytest.importorskip("pvlib")
+    from fieldkit.config import load_config
+    from fieldkit.config.template import SIMULATED, campaign_toml
+    from fieldkit.simulation import MeasuredSky
+    from fieldkit.workflows.simulate import measured_weather
+
+    (tmp_path / "fieldkit.toml").write_text(campaign_toml(SIMULATED))
+    config = load_config(tmp_path / "fieldkit.toml")
+    alamosa_as_bsrn(tmp_path / "ala0116.dat")
+    found = measured_weather(config, "ala0116.dat")
+    with pytest.raises(ConfigError, match="no wind_m_s, which a simulated field needs"):
+        MeasuredSky(found).sky_state(found.time_ns[:3], np.ones(3), found.site)
+    bsrn(tmp_path / "tat0624.dat")
+    with pytest.raises(ConfigError, match=r"measured at 36\.058, 140\.126, not at the configured site"):
+        measured_weather(config, "tat0624.dat")
