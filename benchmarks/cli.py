@@ -13,7 +13,7 @@ BARE = "pass"
 LAZY = "from fieldkit.cli import main; main(['--help'], prog_name='fieldkit')"
 EAGER = (
     "import importlib; from fieldkit.cli import main\n"
-    "[importlib.import_module(row.module) for row in main.rows.values()]\n"
+    "[importlib.import_module(entry.module) for entry in main.entries.values()]\n"
     "main(['--help'], prog_name='fieldkit')"
 )
 
