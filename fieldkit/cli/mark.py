@@ -6,7 +6,6 @@ import click
 
 from fieldkit.cli.common import Command, campaign, options, print_json, say, usage_errors
 from fieldkit.cli.types import WORDS
-from fieldkit.workflows.running import add_mark, mark_of, unresponsive_recorder
 
 
 @click.command(cls=Command)
@@ -29,6 +28,8 @@ def command(
     fieldkit mark "wind picks up"
     fieldkit mark "cloud over the ridge" -k cloud --from -4m --to -1m
     """
+    from fieldkit.workflows.running import add_mark, mark_of, unresponsive_recorder
+
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --to together")
     config = campaign(ctx)

@@ -16,10 +16,11 @@ import click
 
 from fieldkit.model.durations import parse_duration, parse_offset, parse_time_of_day
 from fieldkit.model.errors import ConfigError, FieldkitError
-from fieldkit.model.site import Site, known_zone
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from fieldkit.model.site import Site
 
 
 YEARS = range(1700, 2251)
@@ -62,6 +63,8 @@ def parse_site(text: str) -> Site:
     latitude, longitude = numbers[:2]
     if abs(latitude) > 90.0 or abs(longitude) > 360.0:
         raise ValueError("latitude must lie within -90..90 and longitude within -180..180, latitude first")
+    from fieldkit.model.site import Site  # numpy comes with it
+
     return Site(latitude, longitude, numbers[2] if len(numbers) == 3 else 0.0)
 
 
@@ -127,6 +130,8 @@ def parse_rect(text: str) -> tuple[float, float, float, float]:
 
 def parse_zone(text: str) -> str:
     """An IANA time zone in this computer's database."""
+    from fieldkit.model.site import known_zone  # numpy comes with it
+
     if known_zone(text) is None:
         raise ValueError("is not a known time zone; write one like Asia/Tokyo or UTC")
     return text

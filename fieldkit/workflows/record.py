@@ -23,11 +23,11 @@ from fieldkit.model.radiation import with_components
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
-from fieldkit.recorder.marks import MarkReader, marks_folder
 from fieldkit.recorder.recorder import Shown
 from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
+from fieldkit.workflows.marks import MarkReader, marks_folder
 from fieldkit.workflows.opening import Instruments, open_instruments
 from fieldkit.workflows.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.workflows.recordings import session_path

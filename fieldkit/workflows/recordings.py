@@ -69,8 +69,8 @@ def recover_session(path: Path) -> RecoveryReport:
     May be interrupted and run again; a finished session is not changed. Raises `SessionError`,
     `StorageError`, or `RefusedError` while the session is being written.
     """
-    from fieldkit.recorder.marks import left_marks, marks_folder
     from fieldkit.sessions.recovery import recover
+    from fieldkit.workflows.marks import left_marks, marks_folder
 
     return recover(path, left_marks(marks_folder(path)))
 

@@ -22,10 +22,10 @@ from fieldkit.config import Config
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.site import Site
-from fieldkit.recorder.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import SessionLock, is_locked, owner
 from fieldkit.views import formatting
+from fieldkit.workflows.marks import Mark, When, drop_mark, marks_folder
 from fieldkit.workflows.recordings import is_interrupted
 
 LOCK_NAME = ".recording"

@@ -16,11 +16,11 @@ from fieldkit.drivers.meters.meter import Meter
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
-from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.marks import Mark, drop_mark, marks_folder
 from fieldkit.workflows.opening import open_instruments
 from fieldkit.workflows.record import PreparedRecording
 from fieldkit.workflows.sources import config_for

@@ -30,10 +30,10 @@ from fieldkit.cli import (
 )
 from fieldkit.model.errors import ConfigError, IntegrityError, RefusedError, SessionError
 from fieldkit.model.samples import Severity
-from fieldkit.recorder.marks import Mark, drop_mark, marks_folder
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.marks import Mark, drop_mark, marks_folder
 from fieldkit.workflows.sources import config_for, source_of
 from tests.harness.recording import START_NS, CountedClock, fill, header, sample
 

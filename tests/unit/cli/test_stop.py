@@ -21,7 +21,7 @@ from fieldkit.workflows.running import unresponsive_recorder
 RECORDING = """
 import os, signal, sys, time
 from pathlib import Path
-from fieldkit.recorder.marks import marks_folder
+from fieldkit.workflows.marks import marks_folder
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 

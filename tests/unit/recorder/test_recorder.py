@@ -12,11 +12,11 @@ from click.testing import CliRunner, Result
 from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.samples import Event, EventKind, Health, Severity
-from fieldkit.recorder.marks import MarkReader
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.terminal_view import PlainView
+from fieldkit.workflows.marks import MarkReader
 
 LENGTH_S = 100
 BURSTS_OF_3 = 2

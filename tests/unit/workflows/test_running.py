@@ -4,7 +4,7 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.recorder.marks import Mark
+from fieldkit.workflows.marks import Mark
 from fieldkit.workflows.running import FAR_IN_SIMULATION_S, parse_when, reject_impossible
 
 TOKYO = ZoneInfo("Asia/Tokyo")

@@ -6,8 +6,8 @@ import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import EventKind, Severity
-from fieldkit.recorder.marks import Mark, MarkReader, drop_mark, left_marks, marks_folder
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.workflows.marks import Mark, MarkReader, drop_mark, left_marks, marks_folder
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
