@@ -17,12 +17,12 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Camera, Device, StreamInfo
 from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Sample, Severity, is_usable
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder.sample_queue import SampleQueue
 
 READ_TIMEOUT_S = 0.5
 LONGEST_BACK_OFF_S = 30.0
-INDICATORS_EVERY_NS = 60 * SECOND_NS
+INDICATORS_EVERY_NS = MINUTE_NS
 SHUTTER_LEAD_S = 12.0  # the correction takes 1-3 s, then the level settles within 10 s
 
 

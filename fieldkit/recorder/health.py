@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.errors import StorageError, message_of
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity, StreamHealth
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.recorder.sample_queue import SampleQueue
 from fieldkit.sessions.writer import SessionWriter
@@ -25,7 +25,7 @@ PAUSE_NS = 10 * SECOND_NS
 WARN_S = 900
 CLOCK_STEP_NS = SECOND_NS // 2
 SUSPENDED_NS = 5 * SECOND_NS
-CLOCK_CHECK_EVERY_NS = 60 * SECOND_NS
+CLOCK_CHECK_EVERY_NS = MINUTE_NS
 
 _FLAG_EVENTS = {
     Quality.SHUTTER: (EventKind.SHUTTER, Severity.INFO, "shutter correction"),
@@ -73,7 +73,7 @@ class GarbleMonitor:
         """An event if `rejected` (since the start) grew and a minute has passed since the last one."""
         new = rejected - self._reported.get(stream, 0)
         reported_ns = self._reported_ns.get(stream)
-        waits = not at_end and reported_ns is not None and mono_ns - reported_ns < 60 * SECOND_NS
+        waits = not at_end and reported_ns is not None and mono_ns - reported_ns < MINUTE_NS
         if new <= 0 or waits:
             return
         self._reported[stream], self._reported_ns[stream] = rejected, mono_ns

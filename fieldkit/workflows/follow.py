@@ -13,6 +13,7 @@ from pathlib import Path
 
 from fieldkit.model.samples import Event, Frame
 from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.camera_laws import frame_k
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -64,7 +65,7 @@ def _progress(session: SessionReader, name: str, count: int) -> StreamProgress:
     info = session.streams[name]
     sample = next(session.stream(name).samples(count - 1, count))
     value = (
-        float(sample.counts.mean()) * info.scale + info.offset
+        float(frame_k(info, sample.counts, sample.metadata_rows).mean())
         if isinstance(sample, Frame)
         else list(sample.values)
     )
