@@ -27,8 +27,8 @@ DIALECT = (
 """Words that have a standard name instead. Some also have an honest use: the count need not reach zero."""
 
 NOTIONS = {
-    "a list of unusable flags": r"UNUSABLE\w*\s*=|\w+ = \(?\s*Quality\.\w+ \| Quality\.\w+ \| Quality",
-    "counts made kelvin": r"\binfo\.scale\s*\*|\*\s*info\.scale",
+    "a set of quality flags": r"UNUSABLE\w*\s*=|\w+ = \(?\s*Quality\.\w+ \| Quality\.\w+ \| Quality",
+    "counts made kelvin": r"def frame_k\(|\binfo\.scale\s*\*|\*\s*info\.scale",
     "durations parsed": r"def _?(parse_)?duration\w*\(.*\bstr\b|\[hms\]",
     "files replaced as a whole": r"os\.replace\(|(?<!dataclasses)\.replace\((path|file|final|target)\)",
     "SHA-256 of a file": r"file_digest\(|sha256\(\w+\.read_bytes",
@@ -158,7 +158,7 @@ def rows(tree: Path) -> dict[str, str]:
         "old words in identifiers": f"{in_names}",
         "old words in prose": f"{in_prose}",
     }
-    table |= {f"homes of: {notion}": f"{count}" for notion, count in copies(files).items()}
+    table |= {f"files with {notion}": f"{count}" for notion, count in copies(files).items()}
     table |= {
         f"{room}/: files, lines, median / p90": f"{len(of_room)}, {sum(of_room)}, {spread(of_room)}"
         for room, of_room in sorted(rooms.items())
