@@ -19,6 +19,7 @@ from fieldkit.drivers.decoding import Rejected
 from fieldkit.drivers.meters import center, lutron, text
 from fieldkit.drivers.meters.modbus import packaged
 from fieldkit.drivers.ports import Framer
+from fieldkit.drivers.registry import BUILT_IN
 from fieldkit.model.errors import DecodeError
 
 GOLDEN = tomllib.loads((Path(__file__).parents[1] / "data/golden_records.toml").read_text())["record"]
@@ -46,6 +47,10 @@ FRAMES = {
     "thermal-master": (thermal_master.decode, (2 * 242 * 160, 2 * 242 * 160 + 24)),
     "y16": (lambda data: y16.decode(data, 80, 60), (9600,)),
 }
+
+
+def test_every_driver_is_tried_below():
+    assert LARGEST.keys() | FRAMES.keys() == BUILT_IN.keys()
 
 
 def golden_of(name):

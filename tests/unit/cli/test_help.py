@@ -4,12 +4,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from click.testing import CliRunner
 
 from fieldkit.cli import COMMANDS, CommandEntry, CommandTable, main
 from fieldkit.cli.common import Command, CommandGroup
+from fieldkit.cli.export import KINDS
+from fieldkit.workflows.export import Kind
 
 HEAVY = ("numpy", "astropy", "h5py", "cv2", "pydantic", "rich", "scipy", "serial", "usb")
 COMMAND_NAMES = [row.name for rows in COMMANDS.values() for row in rows]
@@ -103,3 +106,7 @@ def test_a_common_option_before_the_command_is_rejected_with_its_place(option):
     found = CliRunner().invoke(main, [option, ".", "ls"])
     assert found.exit_code == 2
     assert f"{option} goes after the command: fieldkit ls {option}" in found.stderr
+
+
+def test_export_offers_every_kind_that_there_is():
+    assert set(KINDS) == set(get_args(Kind))
