@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import History, MinuteBin
@@ -50,4 +51,5 @@ def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorS
         for one in minute
     ]
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
-    return Estimates.of([one for minute in minutes for one in minute], temperature_k, dni_w_m2, regions)
+    measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
+    return Estimates.of([one for minute in minutes for one in minute], measured, regions)

@@ -57,11 +57,10 @@ class Estimates:
     def of(
         cls,
         estimates: Sequence[SlopeEstimate],
-        temperature_k: ArrayLike,
-        irradiance_w_m2: ArrayLike,
+        measured: Mapping[str, ArrayLike],
         regions: Sequence[Region],
     ) -> Estimates:
-        """Estimates as rows, with what was measured of the same targets at the same minutes."""
+        """Estimates as rows, with the `MEASURED` columns of the same targets at the same minutes."""
         places = {region.name: place for place, region in enumerate(regions)}
         texts = {text: place for place, text in enumerate(dict.fromkeys(_texts(estimates)))}
         rows = np.zeros(len(estimates), ROW)
@@ -70,7 +69,8 @@ class Estimates:
             rows[name] = [texts[getattr(one, name)] for one in estimates]
         for name in ("time_ns", "window_start_ns", "state", "flags", "n_bins", *ANGLES):
             rows[name] = [getattr(one, name) for one in estimates]
-        rows["temperature_k"], rows["irradiance_w_m2"] = temperature_k, irradiance_w_m2
+        for name in MEASURED:
+            rows[name] = measured[name]
         return cls(rows, tuple(texts), tuple(regions))
 
     def __len__(self) -> int:

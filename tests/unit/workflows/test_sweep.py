@@ -161,7 +161,7 @@ def line(region: Region, *found: tuple[SlopeState, float]) -> dict[str, float]:
         SlopeEstimate(minute * 60 * 10**9, region.name, state, tilt)
         for minute, (state, tilt) in enumerate(found)
     ]
-    rows = Estimates.of(estimates, np.full(len(found), 300.0), np.full(len(found), 800.0), (region,))
+    rows = Estimates.of(estimates, {"temperature_k": 300.0, "irradiance_w_m2": 800.0}, (region,))
     return _region_row(region, rows.of_region(region))
 
 
