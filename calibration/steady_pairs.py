@@ -75,7 +75,7 @@ class _Blocks:
 
 
 def steady_intervals(readings: Readings, steady_k_min: float = STEADY_K_MIN) -> list[SteadyInterval]:
-    """Every interval in which the probe stood still, in order of time."""
+    """Every interval in which the probe was steady, in order of time."""
     blocks = _blocks(readings)
     return [_interval(blocks, rows) for rows in _runs(blocks, steady_k_min)]
 
@@ -91,9 +91,7 @@ def pairs_of(
     remarks = []
     if len(good) < len(intervals):
         count = len(intervals) - len(good)
-        remarks.append(
-            f"{count} intervals left out: the probe stood still, the surface seen by the camera did not"
-        )
+        remarks.append(f"{count} intervals excluded: the probe was steady, the surface in the frame was not")
     columns = [(s.apparent_k, s.contact_k, s.reflected_k, s.apparent_sd_k, s.contact_sd_k) for s in good]
     table = np.array(columns, np.float64).reshape(-1, 5).T
     pairs = Pairs(*table)

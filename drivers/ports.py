@@ -5,10 +5,10 @@ other libraries end here.
 
 A record's stamp is when its first byte was on the wire: the moment the chunk that brought it was read, less
 the wire time of that byte and what came after it in the same chunk. On a computer that falls behind, that
-moment is no measurement: bytes wait in the port and are read in one bunch. The wire time then gives way, so
+moment means nothing: bytes wait in the port and are read in one bunch. The wire time then gives way, so
 that stamps keep their order and none lies before the end of the record before it, or after its arrival; such
-records are marked `bunched`. Bytes that are no record are dropped up to the next possible start; a run of
-them counts as one rejection.
+records are marked `bunched`. Bytes that belong to no record are dropped up to the next possible start; a run
+of them counts as one rejection.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ def pack(sequence: int, function: int, payload: bytes = b"", status: int = 0xFFF
 
 
 def unpack(frame: bytes) -> Message | str:
-    """Parse a packet from 8E to AE; a text says why it is none."""
+    """Parse a packet from 8E to AE; a text is the reason why it cannot be parsed."""
     body = bytearray()
     inside = iter(frame[1:-1])
     for byte in inside:

@@ -11,7 +11,7 @@ nothing here detaches, resets or configures. Writing needs the right to the raw 
 node's. Codes, windows and byte orders are as the best known public program sends them. Units are disputed:
 emissivity 1/128 by the maker's header, 1/127 by that program, distance 1/128 m or 1/163.835 m; the maker's
 are used here, so an emissivity is known to 0.8 %, a distance to a quarter. Flash access and reset to ROM
-exist and are left out on purpose.
+exist and are omitted on purpose.
 
 Short commands: code and parameter little-endian, length big-endian, written to 0x1d00, reply at 0x1d08. Long
 ones: code little-endian, the rest big-endian, written to 0x9d00 and 0x1d08, reply (big-endian) at 0x1d10.

@@ -89,6 +89,15 @@ set_option = click.option(
 """``--set KEY=VALUE`` for commands that read the configuration; pass `settings` to `campaign`."""
 
 
+theme_option = click.option(
+    "--theme",
+    type=click.Choice(["dark", "paper"]),
+    default="dark",
+    help="Colours; paper is readable in sunlight.",
+)
+"""``--theme`` for commands with a live view."""
+
+
 present_option = click.option(
     "--campaign", "present", is_flag=True, help="Use the campaign's fieldkit.toml as it is now, regions too."
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -91,6 +89,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
     """
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.importing import ImportOptions, import_into, import_recording
+    from fieldkit.workflows.provenance import command_line
 
     unstated = ImportOptions(**{**given, "measures": given["measures"] or ""})
     if into is not None:
@@ -105,7 +104,7 @@ def command(ctx: click.Context, /, source: Path, out: Path | None, into: Path | 
             out,
             unstated,
             campaign=options(ctx).directory or Path.cwd(),
-            command_line=shlex.join(["fieldkit", *sys.argv[1:]]),
+            command_line=command_line(),
             notify=say,
         )
     )

@@ -20,12 +20,7 @@ if TYPE_CHECKING:
     "--png", type=click.Path(path_type=Path), metavar="FILE", help="Write one image with regions, then exit."
 )
 @click.option("--for", "duration_s", type=DURATION, metavar="TIME", help="Duration: 3h, 90m, 45s.")
-@click.option(
-    "--theme",
-    type=click.Choice(["dark", "paper"]),
-    default="dark",
-    help="Colours; paper is readable in sunlight.",
-)
+@common.theme_option
 @common.set_option
 @click.pass_context
 def command(

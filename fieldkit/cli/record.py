@@ -27,12 +27,7 @@ if TYPE_CHECKING:
     "--until", type=TIME_OF_DAY, metavar="HH:MM", help="Time of day to stop, in the site's time zone."
 )
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
-@click.option(
-    "--theme",
-    type=click.Choice(["dark", "paper"]),
-    default="dark",
-    help="Colours; paper is readable in sunlight.",
-)
+@common.theme_option
 @common.set_option
 @click.pass_context
 def command(

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shlex
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,11 +19,11 @@ if TYPE_CHECKING:
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
     """Record until the planned end or a signal, which seals the session; a second Ctrl-C stops at once."""
+    from fieldkit.workflows.provenance import command_line
+
     with stop_on_signals() as stopping:  # from before there is anything that must be sealed
         try:
-            return prepared.run(
-                views, stopping=stopping, command_line=shlex.join(["fieldkit", *sys.argv[1:]])
-            )
+            return prepared.run(views, stopping=stopping, command_line=command_line())
         except KeyboardInterrupt:
             common.say(f"\nstopped at once; the journal is kept. next: fieldkit recover {prepared.path}")
             raise

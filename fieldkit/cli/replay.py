@@ -24,12 +24,7 @@ from fieldkit.workflows.replay import replay
 @click.option(
     "--speed", default="60", show_default=True, metavar="N|max", help="Session seconds per real second."
 )
-@click.option(
-    "--theme",
-    type=click.Choice(["dark", "paper"]),
-    default="dark",
-    help="Colours; paper is readable in sunlight.",
-)
+@common.theme_option
 @common.set_option
 @click.pass_context
 def command(

@@ -16,8 +16,13 @@ from fieldkit.workflows.sources import Source
 
 
 def command_line() -> str:
-    """The command that is running, as it was typed."""
-    return shlex.join(["fieldkit", *sys.argv[1:]])
+    """The ``fieldkit`` command that is running, as it was typed; empty if another program calls fieldkit.
+
+    The arguments of a notebook's kernel or of a user's script are not ours to record.
+    """
+    program = Path(sys.argv[0])
+    is_fieldkit = program.stem == "fieldkit" or program.parts[-2:] == ("fieldkit", "__main__.py")
+    return shlex.join(["fieldkit", *sys.argv[1:]]) if is_fieldkit else ""
 
 
 def provenance(sources: Sequence[Source], failures: Mapping[Path, FieldkitError]) -> dict[str, Any]:

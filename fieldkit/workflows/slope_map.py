@@ -529,7 +529,7 @@ def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
         "institution": session.header.operator,
         "license": session.header.license,
         "source": f"{found.camera.name}: {found.camera.vendor} {found.camera.model}",
-        "history": f"made by fieldkit {fieldkit.__version__}: {command_line()}",
+        "history": f"made by fieldkit {fieldkit.__version__}: {command_line() or 'from Python'}",
         "comment": "camera coordinates: rows and columns of the picture, not a map projection",
         "session": session.path.name,
         "session_id": session.session_id,

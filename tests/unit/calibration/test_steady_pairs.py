@@ -65,7 +65,7 @@ def test_a_surface_that_moves_under_a_still_probe_is_left_out_and_told():
     readings = day(40, lambda m: 300.0 + 0 * m, apparent=lambda m: 295.0 + 0.5 * m)
     pairs, remarks = pairs_of(steady_intervals(readings))
     assert len(pairs) == 0
-    assert "the probe stood still, the surface seen by the camera did not" in remarks[0]
+    assert "the probe was steady, the surface in the frame was not" in remarks[0]
 
 
 def test_a_small_span_is_told():
