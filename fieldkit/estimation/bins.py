@@ -55,6 +55,11 @@ class MinuteBin:
         Mean of every channel of the contact thermometers. [K]
     flags, region_flags
         Quality of the whole bin, and of single regions.
+    air_k, wind_m_s
+        Air temperature and wind speed; NaN where not measured. [K], [m/s]
+    probe_k
+        Mean of the contact thermometers in each region, in the order of the regions; NaN without, empty if no
+        region has one. [K]
     """
 
     minute: int
@@ -72,6 +77,9 @@ class MinuteBin:
     contact_k: tuple[float, ...] = ()
     flags: Quality = Quality.GOOD
     region_flags: tuple[Quality, ...] = ()
+    air_k: float = float("nan")
+    wind_m_s: float = float("nan")
+    probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def start_ns(self) -> int:
@@ -238,9 +246,16 @@ class RegionColumns:
         return np.array([i for i, region in enumerate(self.regions) if region.kind == kind], np.int64)
 
 
+def _unmeasured() -> FloatArray:
+    return np.empty(0)
+
+
 @dataclass(frozen=True, slots=True)
 class History:
-    """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3)."""
+    """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3).
+
+    What a set-up need not measure (air, wind, probes) is NaN where it is not given.
+    """
 
     minute: NDArray[np.int64]
     time_ns: NDArray[np.int64]
@@ -251,6 +266,18 @@ class History:
     longwave_down_w_m2: FloatArray
     flags: NDArray[np.int64]
     region_flags: NDArray[np.int64]
+    air_k: FloatArray = field(default_factory=_unmeasured)
+    wind_m_s: FloatArray = field(default_factory=_unmeasured)
+    probe_k: FloatArray = field(default_factory=_unmeasured)
+
+    def __post_init__(self) -> None:
+        for name, like in (
+            ("air_k", self.dni_w_m2),
+            ("wind_m_s", self.dni_w_m2),
+            ("probe_k", self.temperature_k),
+        ):
+            if getattr(self, name).shape != like.shape:
+                object.__setattr__(self, name, np.full(like.shape, np.nan))
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin]) -> History:
@@ -266,6 +293,11 @@ class History:
             np.array([b.longwave_down_w_m2 for b in bins], np.float64),
             np.array([int(b.flags) for b in bins], np.int64),
             np.array([[int(f) for f in b.region_flags] for b in bins], np.int64).reshape(len(bins), regions),
+            np.array([b.air_k for b in bins], np.float64),
+            np.array([b.wind_m_s for b in bins], np.float64),
+            np.array([b.probe_k if b.probe_k.size else np.full(regions, np.nan) for b in bins]).reshape(
+                len(bins), regions
+            ),
         )
 
     def __len__(self) -> int:

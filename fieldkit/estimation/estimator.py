@@ -16,6 +16,7 @@ from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -30,7 +31,7 @@ class Minute:
 
     Temperatures per region in kelvin; `dni_w_m2` by `irradiance_model`, `dhi_w_m2` and `longwave_down_w_m2`
     as measured on the horizontal; angles in degrees; NaN where not measured. `events`: clouds, shade, a moved
-    frame, late samples.
+    frame, late samples. `learnt`: what the data taught, with the learned model.
     """
 
     time_ns: int
@@ -48,6 +49,7 @@ class Minute:
     events: tuple[Event, ...]
     dhi_w_m2: float = math.nan
     longwave_down_w_m2: float = math.nan
+    learnt: Learnt | None = None
 
     def __repr__(self) -> str:
         start = datetime.fromtimestamp(self.time_ns / 1e9, UTC)

@@ -1,0 +1,56 @@
+"""What a session's data taught the estimator: parameters with prior and posterior, and the residuals left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class LearntParameter:
+    """One parameter of surface, air or sky: the prior, and what the data made of it.
+
+    Attributes
+    ----------
+    name, unit
+        Such as ``thermal_inertia`` and its unit as printed; "" for a ratio.
+    prior, prior_low, prior_high
+        Median and 90 % interval before the data, in `unit`.
+    value, low, high
+        Median and 90 % interval given the data, in `unit`.
+    share_of_prior
+        Posterior over prior standard deviation, in [0, 1]: 1 where the data said nothing.
+    """
+
+    name: str
+    unit: str
+    prior: float
+    prior_low: float
+    prior_high: float
+    value: float
+    low: float
+    high: float
+    share_of_prior: float
+
+
+@dataclass(frozen=True, slots=True)
+class Learnt:
+    """Everything learnt up to one minute.
+
+    Attributes
+    ----------
+    parameters
+        Shared by all regions, in a fixed order.
+    residual_k
+        Root mean square of each region's one-minute-ahead prediction errors. [K]
+    autocorrelation
+        Of each region's standardised prediction errors, from one minute to the next; near 0 where the model
+        explains the data. [-]
+    chi_square
+        Mean square of all standardised prediction errors; near 1 where the stated noise holds. [-]
+    """
+
+    parameters: tuple[LearntParameter, ...]
+    residual_k: Mapping[str, float] = field(default_factory=dict)
+    autocorrelation: Mapping[str, float] = field(default_factory=dict)
+    chi_square: float = float("nan")
