@@ -129,6 +129,7 @@ class Config:
 
     def estimator_settings(self) -> EstimatorSettings:
         """How slopes are estimated."""
+        from fieldkit.estimation.prior import Prior
         from fieldkit.estimation.settings import EstimatorSettings
         from fieldkit.physics.slab import Slab
 
@@ -150,6 +151,7 @@ class Config:
             conductivity_sd=slab.pop("conductivity_sd"),
             capacity_sd=slab.pop("capacity_sd"),
             slab=Slab(**slab),
+            prior=Prior(**self.tables.prior.model_dump()),
             **values,
         )
 

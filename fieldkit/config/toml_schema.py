@@ -235,6 +235,72 @@ class SlabTable(Table):
     capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")
 
 
+class PriorTable(Table):
+    """What the learned model assumes before any data: medians and standard deviations (sd)."""
+
+    gain_sd: Positive = Field(
+        default=0.09,
+        description="relative, of absorbed direct light: class B meter (DIN 5032-7), albedo within 0.05",
+    )
+    diffuse_sd: Positive = Field(default=0.12, description="relative, of measured diffuse light")
+    diffuse_unmeasured_sd: Positive = Field(
+        default=0.4, description="relative, of diffuse light as a fixed share: clear to hazy sky"
+    )
+    circumsolar_share: float = Field(
+        default=0.5, ge=0, le=1, description="circumsolar diffuse light: 0 isotropic, 1 Hay and Davies"
+    )
+    circumsolar_sd: Positive = Field(default=0.4, description="of circumsolar_share")
+    longwave_sd_w_m2: Positive = Field(
+        default=30.0, description="of longwave that is not measured (Flerchinger et al. 2009: 20 to 30)"
+    )
+    air_sd_k: Positive = Field(default=0.7, description="of a logged air temperature, at the beds")
+    air_unlogged_sd_k: Positive = Field(
+        default=8.0, description="of an air temperature that is not logged: the daily range"
+    )
+    exchange_w_m2_k: Positive = Field(
+        default=15.0,
+        description="heat exchange with the air, median; measured ground: 3 + 1.8 times the wind in m/s",
+    )
+    exchange_log_sd: Positive = Field(default=0.5, description="of its logarithm: 90 % within 7 to 34")
+    inertia_log_sd: Positive = Field(
+        default=0.25,
+        description="of the logarithm of thermal inertia, around the slab's: 450 to 700 for dry sand",
+    )
+    depth_log_sd: Positive = Field(default=0.5, description="of the logarithm of depth, around the slab's")
+    deep_share: float = Field(
+        default=0.2, ge=0, le=1, description="probability that heat reaches no bottom of the layer"
+    )
+    gust_sd_w_m2_k: Positive = Field(
+        default=1.5, description="gusts of the heat exchange, over 4 min; adapted to the data"
+    )
+    gust_log_sd: Positive = Field(default=0.7, description="of the logarithm of gust_sd_w_m2_k")
+    slow_gust_sd: Positive = Field(
+        default=0.12, description="relative, slow changes of the heat exchange over 60 min"
+    )
+    common_flux_sd_w_m2: Positive = Field(
+        default=6.0, description="unmodelled flux into all regions, over 40 min"
+    )
+    bed_flux_sd_w_m2: Positive = Field(default=3.0, description="unmodelled flux into one bed, over 60 min")
+    past_flux_sd_w_m2: Positive = Field(
+        default=40.0, description="net flux before the first minute, all regions"
+    )
+    bed_past_flux_sd_w_m2: Positive = Field(
+        default=20.0, description="net flux before the first minute, one bed"
+    )
+    normal_horizontal_sd: Positive = Field(
+        default=0.25, description="each horizontal component of a bed's normal; 0.42 is a tilt of 25 degrees"
+    )
+    beam_change_share: Positive = Field(
+        default=0.1, description="error of direct light while it changes, as a share of the change"
+    )
+    camera_offset_sd_k: Positive = Field(
+        default=1.0, description="error of the camera that all regions share"
+    )
+    probe_sd_k: Positive = Field(
+        default=0.5, description="of a contact probe as the temperature of the bed's surface"
+    )
+
+
 class RecordTable(Table):
     """Which frames of the camera are kept."""
 
@@ -339,6 +405,7 @@ class Tables(Table):
     air: AirTable = AirTable()
     estimator: EstimatorTable = EstimatorTable()
     slab: SlabTable = SlabTable()
+    prior: PriorTable = PriorTable()
     record: RecordTable = RecordTable()
     alarms: AlarmsTable = AlarmsTable()
     simulation: SimulationTable | None = None

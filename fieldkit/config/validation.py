@@ -34,6 +34,7 @@ UNITS = {
     "lm_w": "lumen per watt",
     "w_m_k": "watts per metre and kelvin",
     "w_m2": "watts per square metre",
+    "w_m2_k": "watts per square metre and kelvin",
     "j_m3_k": "joules per cubic metre and kelvin",
     "kg_m3": "kilograms per cubic metre",
     "j_kg_k": "joules per kilogram and kelvin",

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from fieldkit.estimation.prior import Prior
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
 
 Method = Literal["unit-norm", "contours", "posterior"]
-Model = Literal["paper", "full"]
+Model = Literal["paper", "full", "learned"]
 
 PAPER_SCALE_SD = 0.20
 """Scale error equivalent to sky light, longwave of the ground and stored heat, which that model neglects."""
@@ -22,7 +23,7 @@ class EstimatorSettings:
     """How slopes are estimated from minute bins.
 
     All uncertainties enter the likelihood region; with the paper's model so does `PAPER_SCALE_SD`. The fields
-    from `slab` on are used by the full model only.
+    from `slab` on are used by the full and the learned model only.
 
     Attributes
     ----------
@@ -72,6 +73,8 @@ class EstimatorSettings:
         Model of diffuse light; albedo of the ground around.
     longwave_down_w_m2, diffuse_fraction
         Used where longwave or diffuse light is not measured. [W/m2], [-]
+    prior
+        Physical priors of the learned model.
     """
 
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
@@ -107,3 +110,4 @@ class EstimatorSettings:
     ground_albedo: float = 0.20
     longwave_down_w_m2: float = 300.0
     diffuse_fraction: float = 0.15
+    prior: Prior = field(default_factory=Prior)

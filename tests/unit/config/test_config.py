@@ -1,10 +1,11 @@
 import math
 import tomllib
-from dataclasses import fields
+from dataclasses import asdict, fields
 
 import pytest
 
 from fieldkit.config import load_config
+from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.site import RegionKind, Site
@@ -59,7 +60,9 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "diffuse_fraction = 0.1\n"
         "[slab]\ndepth_m = 0.05\nconductivity_w_m_k = 0.3\nheat_capacity_j_m3_k = 1.5e6\n"
         "conductivity_sd = 0.3\ncapacity_sd = 0.05\n"
-        '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
+        "[prior]\n"
+        + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
+        + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
         "emissivity = 0.93\nemissivity_sd = 0.03\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
     ).estimator_settings()
@@ -97,6 +100,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         ground_albedo=0.3,
         longwave_down_w_m2=250.0,
         diffuse_fraction=0.2,
+        prior=Prior(**{name: value / 2 for name, value in asdict(Prior()).items()}),
     )
     default = EstimatorSettings()
     assert [f.name for f in fields(given) if getattr(given, f.name) == getattr(default, f.name)] == []

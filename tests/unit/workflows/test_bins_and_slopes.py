@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import SessionError
 from fieldkit.physics.energy_balance import SurfaceParameters
@@ -50,6 +51,7 @@ OTHER = {
     "ground_albedo": 0.5,
     "longwave_down_w_m2": 200.0,
     "diffuse_fraction": 0.4,
+    "prior": Prior(gain_sd=0.2),
 }
 """For every setting another value; those of contours and of the full model bring these along."""
 
