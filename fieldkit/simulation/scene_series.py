@@ -7,7 +7,7 @@ conduction into the layer, in fine time steps. A moment of the scene is interpol
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,7 @@ from fieldkit.physics.facet import FloatArray, cos_incidence, normal
 from fieldkit.physics.radiance import band_radiance, band_temperature
 from fieldkit.physics.slab import Slab, warm_slab
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.faults import CloudTransmission
 from fieldkit.simulation.sky import Sky, SkyState
@@ -92,7 +93,11 @@ class SceneSeries:
 
 @dataclass(frozen=True, slots=True)
 class SceneModel:
-    """Inputs from which the time series are computed; see `fieldkit.simulation.Scene`."""
+    """Inputs from which the time series are computed; see `fieldkit.simulation.Scene`.
+
+    `circumsolar_share` scales the circumsolar light: 1 for the sky of Hay and Davies, 0 for one of uniform
+    radiance. `boards` shade single beds.
+    """
 
     site: Site
     sky: Sky
@@ -101,6 +106,8 @@ class SceneModel:
     exchange: Exchange
     transmissions: Sequence[CloudTransmission]
     response_s: float
+    circumsolar_share: float = 1.0
+    boards: tuple[Board, ...] = ()
 
     def series(self, origin_ns: int, length_s: float) -> SceneSeries:
         """All time series of a scene.
@@ -116,8 +123,9 @@ class SceneModel:
         -------
         Series at steps of `STEP_S`, denser after each step of the light.
         """
-        breaks = np.concatenate([np.empty(0), *(transmission.time_s for transmission in self.transmissions)])
-        time_s = fine_times(0.0, length_s, breaks)
+        steps = [transmission.time_s for transmission in self.transmissions]
+        edges = [np.array([board.begin_s, board.end_s]) for board in self.boards]
+        time_s = fine_times(0.0, length_s, np.concatenate([np.empty(0), *steps, *edges]))
         time_ns = origin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
         sun = sun_vectors(time_ns, self.site, refraction=True)
         sky = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
@@ -136,16 +144,28 @@ class SceneModel:
             dni, dhi, longwave = dni * direct, dhi * diffuse, longwave + added
         return SkyState(dni, dhi, longwave, sky.air_temperature_k, sky.wind_m_s)
 
+    def _under_boards(self, bed: Facet, sky: SkyState, time_s: FloatArray) -> SkyState:
+        """Sky and air as one bed sees them."""
+        for board in self.boards:
+            if board.bed == bed.name:
+                sky = board.over(sky, time_s)
+        return sky
+
     def _surfaces(
         self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, sky: SkyState
     ) -> FloatArray:
         """Surface temperatures (beds + 1, m), the ground last: it heats the beds, they do not heat it."""
         exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
-        radiation = FacetRadiation(sky, sun, daylight.extraterrestrial(time_ns), self.ground.albedo)
+        radiation = FacetRadiation(
+            sky, sun, daylight.extraterrestrial(time_ns), self.ground.albedo, self.circumsolar_share
+        )
         on_ground = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
         ground = surface_temperatures([self.ground], time_s, on_ground, exchange, air)
         longwave_up = longwave_leaving_ground(ground[0], self.ground, sky)
-        on_beds = [radiation.absorbed_w_m2(bed, longwave_up) for bed in self.beds]
+        on_beds = [
+            replace(radiation, sky=self._under_boards(bed, sky, time_s)).absorbed_w_m2(bed, longwave_up)
+            for bed in self.beds
+        ]
         absorbed = np.array(on_beds).reshape(-1, time_s.size)
         return np.vstack([surface_temperatures(self.beds, time_s, absorbed, exchange, air), ground])
 
@@ -191,6 +211,7 @@ class FacetRadiation:
     sun: FloatArray
     extraterrestrial_w_m2: FloatArray
     ground_albedo: float
+    circumsolar_share: float = 1.0
 
     def absorbed_w_m2(self, facet: Facet, ground_longwave_w_m2: FloatArray) -> FloatArray:
         """Radiation absorbed by a facet, shortwave and longwave.
@@ -210,7 +231,11 @@ class FacetRadiation:
         cos_i, cos_z, cos_tilt = cos_incidence(up, self.sun), self.sun[:, 2], float(up[2])
         dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
         direct = dni * np.maximum(cos_i, 0.0)
-        diffuse = daylight.hay_davies_diffuse(dhi, dni, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt)
+        # the circumsolar part of that sky is proportional to the beam that it is given
+        around_sun = self.circumsolar_share * dni
+        diffuse = daylight.hay_davies_diffuse(
+            dhi, around_sun, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt
+        )
         ghi = dni * np.maximum(cos_z, 0.0) + dhi
         reflected = daylight.ground_reflected(ghi, self.ground_albedo, cos_tilt)
         longwave = daylight.longwave_on_facet(self.sky.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt)
