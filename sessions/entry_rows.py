@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
+from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.layout import (
     ESTIMATE_ANGLES,
+    LEARNT_NUMBERS,
+    MAX_LEARNT,
     MAX_VERTICES,
     TIME_UNITS,
     Column,
@@ -32,6 +35,7 @@ from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 Table = Mapping[str, NDArray[Any]]
 Row = dict[str, Any]
 _NUMBERS = (*ESTIMATE_ANGLES, "kelvin_per_degree", "chi_square", "n_bins")
+_BY_REGION = ("residual_k", "autocorrelation")
 _TEXT_BYTES, _DATA_BYTES, _WHOLE_TEXT = 256, 1024, "whole_text"
 _PER_STREAM = ("received", "dropped", "queued", "late_max_us", "rejected")
 _HEALTH = ("disk_free_bytes", "written_bytes", "sync_ms", "cpu_percent", "lag_ms")
@@ -64,6 +68,8 @@ class EntryRows:
         if isinstance(entry, MinuteRecord):
             yield "irradiance", _irradiance_row(entry)
             yield "estimates", self._estimates_row(entry)
+            if entry.learnt is not None:
+                yield "learnt", self._learnt_row(entry.time_ns, entry.learnt)
         elif isinstance(entry, RegionRecord):
             yield "regions", self._region_row(entry)
         elif isinstance(entry, Event):
@@ -90,6 +96,21 @@ class EntryRows:
             row["model"][place] = encode_text(estimate.model, 64)
             row["reason"][place] = encode_text(estimate.reason, 160)
         return {"time": minute.time_ns // 1000, **row}
+
+    def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
+        found = learnt.parameters[:MAX_LEARNT]
+        row: Row = {name: np.full(MAX_LEARNT, np.nan) for name in LEARNT_NUMBERS}
+        for name in LEARNT_NUMBERS:
+            row[name][: len(found)] = [getattr(one, name) for one in found]
+        for name in ("name", "unit"):
+            row[name] = np.zeros(MAX_LEARNT, "S32")
+            row[name][: len(found)] = [encode_text(getattr(one, name), 32) for one in found]
+        for name in _BY_REGION:
+            row[name] = np.full(self._places, np.nan)
+            for region, value in getattr(learnt, name).items():
+                if region in self._regions:
+                    row[name][self._regions[region]] = value
+        return {"time": time_ns // 1000, "chi_square": learnt.chi_square, **row}
 
     def _region_row(self, record: RegionRecord) -> Row:
         region = record.region
@@ -249,3 +270,29 @@ def _estimate(table: Table, n: int, place: int, region: str) -> SlopeEstimate:
         window_start_ns=int(table["window_start"][n][place]) * 1000,
         model=decode_text(table["model"][n][place]), reason=decode_text(table["reason"][n][place]),
     )  # fmt: skip
+
+
+def learnt_from(table: Table, regions: tuple[str, ...]) -> dict[int, Learnt]:
+    """What the data taught, by the UTC nanoseconds of each minute that has it."""
+    return {int(time) * 1000: _learnt(table, n, regions) for n, time in enumerate(table["time"])}
+
+
+def _learnt(table: Table, n: int, regions: tuple[str, ...]) -> Learnt:
+    parameters = tuple(
+        LearntParameter(
+            decode_text(name),
+            decode_text(table["unit"][n][place]),
+            **{number: table[number][n][place].item() for number in LEARNT_NUMBERS},
+        )
+        for place, name in enumerate(table["name"][n])
+        if name
+    )
+    by_region = {
+        name: {
+            region: value.item()
+            for region, value in zip(regions, table[name][n], strict=False)  # without regions, one place
+            if not np.isnan(value)
+        }
+        for name in _BY_REGION
+    }
+    return Learnt(parameters, **by_region, chi_square=table["chi_square"][n].item())

@@ -23,6 +23,7 @@ from fieldkit.sessions.layout import (
     FORMAT_NAME,
     FORMAT_VERSION,
     INTEGRITY_COLUMNS,
+    MAX_LEARNT,
     RECORDING,
     TIME_MAP_COLUMNS,
     Column,
@@ -167,8 +168,10 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     group = put_group(
         file, name, {"irradiance": "NXdata", "events": "NXlog"}.get(name, "NXcollection"), **signal
     )
-    if name == "estimates":
+    if name in ("estimates", "learnt"):
         put_scale(group, "region", labels(header.region_names, 64), long_name="name of the region")
+    if name == "learnt":
+        put_scale(group, "parameter", np.arange(MAX_LEARNT, dtype="<i4"), units="1")
     if name == "health":
         put_scale(group, "stream", labels(info.name for info in header.streams))
     if name == "regions":

@@ -6,6 +6,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
+from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
@@ -34,6 +35,8 @@ def _value(kind: Any, plain: Any, name: str) -> Any:
     """A value of a field's type."""
     if kind is Any:
         return plain
+    if get_origin(kind) is UnionType:  # a type or None
+        return None if plain is None else _value(get_args(kind)[0], plain, name)
     if get_origin(kind) is tuple and isinstance(plain, list | tuple):
         return _tuple(get_args(kind), plain, name)
     if isinstance(kind, type) and is_dataclass(kind):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, SessionError, message_of
+from fieldkit.model.learnt import LearntParameter
 from fieldkit.model.samples import NO_COUNTER, EventKind, Quality, Severity
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
@@ -30,8 +31,11 @@ MAX_VERTICES = 64
 
 MAX_REGIONS = 256
 
+MAX_LEARNT = 16
+"""Parameters that a row of what was learnt has room for."""
+
 RESERVED_NAMES = frozenset(
-    {"entry", "irradiance", "estimates", "regions", "events", "clock", "health", "calibration"}
+    {"entry", "irradiance", "estimates", "learnt", "regions", "events", "clock", "health", "calibration"}
     | {"config", "integrity", "time_map"}
 )
 """Groups of the file itself; no stream may have such a name."""
@@ -119,7 +123,10 @@ def check_region(region: Region) -> None:
 
 FORMAT_NAME = "fieldkit-session"
 
-FORMAT_VERSION = "1.1"
+FORMAT_VERSION = "1.2"
+
+TABLES_SINCE = {"learnt": (1, 2)}
+"""Tables that files of earlier versions do not have."""
 
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
 
@@ -262,6 +269,7 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
             Column("model", "S64"),
         ],
         "estimates": [_time(), *_estimate_columns(regions)],
+        "learnt": [_time(), *_learnt_columns(regions)],
         "regions": _region_columns(),
         "events": [
             _time(),
@@ -326,6 +334,27 @@ def _estimate_columns(regions: int) -> list[Column]:
         _flags("region", shape=(regions,)),
         by_region("model", "S64"),
         by_region("reason", "S160"),
+    ]
+
+
+LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.type == "float")
+"""Columns of what was learnt that are numbers, named as in `LearntParameter`."""
+
+
+def _learnt_columns(regions: int) -> list[Column]:
+    def by_parameter(name: str, dtype: str, fill: float | None = None, **attributes: Any) -> Column:
+        return Column(name, dtype, (MAX_LEARNT,), ("parameter",), fill, attributes)
+
+    def by_region(name: str, **attributes: Any) -> Column:
+        return Column(name, "<f8", (regions,), ("region",), np.nan, attributes)
+
+    return [
+        by_parameter("name", "S32", long_name="parameter; empty: none"),
+        by_parameter("unit", "S32", long_name="unit of the parameter"),
+        *(by_parameter(name, "<f8", np.nan) for name in LEARNT_NUMBERS),
+        by_region("residual_k", units="K", long_name="root mean square of one-minute prediction errors"),
+        by_region("autocorrelation", units="1", long_name="of these errors, from one minute to the next"),
+        Column("chi_square", "<f8", fill=np.nan, attributes={"units": "1", "long_name": "of all errors"}),
     ]
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -40,6 +41,7 @@ from fieldkit.sessions.layout import (
     INTEGRITY_COLUMNS,
     RECOVERED,
     SEALED,
+    TABLES_SINCE,
     TIME_MAP_COLUMNS,
     Column,
     SessionHeader,
@@ -373,6 +375,10 @@ class SessionReader:
         """The slopes as they were estimated while recording."""
         return entry_rows.estimates_from(self.table("estimates"), self.header.region_names)
 
+    def learnt(self) -> dict[int, Learnt]:
+        """What the data taught while recording, by the UTC nanoseconds of each minute that has it."""
+        return entry_rows.learnt_from(self.table("learnt"), self.header.region_names)
+
     def irradiance(self) -> dict[str, NDArray[Any]]:
         """Direct irradiance as derived while recording: `time_ns`, `irradiance_w_m2`, `flags`, `model`."""
         table = self.table("irradiance")
@@ -437,7 +443,7 @@ class SessionReader:
 
     def minutes(self) -> list[MinuteRecord]:
         """The estimates made while recording, minute by minute."""
-        table, estimates = self.table("irradiance"), self.estimates()
+        table, estimates, learnt = self.table("irradiance"), self.estimates(), self.learnt()
         by_time: dict[int, list[SlopeEstimate]] = {}
         for estimate in estimates:
             by_time.setdefault(estimate.time_ns, []).append(estimate)
@@ -445,7 +451,7 @@ class SessionReader:
         return [
             MinuteRecord(
                 int(time) * 1000, tuple(by_time.get(int(time) * 1000, ())), float(value),
-                decode_text(model), Quality(int(flags)),
+                decode_text(model), Quality(int(flags)), learnt.get(int(time) * 1000),
             )
             for time, value, model, flags in rows
         ]  # fmt: skip
@@ -483,8 +489,10 @@ class SessionReader:
     def table(self, name: str) -> dict[str, NDArray[Any]]:
         """The columns of a table of entries as stored, as many rows as all of them have.
 
-        Columns missing from files of an older version are their fill value.
+        Columns missing from files of an older version are their fill value, its missing tables are empty.
         """
+        if name not in self.tables:
+            return {column.name: column.unknown(0) for column in self._columns[name]}
         group = self.group(name)
         with self._explaining():
             columns = columns_of(group, self._columns[name], salvage=self._salvage)
@@ -504,6 +512,11 @@ class SessionReader:
                 rows = whole_rows(columns[column.name], column.row_bytes, end)
                 length = min(length, int(np.argmin(np.append(rows, -1) == np.arange(len(rows) + 1))))
         return length
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables of entries that files of this version have."""
+        return tuple(name for name in self._columns if self.format_version >= TABLES_SINCE.get(name, (1, 0)))
 
     @cached_property
     def _columns(self) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -38,13 +39,14 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class MinuteRecord:
-    """The estimates made when a minute closed."""
+    """The estimates made when a minute closed, and what the data had taught by then."""
 
     time_ns: int
     estimates: tuple[SlopeEstimate, ...]
     irradiance_w_m2: float = _NAN
     irradiance_model: str = ""
     flags: Quality = Quality.GOOD
+    learnt: Learnt | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -269,7 +269,9 @@ def _stored_entries(session: SessionReader, damage: list[str]) -> list[Entry]:
 
 def _lost_rows(session: SessionReader) -> Iterator[str]:
     """Rows of tables that the file claims but does not hold, in words."""
-    for name, columns in entry_columns(session.header).items():
+    columns_by_table = entry_columns(session.header)
+    for name in session.tables:
+        columns = columns_by_table[name]
         try:
             claimed = int(session.group(name)[columns[0].name].shape[0])
             there = len(session.table(name)[columns[0].name])

@@ -19,7 +19,6 @@ from fieldkit.model.errors import IntegrityError
 from fieldkit.model.samples import Quality
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.journal_reader import JournalReader
-from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.stored import check_size
 from fieldkit.sessions.stream_reader import StreamReader
@@ -48,7 +47,7 @@ def seal(path: Path, expected: Mapping[str, Iterable[int]], state: int) -> SealR
         counts = {name: len(session.stream(name)) for name in expected}
         spans = {name: _span(session, name) for name in expected}
         column_crcs = [session.stream(name).columns_crc32() for name in expected]
-        table_crcs = [table_crc32(session, name) for name in entry_columns(session.header)]
+        table_crcs = [table_crc32(session, name) for name in session.tables]
     columns = {
         "count": list(counts.values()),
         "first_time": [span[0] for span in spans.values()],

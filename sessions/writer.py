@@ -28,6 +28,7 @@ from fieldkit.disk import sync
 from fieldkit.model.clock import Clock, ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import FieldkitError, RefusedError, SessionError, StorageError, message_of
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Quality, Sample, Severity
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate
@@ -143,12 +144,13 @@ class SessionWriter:
         irradiance_w_m2: float = float("nan"),
         irradiance_model: str = "",
         flags: Quality = Quality.GOOD,
+        learnt: Learnt | None = None,
     ) -> None:
-        """Store the estimates made when a minute closed."""
+        """Store the estimates made when a minute closed, and what the data had taught by then."""
         unknown = {estimate.region for estimate in estimates} - set(self.header.region_names)
         if unknown:
             raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
-        self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags))
+        self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags, learnt))
 
     def clock_check(self, check: ClockCheck) -> None:
         """Store a comparison of the clocks; nothing is corrected by it."""

@@ -10,7 +10,7 @@ import click
 
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions
-from fieldkit.cli.slope_table import explain_slopes, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.cli.types import FACET, SITE
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.workflows.estimate import as_document, require_slope, session_document
@@ -114,4 +114,5 @@ def _print(found: EstimatedSessions) -> None:
         if len(found.estimates) > 1:
             click.echo(name)
         print_slopes(estimates.final, estimates.regions)
+        print_learnt(estimates.learnt.final)
     explain_slopes(one for estimates in found.estimates.values() for one in estimates.final.values())

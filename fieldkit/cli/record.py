@@ -11,6 +11,7 @@ from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
+from fieldkit.workflows.json_document import learnt_document
 from fieldkit.workflows.recordings import sessions_in
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ def command(
 def print_summary(path: Path, summary: Summary) -> None:
     """Print what was recorded, and what to do next."""
     estimates = summary.last_minute.estimates if summary.last_minute else ()
+    learnt = summary.last_minute.learnt if summary.last_minute else None
     if common.options().json:
         common.print_json(
             {
@@ -76,6 +78,7 @@ def print_summary(path: Path, summary: Summary) -> None:
                      "azimuth_deg": one.azimuth_deg}
                     for one in estimates
                 ],
+                "learnt": learnt_document(learnt),
             }
         )  # fmt: skip
         return

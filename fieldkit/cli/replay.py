@@ -11,11 +11,12 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.session_paths import find_session, report_interrupted
-from fieldkit.cli.slope_table import explain_slopes, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.estimate import as_document
+from fieldkit.workflows.json_document import learnt_document
 from fieldkit.workflows.replay import replay
 
 
@@ -39,12 +40,19 @@ def command(
     done = replay(session, speed=factor, settings=settings, view_of=view_of)
     slopes = done.estimates
     if common.options().json:
-        common.print_json({"session": str(session), "slopes": [as_document(one) for one in slopes.values()]})
+        common.print_json(
+            {
+                "session": str(session),
+                "slopes": [as_document(one) for one in slopes.values()],
+                "learnt": learnt_document(done.learnt),
+            }
+        )
         return
     if not slopes:
         common.say("no region is a target: nothing was estimated. next: fieldkit roi add in its campaign")
         return
     print_slopes(slopes, done.regions)
+    print_learnt(done.learnt)
     explain_slopes(slopes.values())
     common.say(f"next: fieldkit report {session}")
 

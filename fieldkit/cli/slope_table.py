@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from fieldkit.cli import common
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate, SlopeState
-from fieldkit.views import formatting
+from fieldkit.views import formatting, learnt_words
 
 COLUMNS = ("bed", "truth", "tilt", "noise", "error", "azimuth", "K per °", "chi²", "state")
 MEANING = (
@@ -20,6 +21,25 @@ def print_slopes(estimates: Mapping[str, SlopeEstimate], regions: Sequence[Regio
     """Print the final estimate of each target."""
     by_name = {region.name: region for region in regions}
     common.print_table(COLUMNS, [_row(estimate, by_name[name]) for name, estimate in estimates.items()])
+
+
+def print_learnt(learnt: Learnt | None) -> None:
+    """Print what the data taught, each parameter before and after; nothing with other models."""
+    if learnt is None:
+        return
+    common.print_table(
+        ("learnt", "prior", "with the data", "from the data"),
+        [
+            (
+                learnt_words.name(one),
+                learnt_words.before(one),
+                learnt_words.found(one),
+                f"{learnt_words.bar(learnt_words.from_data(one))} {learnt_words.from_data(one):.0%}",
+            )
+            for one in learnt.parameters
+        ],
+    )
+    common.say(learnt_words.judgement(learnt))
 
 
 def explain_slopes(estimates: Iterable[SlopeEstimate]) -> None:

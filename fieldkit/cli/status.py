@@ -9,6 +9,7 @@ import click
 from fieldkit.cli import common
 from fieldkit.views import formatting
 from fieldkit.workflows.estimate import as_document
+from fieldkit.workflows.json_document import learnt_document
 
 if TYPE_CHECKING:
     from fieldkit.workflows.status import RecordingStatus
@@ -52,6 +53,7 @@ def _document(status: RecordingStatus) -> dict[str, Any]:
         "responds": silent is None,
         "silent_since_ns": None if silent is None else silent.since_ns,
         "slopes": [as_document(one, regions[one.region]) for one in minute.estimates] if minute else [],
+        "learnt": learnt_document(minute.learnt if minute else None),
         "surface_temperature_k": dict(minute.temperature_k) if minute else {},
         "readings": {name: list(reading.values) for name, reading in latest.readings.items()},
         "events": [

@@ -283,9 +283,15 @@ class Recorder:
 
     def _keep_minute(self, minute: Minute) -> None:
         self._last_minute = minute
-        irradiance, model = minute.dni_w_m2, minute.irradiance_model
         self._stored(
-            lambda: self.writer.minute(minute.time_ns, minute.estimates, irradiance, model, minute.flags)
+            lambda: self.writer.minute(
+                minute.time_ns,
+                minute.estimates,
+                minute.dni_w_m2,
+                minute.irradiance_model,
+                minute.flags,
+                minute.learnt,
+            )
         )
         for notice in minute.events:
             self._keep_event(notice)

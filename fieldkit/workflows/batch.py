@@ -24,6 +24,7 @@ from fieldkit.model.site import RegionKind, Site
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.workflows.cache import Cache, digest
 from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers, local
+from fieldkit.workflows.learnt_series import LearntSeries
 from fieldkit.workflows.provenance import provenance
 from fieldkit.workflows.result_files import write_results
 from fieldkit.workflows.session_estimates import Estimates
@@ -194,12 +195,12 @@ class EstimatedSessions:
 
     def columns(self) -> dict[str, list[Any]]:
         """The tables of all sessions below each other, the session's name in front."""
-        table: dict[str, list[Any]] = {}
-        for name, estimates in self.estimates.items():
-            columns = {"session": [name] * len(estimates), **estimates.columns()}
-            for column, values in columns.items():
-                table.setdefault(column, []).extend(values)
-        return table
+        return _below({name: estimates.columns() for name, estimates in self.estimates.items()})
+
+    def learnt_columns(self) -> dict[str, list[Any]]:
+        """The same of what the data taught; empty with other models than the learned."""
+        found = {name: estimates.learnt for name, estimates in self.estimates.items()}
+        return _below({name: learnt.columns() for name, learnt in found.items() if len(learnt)})
 
     def to_frame(self) -> pd.DataFrame:
         """The table as a pandas frame; needs ``fieldkit[lab]``."""
@@ -208,13 +209,27 @@ class EstimatedSessions:
         return pd.DataFrame(self.columns())
 
     def write(self, base: Path) -> list[Path]:
-        """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`."""
+        """Write ``BASE.csv``, ``BASE.parquet`` and their provenance ``BASE.json``; raises `StorageError`.
+
+        What the data taught, if anything, is in ``BASE-learnt.csv``.
+        """
         about = {
             **provenance(self.sources, self.failures),
             "settings": list(self.settings),
             "campaign": self.present,
         }
-        return write_results(base, self.columns(), about)
+        learnt = self.learnt_columns()
+        return write_results(base, self.columns(), about, {"learnt": learnt} if learnt else {})
+
+
+def _below(tables: Mapping[str, Mapping[str, list[Any]]]) -> dict[str, list[Any]]:
+    """Tables with the same columns below each other, the name of each in its rows' first column."""
+    joined: dict[str, list[Any]] = {}
+    for name, table in tables.items():
+        rows = len(next(iter(table.values())))
+        for column, values in {"session": [name] * rows, **table}.items():
+            joined.setdefault(column, []).extend(values)
+    return joined
 
 
 def estimate_sessions(
@@ -250,7 +265,8 @@ def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterat
             missing[run.key].append(run)
         else:
             texts = tuple(str(text) for text in entry["texts"])
-            yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions), cached=True)
+            learnt = LearntSeries.unpacked(entry)
+            yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions, learnt), cached=True)
     firsts = [same[0] for same in missing.values()]
     for outcome in _RunScheduler(executor, cache).outcomes(firsts) if firsts else ():
         yield from (replace(outcome, run=run) for run in missing[outcome.run.key])
@@ -312,7 +328,8 @@ class _RunScheduler:
             self._work.submit(note, partial(self._slopes, history, run.source.regions, run.settings))
 
     def _estimated(self, run: Run, made: Estimates) -> list[Outcome]:
-        self._cache.store(run.key, {"rows": made.rows, "texts": np.array(made.texts, np.str_)})
+        texts = np.array(made.texts, np.str_)
+        self._cache.store(run.key, {"rows": made.rows, "texts": texts, **made.learnt.packed()})
         return [Outcome(run, made)]
 
 

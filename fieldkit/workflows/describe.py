@@ -11,6 +11,7 @@ from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views import formatting
 from fieldkit.views.formatting import by_time
+from fieldkit.workflows.json_document import learnt_document
 
 
 def describe(session: SessionReader) -> dict[str, Any]:
@@ -39,6 +40,7 @@ def describe(session: SessionReader) -> dict[str, Any]:
             }
             for one in recorded_slopes(session)
         ],
+        "learnt": learnt_document(next(reversed(session.learnt().values()), None)),
         "events": [
             {
                 "at": local_time(session, event.time_ns), "kind": event.kind.name.lower(),

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from fieldkit.config import Config, config_from_text
 from fieldkit.estimation.estimator import Estimator, Minute
+from fieldkit.estimation.settings import Model
 from fieldkit.estimation.table import slopes_of_table
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, NoAnswerError
@@ -20,6 +21,7 @@ from fieldkit.model.slope import WITH_SLOPE, SlopeEstimate
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
+from fieldkit.workflows.json_document import learnt_document
 from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import SessionOrFile, path_of, regions_for, settings_from, source_of
 from fieldkit.workflows.temperature_table import read_table
@@ -30,7 +32,7 @@ def estimate(
     settings: Mapping[str, Any] | None = None,
     /,
     *,
-    model: Literal["paper", "full"] | None = None,
+    model: Model | None = None,
     present: bool = False,
     **values: Any,
 ) -> Estimates:
@@ -156,7 +158,12 @@ def session_document(path: Path, estimates: Estimates) -> dict[str, Any]:
     """The final estimates of a session for ``--json``."""
     regions = {region.name: region for region in estimates.regions}
     slopes = [as_document(one, regions[name]) for name, one in estimates.final.items()]
-    return {"session": str(path), "minutes": estimates.minutes, "slopes": slopes}
+    return {
+        "session": str(path),
+        "minutes": estimates.minutes,
+        "slopes": slopes,
+        "learnt": learnt_document(estimates.learnt.final),
+    }
 
 
 def require_slope(slopes: Iterable[SlopeEstimate]) -> None:

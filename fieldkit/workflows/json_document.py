@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
+
+from fieldkit.model.learnt import Learnt
 
 JSON_SCHEMA = 1
 
@@ -13,6 +16,11 @@ def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
     """A JSON document with ``"schema": 1`` in front; NaN becomes null."""
     plain = _plain({"schema": JSON_SCHEMA, **document})
     return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def learnt_document(learnt: Learnt | None) -> dict[str, Any] | None:
+    """What the data taught: parameters in their units, residuals in kelvin; None with other models."""
+    return None if learnt is None else asdict(learnt)
 
 
 def _plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.model.clock import HostClock
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SlopeEstimate, final_estimates
@@ -26,6 +27,11 @@ class Replay:
     regions: tuple[Region, ...]
     minutes: tuple[Minute, ...]
     estimates: dict[str, SlopeEstimate]
+
+    @property
+    def learnt(self) -> Learnt | None:
+        """What the data taught up to the end, or None if nothing."""
+        return next((minute.learnt for minute in reversed(self.minutes) if minute.learnt is not None), None)
 
 
 def replay(

@@ -31,19 +31,23 @@ def results_folder(session: Path) -> Path:
     return folder.parent / "results" if folder.name == "recordings" else folder
 
 
-def write_results(base: Path, columns: Columns, about: Mapping[str, Any]) -> list[Path]:
+def write_results(
+    base: Path, columns: Columns, about: Mapping[str, Any], beside: Mapping[str, Columns] | None = None
+) -> list[Path]:
     """Write ``BASE.csv``, ``BASE.parquet`` with ``fieldkit[lab]``, and ``BASE.json``: where it all came from.
 
-    The same runs give the same bytes. Raises `StorageError`.
+    `beside` holds further tables, each ``BASE-NAME.csv``. The same runs give the same bytes. Raises
+    `StorageError`.
     """
-    table, parquet, document = (base.with_name(f"{base.name}{ending}") for ending in ENDINGS)
+    tables = {"": columns, **{f"-{name}": table for name, table in (beside or {}).items()}}
+    document = base.with_name(f"{base.name}.json")
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
-        _write_csv(table, columns)
-        written = [table]
-        if find_spec("pyarrow") is not None:
-            _write_parquet(parquet, columns)
-            written.append(parquet)
+        written = [
+            path
+            for suffix, table in tables.items()
+            for path in _write_table(base.with_name(f"{base.name}{suffix}"), table)
+        ]
         digests = {path.name: sha256(path) for path in written}
         document.write_text(to_json({**about, "files": digests}) + "\n", encoding="utf-8")
     except OSError as error:
@@ -96,6 +100,15 @@ def _about(document: Path) -> dict[str, Any]:
     if not {"sessions", "settings"} <= known:
         raise ConfigError(f"{document} is not what estimate -o wrote", fix=_RECALLABLE)
     return dict(about)
+
+
+def _write_table(base: Path, columns: Columns) -> list[Path]:
+    table, parquet = (base.with_name(f"{base.name}{ending}") for ending in (".csv", ".parquet"))
+    _write_csv(table, columns)
+    if find_spec("pyarrow") is None:
+        return [table]
+    _write_parquet(parquet, columns)
+    return [table, parquet]
 
 
 def _write_csv(path: Path, columns: Columns) -> None:

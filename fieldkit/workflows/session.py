@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.errors import SessionError
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -22,6 +22,7 @@ from fieldkit.views import formatting, html, plots
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from fieldkit.estimation.settings import Model
     from fieldkit.workflows.check import CheckedSession
     from fieldkit.workflows.export import Export, Kind
     from fieldkit.workflows.report import Report
@@ -46,7 +47,7 @@ class Session(SessionReader):
         settings: Mapping[str, Any] | None = None,
         /,
         *,
-        model: Literal["paper", "full"] | None = None,
+        model: Model | None = None,
         present: bool = False,
         **values: Any,
     ) -> Estimates:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,17 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState, final_estimates
 from fieldkit.views import formatting, html, plots
+from fieldkit.workflows.learnt_series import LearntSeries
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.axes import Axes
 
-ANGLES = tuple(field.name for field in fields(SlopeEstimate) if field.type == "float")
+ANGLES = tuple(one.name for one in fields(SlopeEstimate) if one.type == "float")
 MEASURED = ("temperature_k", "irradiance_w_m2")
 ROW = np.dtype(
     [
@@ -46,12 +48,14 @@ class Estimates:
     ``estimates["b05"]`` is the final estimate of a region, `to_frame` the table of all minutes.
 
     `temperature_k` is the target's surface temperature of the minute, `irradiance_w_m2` the
-    direct normal irradiance; angles in degrees, NaN where nothing is known.
+    direct normal irradiance; angles in degrees, NaN where nothing is known. `learnt` is what the data taught
+    the learned model.
     """
 
     rows: NDArray[np.void]
     texts: tuple[str, ...]
     regions: tuple[Region, ...]
+    learnt: LearntSeries = field(default_factory=lambda: LearntSeries({}))
 
     @classmethod
     def of(
@@ -59,8 +63,12 @@ class Estimates:
         estimates: Sequence[SlopeEstimate],
         measured: Mapping[str, ArrayLike],
         regions: Sequence[Region],
+        learnt: Mapping[int, Learnt] | None = None,
     ) -> Estimates:
-        """Estimates as rows, with the `MEASURED` columns of the same targets at the same minutes."""
+        """Estimates as rows, with the `MEASURED` columns of the same targets at the same minutes.
+
+        `learnt` is by the minutes' UTC nanoseconds.
+        """
         places = {region.name: place for place, region in enumerate(regions)}
         texts = {text: place for place, text in enumerate(dict.fromkeys(_texts(estimates)))}
         rows = np.zeros(len(estimates), ROW)
@@ -71,7 +79,7 @@ class Estimates:
             rows[name] = [getattr(one, name) for one in estimates]
         for name in MEASURED:
             rows[name] = measured[name]
-        return cls(rows, tuple(texts), tuple(regions))
+        return cls(rows, tuple(texts), tuple(regions), LearntSeries(learnt or {}))
 
     def __len__(self) -> int:
         return self.rows.size

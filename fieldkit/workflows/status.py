@@ -69,7 +69,8 @@ def _last_minute(session: SessionReader) -> Minute | None:
         return None
     estimates = session.estimates()
     stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
-    return replace(closed[-1], estimates=tuple(stored), events=())
+    learnt = next(reversed(session.learnt().values()), None)
+    return replace(closed[-1], estimates=tuple(stored), events=(), learnt=learnt)
 
 
 def _last_samples(session: SessionReader) -> Iterator[Sample]:

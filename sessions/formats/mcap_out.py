@@ -12,11 +12,13 @@ import heapq
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
+from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import NO_COUNTER, Event, Frame, Sample, Severity
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.analysis import channel_names
@@ -61,6 +63,23 @@ _SLOPE = {
     **dict.fromkeys(_SLOPE_NUMBERS, _NUMBER),
 }  # fmt: skip
 
+_BY_REGION = {"type": "object", "additionalProperties": _NUMBER}
+_LEARNT = {
+    "timestamp": _TIME,
+    "parameters": {
+        "type": "array",
+        "items": {
+            "type": "object",
+            "properties": {
+                field.name: _NUMBER if field.type == "float" else _TEXT for field in fields(LearntParameter)
+            },
+        },
+    },
+    "residual_k": _BY_REGION,
+    "autocorrelation": _BY_REGION,
+    "chi_square": _NUMBER,
+}
+
 
 def export_mcap(
     session: SessionReader, folder: Path, *, stream: str | None = None, every: int = 1
@@ -101,7 +120,7 @@ def _about(writer: Writer, session: SessionReader) -> None:
 
 
 def _messages(writer: Writer, session: SessionReader, names: tuple[str, ...], every: int) -> None:
-    """Samples and events by the monotonic clock, then the slopes."""
+    """Samples and events by the monotonic clock, then the slopes and what the data taught."""
     channels = {name: _stream_channel(writer, session.streams[name]) for name in names}
     events = _channel(writer, "events", "foxglove.Log", _EVENT, {})
     for item in heapq.merge(session.samples(*names), session.events(), key=lambda item: item.mono_ns):
@@ -113,6 +132,9 @@ def _messages(writer: Writer, session: SessionReader, names: tuple[str, ...], ev
     estimates = _channel(writer, "estimates", "fieldkit.Slope", _SLOPE, {})
     for number, estimate in enumerate(session.estimates()):
         _put(writer, estimates, estimate.time_ns, number, _slope(estimate))
+    learnt = _channel(writer, "learnt", "fieldkit.Learnt", _LEARNT, {})
+    for number, (time_ns, found) in enumerate(session.learnt().items()):
+        _put(writer, learnt, time_ns, number, _learnt(found))
 
 
 def _stream_channel(writer: Writer, info: StreamInfo) -> int:
@@ -180,12 +202,27 @@ def _slope(estimate: SlopeEstimate) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _learnt(found: Learnt) -> dict[str, Any]:
+    return {
+        "parameters": [
+            {field.name: _plain(getattr(one, field.name)) for field in fields(one)}
+            for one in found.parameters
+        ],
+        "residual_k": dict(found.residual_k), "autocorrelation": dict(found.autocorrelation),
+        "chi_square": _number(found.chi_square),
+    }  # fmt: skip
+
+
 def _counter(value: int) -> int | None:
     return None if value == NO_COUNTER else value
 
 
 def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _plain(value: str | float) -> str | float | None:
+    return value if isinstance(value, str) else _number(value)
 
 
 def _base64(data: bytes) -> str:

@@ -15,7 +15,6 @@ import numpy as np
 from fieldkit.model.errors import ConfigError, IncompleteError, SessionError, message_of
 from fieldkit.sessions.chunks import corners, pack
 from fieldkit.sessions.file_tree import LIBVER
-from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.sessions.stream_reader import StreamReader
 
@@ -156,7 +155,7 @@ def export_netcdf(session: SessionReader, folder: Path) -> list[Path]:
     read are the fill value. Raises `IncompleteError`, when all the others are written, for a group that
     cannot be read or leads out of the session's file.
     """
-    groups = (*session.streams, *entry_columns(session.header))
+    groups = (*session.streams, *session.tables)
     return all_but_unreadable(
         (name, partial(_netcdf, session, name, folder / f"{session.path.stem}-{name}.nc")) for name in groups
     )

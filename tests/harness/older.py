@@ -9,26 +9,50 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.file_tree import LIBVER, _digests, attach, labels, put_scale
 from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.layout import entry_columns
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.seal import _digests as _digests_now
 
 _SINCE_1_1 = ("integrity/object_sha256", "integrity/object", "integrity/columns_crc32", "time_map/crc32")
+_SINCE_1_2 = ("learnt",)
 
 
 def as_version_1_0(path: Path, without: Sequence[str] = ()) -> None:
-    """Take out what version 1.1 added (and columns that came `without` a new version), and seal it so."""
+    """Take out what later versions added (and columns that came `without` a new version), and seal it so."""
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
-        for name in (*_SINCE_1_1, *without):
-            del file[name]
-        file.attrs["fieldkit_format_version"] = np.bytes_("1.0")
+        _take_out(file, (*_SINCE_1_1, *_SINCE_1_2, *without), "1.0")
+    _seal_tables(path)
+
+
+def as_version_1_1(path: Path) -> None:
+    """Take out what version 1.2 added, and seal it so."""
+    with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
+        _take_out(file, (*_SINCE_1_2, "integrity/object", "integrity/object_sha256"), "1.1")
+        _digests(file)
+    _seal_tables(path)
+    write_in_place(path, {"integrity/object_sha256": _digests_now(path)})
+
+
+def _take_out(file: h5py.File, names: Sequence[str], version: str) -> None:
+    tables = [table for table in file["integrity/table"].asstr()[:] if table not in names]
+    for name in (*names, "integrity/table", "integrity/table_crc32"):
+        del file[name]
+    group = file["integrity"]
+    put_scale(group, "table", labels(tables))
+    group.create_dataset("table_crc32", data=np.zeros(len(tables), "<u4"), track_order=True)
+    attach(group, group["table_crc32"], "table")
+    file.attrs["fieldkit_format_version"] = np.bytes_(version)
+
+
+def _seal_tables(path: Path) -> None:
     with open_session(path) as session:
-        tables = entry_columns(session.header)
+        columns, tables = entry_columns(session.header), session.tables
     with h5py.File(path) as file:
         checksums = [
-            _checksum([file[name][column.name][:] for column in columns if column.name in file[name]])
-            for name, columns in tables.items()
+            _checksum([file[name][column.name][:] for column in columns[name] if column.name in file[name]])
+            for name in tables
         ]
     write_in_place(path, {"integrity/table_crc32": checksums})
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.terminal_view import PlainView
 from fieldkit.workflows.marks import MarkReader
+from tests.harness.learnt import learnt
 
 LENGTH_S = 100
 BURSTS_OF_3 = 2
@@ -102,6 +104,26 @@ def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_
     assert [event.text for event in events if event.kind is EventKind.ESTIMATOR] == [
         "live estimates stopped: ValueError('nothing to divide by'); recording goes on"
     ]
+
+
+def test_what_the_data_taught_is_stored_with_the_slopes(
+    campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = learnt()
+    genuine = Estimator._minute
+    monkeypatch.setattr(
+        Estimator, "_minute", lambda self, closed: replace(genuine(self, closed), learnt=found)
+    )
+    done = record(campaign, "--json")
+    assert done.exit_code == 0, done.output
+    with open_session(the_session(campaign)) as session:
+        minutes = session.minutes()
+        assert session.learnt() == {minute.time_ns: minute.learnt for minute in minutes}
+    assert minutes
+    assert all(minute.learnt.parameters == found.parameters for minute in minutes)
+    told = json.loads(done.stdout)["learnt"]
+    assert told["parameters"][0] == {**asdict(found.parameters[0])}
+    assert told["chi_square"] == found.chi_square
 
 
 def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(

@@ -18,6 +18,7 @@ from fieldkit.sessions.journal import Journal, RetainedPart, SessionIdentity, Sy
 from fieldkit.sessions.journal_reader import JournalReader, SampleRow
 from fieldkit.sessions.records import MinuteRecord, RegionRecord, decode_entry, encode_entry
 from fieldkit.sessions.session_file import FileThread
+from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, header, same, sample
 
 HEADER = header((24, 32))
@@ -27,6 +28,7 @@ ENTRIES = (
     Health(7, 8, (StreamHealth("camera", 1, 2, 3, 4, 5),), 9, 10, 1.5, 2.5, 3.5),
     ClockCheck(11, -12, 13, "gps", 14),
     MinuteRecord(60, (SlopeEstimate(60, "b05", SlopeState.OK, 0.1 + 0.2),), 1 / 3, "eq10", Quality.LOW_SUN),
+    MinuteRecord(120, (), learnt=learnt()),
     RegionRecord(Region("b05", RegionKind.TARGET, ((0.5, 1.0), (2.0, 1.0), (2.0, 3.25)), 5.0, 180.0), 15),
 )  # fmt: skip
 

@@ -6,6 +6,7 @@ import json
 import tracemalloc
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,16 @@ import numpy as np
 import pytest
 
 from fieldkit.model.errors import SessionError
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER
+from fieldkit.sessions.layout import MAX_LEARNT
 from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import SealReport, seal
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.learnt import learnt
 from tests.harness.recording import CountedClock, fill, header
 
 
@@ -105,6 +110,46 @@ def test_the_window_of_an_estimate_begins_when_it_began(tmp_path: Path) -> None:
     writer.close()
     with open_session(tmp_path / "field.h5") as session:
         assert [one.window_start_ns for one in session.estimates()] == [began_ns]
+
+
+def in_session(found: Learnt) -> Learnt:
+    """What a session of the regions flat and b05 keeps of what was learnt."""
+    by_region = {"flat": 0.5}
+    return replace(found, residual_k=by_region, autocorrelation=by_region)
+
+
+@pytest.mark.parametrize("how", ["sealed", "recovered"])
+def test_what_was_learnt_comes_back_minute_by_minute(tmp_path: Path, how: str) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 2, clock)
+    start_ns = clock.to_utc_ns(clock.mono_ns()) // 1000 * 1000
+    expected = {start_ns + n: in_session(learnt(n // 50)) for n in (0, 1000, 2000)}
+    writer.minute(start_ns - 1000, [])
+    for time_ns, found in expected.items():
+        writer.minute(time_ns, [], learnt=found)
+    if how == "sealed":
+        writer.close()
+    else:
+        writer.abandon()
+        recover(tmp_path / "field.h5")
+    with open_session(tmp_path / "field.h5") as session:
+        assert session.state == how
+        assert session.learnt() == expected
+        assert [minute.learnt for minute in session.minutes()] == [None, *expected.values()]
+
+
+def test_more_parameters_than_a_row_holds_are_cut_and_end_no_recording(tmp_path: Path) -> None:
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 2, clock)
+    many = replace(learnt(), parameters=learnt().parameters * 2, residual_k={"elsewhere": 1.0})
+    writer.minute(clock.to_utc_ns(clock.mono_ns()), [], learnt=many)
+    writer.close()
+    with open_session(tmp_path / "field.h5") as session:
+        (found,) = session.learnt().values()
+    assert found.parameters == many.parameters[:MAX_LEARNT]
+    assert found.residual_k == {}
 
 
 def test_older_minor_version_without_a_column_is_read(path: Path) -> None:

@@ -19,10 +19,13 @@ from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.sessions.check import check
 from fieldkit.sessions.file_tree import LIBVER, put_columns, put_rows
+from fieldkit.sessions.guarded_file import write_in_place
 from fieldkit.sessions.layout import SEALED, Column
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.recovery import recover
 from fieldkit.sessions.seal import seal
 from fieldkit.sessions.writer import SessionWriter
+from tests.harness.older import as_version_1_1
 from tests.harness.recording import CountedClock, fill, header
 
 NEW_KIND, NEW_STATE = EventKind(77), SlopeState(200)
@@ -106,6 +109,19 @@ def test_session_of_a_newer_version_is_shown_and_exported(
     assert result.exit_code == 0, result.output
     if verb is show:
         assert "unknown_77" in result.stdout
+
+
+def test_session_of_version_1_1_has_learnt_nothing_and_is_whole(path: Path, tmp_path: Path) -> None:
+    as_version_1_1(path)
+    assert [one.text for one in check(path) if one.level == "fail"] == []
+    with open_session(path) as session:
+        assert session.learnt() == {}
+        assert [minute.learnt for minute in session.minutes()] == [None]
+    result = run(export, path, "--to", "netcdf", "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    write_in_place(path, {"entry/complete": 0})
+    recover(path)
+    assert [one.text for one in check(path) if one.level == "fail"] == []
 
 
 def test_slopes_of_a_newer_version_are_refused_in_words(newer: Path) -> None:

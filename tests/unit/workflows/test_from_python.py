@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from dataclasses import replace
 from datetime import date
 
 import numpy as np
@@ -11,12 +13,15 @@ import fieldkit
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
 from fieldkit.sessions.reader import open_session
+from fieldkit.workflows import bins_and_slopes
 from fieldkit.workflows.batch import estimate_sessions
 from fieldkit.workflows.estimate import estimate
+from fieldkit.workflows.learnt_series import LearntSeries
 from fieldkit.workflows.plan import PlanOptions, plan
 from fieldkit.workflows.report import report
 from fieldkit.workflows.slope_map import slope_map
 from fieldkit.workflows.sources import settings_from
+from tests.harness.learnt import learnt
 
 
 def test_estimates_are_found_by_region_and_changed_by_parameters(sessions):
@@ -95,3 +100,42 @@ def test_a_plan_is_a_table_of_times_and_facets():
     assert set(frame["tilt_deg"]) == {5.0, 15.0}
     assert len(frame) == 2 * len(made.rows)
     assert (frame["kelvin_per_degree"].between(0.0, 1.0)).all()
+
+
+def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions, monkeypatch, tmp_path):
+    """Each minute's synthetic one, through workers, cache, tables and files."""
+    pytest.importorskip("pandas")
+    genuine = bins_and_slopes.estimate
+
+    def with_learnt(history, regions, settings):
+        found = {int(time_ns): learnt(minute) for minute, time_ns in enumerate(history.time_ns)}
+        return replace(genuine(history, regions, settings), learnt=LearntSeries(found))
+
+    monkeypatch.setattr(bins_and_slopes, "estimate", with_learnt)
+    for _ in ("made", "cached"):
+        slopes = estimate(sessions[0], albedo=0.31)
+        minutes = slopes.learnt.by_time_ns
+        assert list(minutes) == sorted(set(slopes.rows["time_ns"].tolist()))
+        assert list(minutes.values()) == [learnt(minute) for minute in range(len(minutes))]
+        assert slopes.learnt["depth"] == learnt(len(minutes) - 1).parameters[3]
+    table = slopes.learnt.to_frame()
+    assert table["parameter"].tolist()[:2] == ["gain", "exchange"]
+    assert len(table) == 9 * len(minutes)
+    assert table["share_of_prior"].iloc[0] == 1.0
+    assert slopes.learnt.residuals()["residual_k"].tolist()[:3] == [0.05, 0.06, 0.071]
+    assert "thermal inertia" in slopes.learnt._repr_html_()
+    with pytest.raises(KeyError, match="no parameter 'colour'"):
+        slopes.learnt["colour"]
+    written = estimate_sessions(sessions, ["surface.albedo=0.31"]).write(tmp_path / "base")
+    with (tmp_path / "base-learnt.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert tmp_path / "base-learnt.csv" in written
+    assert rows[3]["session"] == sessions[0].stem
+    assert (rows[3]["parameter"], rows[3]["unit"], rows[3]["prior"]) == ("depth", "cm", "3.0")
+
+
+def test_other_models_learn_nothing_and_write_no_table_of_it(sessions, tmp_path):
+    found = estimate_sessions([sessions[0]])
+    assert found.estimates[sessions[0].stem].learnt.final is None
+    assert [path.suffixes for path in found.write(tmp_path / "base")][-1] == [".json"]
+    assert not list(tmp_path.glob("base-learnt*"))

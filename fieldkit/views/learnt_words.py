@@ -1,0 +1,106 @@
+"""What the data taught, in words and tables: each parameter before and after the data, and the residuals."""
+
+from __future__ import annotations
+
+import math
+
+from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.views import formatting
+from fieldkit.views.html import Table
+
+NAMES = {
+    "gain": "gain",
+    "exchange": "heat exchange with the air",
+    "thermal_inertia": "thermal inertia",
+    "depth": "depth of the layer",
+    "diffuse": "diffuse light",
+    "circumsolar": "circumsolar share",
+    "longwave": "longwave, offset",
+    "air": "air temperature, offset",
+    "gusts": "gusts of the exchange",
+}
+"""Names of parameters in tables; others are shown as they are."""
+FIRST = ("gain", "thermal_inertia", "depth", "exchange")
+"""Parameters that the live view has room for."""
+BAR_CELLS = 8
+CORRELATED = 0.3
+"""Autocorrelation of residuals from which the model misses something that lasts for minutes."""
+
+
+def name(parameter: LearntParameter) -> str:
+    """A parameter's name with its unit: ``thermal inertia, J m⁻² K⁻¹ s⁻½``."""
+    words = NAMES.get(parameter.name, parameter.name.replace("_", " "))
+    return f"{words}, {parameter.unit}" if parameter.unit else words
+
+
+def before(parameter: LearntParameter) -> str:
+    """The prior with its 90 % interval: ``15 (7 to 34)``."""
+    return _interval(parameter.prior, parameter.prior_low, parameter.prior_high)
+
+
+def found(parameter: LearntParameter) -> str:
+    """The estimate with its 90 % interval."""
+    return _interval(parameter.value, parameter.low, parameter.high)
+
+
+def from_data(parameter: LearntParameter) -> float:
+    """How much the data said, in [0, 1]: one less posterior over prior standard deviation."""
+    return min(1.0, max(0.0, 1.0 - parameter.share_of_prior))
+
+
+def bar(share: float, cells: int = BAR_CELLS) -> str:
+    """A share as a bar of characters: ``█████░░░``."""
+    filled = round(share * cells) if math.isfinite(share) else 0
+    return "█" * filled + "░" * (cells - filled)
+
+
+def table(learnt: Learnt | None) -> Table:
+    """Each parameter with its prior, its estimate and how much the data said."""
+    parameters = learnt.parameters if learnt else ()
+    rows = [(name(one), before(one), found(one), f"{from_data(one):.0%}") for one in parameters]
+    return Table(("parameter", "prior", "learnt", "from the data"), rows, MEANING)
+
+
+def residuals(learnt: Learnt) -> Table:
+    """Each region's residual and its autocorrelation."""
+    rows = [
+        (
+            region,
+            formatting.number(residual_k, 3),
+            formatting.number(learnt.autocorrelation.get(region, math.nan), 2),
+        )
+        for region, residual_k in learnt.residual_k.items()
+    ]
+    return Table(("region", "residual, K", "autocorrelation"), rows)
+
+
+def judgement(learnt: Learnt) -> str:
+    """What the residuals say of the model, in a sentence."""
+    correlated = [region for region, value in learnt.autocorrelation.items() if abs(value) >= CORRELATED]
+    chi_square = f"Mean square of the standardised residuals {formatting.number(learnt.chi_square, 2)}"
+    if correlated:
+        return (
+            f"{chi_square}; those of {', '.join(correlated)} are correlated from minute to minute, so that "
+            "the model misses something there and its regions are too narrow."
+        )
+    return f"{chi_square} (1 where the stated noise holds); uncorrelated from minute to minute."
+
+
+MEANING = (
+    "Medians with 90 % intervals. From the data: one less posterior over prior standard deviation, 0 % where "
+    "the data said nothing."
+)
+
+
+def _interval(value: float, low: float, high: float) -> str:
+    """A value with its interval, to two digits of half the interval."""
+    if not math.isfinite(value):
+        return formatting.UNKNOWN
+    digits = _digits((high - low) / 2)
+    bounds = f" ({formatting.number(low, digits)} to {formatting.number(high, digits)})"
+    return formatting.number(value, digits) + (bounds if math.isfinite(high - low) else "")
+
+
+def _digits(half: float) -> int:
+    """Decimals at which an uncertainty has a digit above 3, or two: 0.05 has two, 1.7 one, 3.5 none."""
+    return max(0, math.ceil(-math.log10(half / 3.0))) if math.isfinite(half) and half > 0 else 2
