@@ -7,8 +7,10 @@ are standard deviations, ranges are uniform (that of the inertia in its logarith
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.slab import Slab
+from fieldkit.physics.slab import Slab, Stack
 from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.scene_series import SceneModel
@@ -28,6 +30,8 @@ from fieldkit.weather import packaged, read_station_file
 
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
 TOLD_SLAB = Slab(depth_m=0.03)
+BOTTOMLESS: Mapping[str, Any] = {"depth_m": 0.35, "layers": 8, "growth": 1.5}
+"""More of the same sand below, which heat does not cross within a session."""
 SOUTH, RANDOM = "south", "random"
 CLEAR, BROKEN_CLOUD, AUGUST = "clear", "broken", "august"
 LEAD_MIN, SESSION_MIN = 180, 180
@@ -46,7 +50,7 @@ class Drawn:
     the logged air temperature and longwave (W/m²) of the whole session.
     """
 
-    slab: Slab
+    sand: Stack
     exchange: Exchange
     circumsolar_share: float
     meter: float
@@ -118,15 +122,10 @@ def _random_beds(random: np.random.Generator) -> tuple[Bed, ...]:
 def _draw(random: np.random.Generator, offset_sd_k: float) -> Drawn:
     is_deep, depth_m = random.random() < 0.2, float(random.uniform(0.02, 0.06))
     inertia = float(np.exp(random.uniform(np.log(0.7), np.log(1.4))))
-    slab = Slab(
-        depth_m=0.40 if is_deep else depth_m,
-        # dry sand differs far more in conductivity than in heat capacity
-        conductivity_w_m_k=TOLD_SLAB.conductivity_w_m_k * inertia**2,
-        layers=24 if is_deep else TOLD_SLAB.layers,
-        growth=1.25 if is_deep else TOLD_SLAB.growth,
-    )
+    # dry sand differs far more in conductivity than in heat capacity
+    slab = replace(TOLD_SLAB, depth_m=depth_m, conductivity_w_m_k=TOLD_SLAB.conductivity_w_m_k * inertia**2)
     return Drawn(
-        slab=slab,
+        sand=(slab, replace(slab, **BOTTOMLESS)) if is_deep else (slab,),
         exchange=Exchange(float(random.uniform(10.0, 30.0))),
         circumsolar_share=float(random.uniform()),
         meter=1.0 + 0.08 * random.standard_normal(),
@@ -139,19 +138,20 @@ def _draw(random: np.random.Generator, offset_sd_k: float) -> Drawn:
 
 def _as_told(drawn: Drawn) -> Drawn:
     """The same offsets in a world that is as the settings say."""
-    return Drawn(TOLD_SLAB, STILL, 1.0, 1.0, 0.0, 0.0, drawn.offsets_k, np.zeros(3))
+    return Drawn((TOLD_SLAB,), STILL, 1.0, 1.0, 0.0, 0.0, drawn.offsets_k, np.zeros(3))
 
 
 def _field(day: str, outline: tuple[Region, ...], drawn: Drawn, shade_test: bool) -> tuple[SceneModel, int]:
     """The beds on that day, and local noon."""
     site, sky, noon_ns = _day(day)
-    slab = drawn.slab
+    top, *below = drawn.sand
     sand = Facet(
         "ground",
         (),
-        depth_m=slab.depth_m,
-        conductivity_w_m_k=slab.conductivity_w_m_k,
-        heat_capacity_j_m3_k=slab.heat_capacity_j_m3_k,
+        depth_m=top.depth_m,
+        conductivity_w_m_k=top.conductivity_w_m_k,
+        heat_capacity_j_m3_k=top.heat_capacity_j_m3_k,
+        below=tuple(below),
     )
     facets = tuple(
         replace(sand, name=one.name, tilt_deg=one.tilt_deg, azimuth_deg=one.azimuth_deg) for one in outline

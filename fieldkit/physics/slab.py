@@ -1,6 +1,6 @@
 """Heat conduction in a layer of sand over an insulating sheet: one-dimensional, no flux through the bottom.
 
-The scene knows the fluxes at the surface and needs its temperature: `warm_slab` couples the layer to the
+The scene knows the fluxes at the surface and needs its temperature: `SlabStep` couples the layer to the
 surface balance by implicit finite volumes, with a node on the surface and thinner layers near it. The full
 surface model knows the measured surface temperature and needs the flux into the ground: `conducted_flux` is
 exact for a surface temperature that is linear between readings. A thick slab stands for deep sand.
@@ -8,6 +8,7 @@ exact for a surface temperature that is linear between readings. A thick slab st
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -29,7 +30,7 @@ _TERMS = 24
 class Slab:
     """A conducting layer; the defaults are 3 cm of dry loose silica sand.
 
-    `layers` and `growth` are the grid of `warm_slab`: the number of layers, and the ratio of each one's
+    `layers` and `growth` are the grid of `SlabStep`: the number of layers, and the ratio of each one's
     thickness to that of the layer above.
     """
 
@@ -50,32 +51,95 @@ class Slab:
         return np.concatenate([[0.0], np.cumsum(thickness) / thickness.sum()]) * self.depth_m
 
 
-@lru_cache(maxsize=256)
-def _conduction(slab: Slab) -> tuple[FloatArray, FloatArray]:
-    """Conductance between neighbouring nodes (layers,) and heat capacity of each (layers + 1,)."""
-    thickness = np.diff(slab.depths_m())
-    half = slab.heat_capacity_j_m3_k * thickness / 2.0
-    return slab.conductivity_w_m_k / thickness, np.append(half, 0.0) + np.insert(half, 0, 0.0)
+Stack = tuple[Slab, ...]
+"""Slabs in contact, from the surface down, over an insulating sheet."""
 
 
-@lru_cache(maxsize=256)
-def _implicit(slab: Slab, step_s: float) -> FloatArray:
-    """Banded matrix of one backward Euler step, rows for `solve_banded` with (1, 1)."""
-    between, capacity = _conduction(slab)
-    bands = np.zeros((3, slab.layers + 1))
+def _conduction(stack: Stack) -> tuple[FloatArray, FloatArray]:
+    """Conductance between neighbouring nodes (n - 1,) and heat capacity of each (n,)."""
+    thickness = [np.diff(slab.depths_m()) for slab in stack]
+    between = [slab.conductivity_w_m_k / thick for slab, thick in zip(stack, thickness, strict=True)]
+    stored = [slab.heat_capacity_j_m3_k * thick for slab, thick in zip(stack, thickness, strict=True)]
+    half = np.concatenate(stored) / 2.0
+    return np.concatenate(between), np.append(half, 0.0) + np.insert(half, 0, 0.0)
+
+
+def _step_matrix(stack: Stack, step_s: float) -> FloatArray:
+    """Node temperatures after one backward Euler step by the heat in each node before it, (n, n)."""
+    between, capacity = _conduction(stack)
+    bands = np.zeros((3, capacity.size))
     bands[0, 1:] = bands[2, :-1] = -between
     bands[1] = capacity / step_s
     bands[1, :-1] += between
     bands[1, 1:] += between
-    return bands
+    return np.asarray(solve_banded((1, 1), bands, np.eye(capacity.size)))
+
+
+@dataclass(frozen=True, slots=True)
+class SlabStep:
+    """One step of k stacks with equally many nodes n, each with its surface in balance with sky and air.
+
+    Backward Euler: stable at any length, accurate to about 30 s. Stacks are linear: without heat through the
+    surface their nodes pass to `coasting` (k, n, n) times the nodes before, and 1 W/m2 into it warms them by
+    `response` (k, n) on top.
+    """
+
+    coasting: FloatArray
+    response: FloatArray
+
+    @classmethod
+    def of(cls, stacks: Sequence[Stack], step_s: float) -> SlabStep:
+        """The step of that length, s."""
+        matrices = [_step_matrix(stack, step_s) for stack in stacks]
+        capacities = [_conduction(stack)[1] / step_s for stack in stacks]
+        coasting = [matrix * capacity for matrix, capacity in zip(matrices, capacities, strict=True)]
+        return cls(np.array(coasting), np.array([matrix[:, 0] for matrix in matrices]))
+
+    def after(
+        self,
+        temperature_k: FloatArray,
+        absorbed_w_m2: ArrayLike,
+        exchange_w_m2_k: ArrayLike,
+        air_temperature_k: ArrayLike,
+        emissivity: ArrayLike,
+    ) -> FloatArray:
+        """Node temperatures after the step.
+
+        Parameters
+        ----------
+        temperature_k
+            Node temperatures before it, shape (k, n); (m, n) for m beds on a single stack. [K]
+        absorbed_w_m2
+            Sunlight and longwave that the surface absorbs, scalar or (k,). [W/m2]
+        exchange_w_m2_k
+            Coefficient of heat exchange with the air, scalar or (k,). [W m-2 K-1]
+        air_temperature_k
+            Air temperature, scalar or (k,). [K]
+        emissivity
+            Broadband emissivity, scalar or (k,), in (0, 1]. [-]
+
+        Returns
+        -------
+        Shape of `temperature_k`. [K]
+
+        Notes
+        -----
+        The surface ends at ``a + r q`` when q flows in. With ``q = absorbed - e sigma T^4 - h (T - T_a)`` one
+        Newton search of a scalar is exact.
+        """
+        coasting = np.matmul(self.coasting, temperature_k[:, :, np.newaxis])[:, :, 0]
+        alone, stiffness = coasting[:, 0], 1.0 / self.response[:, 0]
+        supply = np.add(absorbed_w_m2, np.multiply(exchange_w_m2_k, air_temperature_k))
+        surface = balance_temperature(
+            supply + alone * stiffness, exchange_w_m2_k + stiffness, emissivity, guess_k=alone
+        )
+        inflow = (surface - alone) * stiffness
+        return np.asarray(coasting + self.response * inflow[:, np.newaxis])
 
 
 @lru_cache(maxsize=256)
-def _response(slab: Slab, step_s: float) -> FloatArray:
-    """Warming (layers + 1,) after one step by 1 W/m2 into the surface, K per W/m2."""
-    unit = np.zeros(slab.layers + 1)
-    unit[0] = 1.0
-    return np.asarray(solve_banded((1, 1), _implicit(slab, step_s), unit))
+def _single(slab: Slab, step_s: float) -> SlabStep:
+    return SlabStep.of([(slab,)], step_s)
 
 
 def warm_slab(
@@ -87,7 +151,7 @@ def warm_slab(
     air_temperature_k: ArrayLike,
     emissivity: ArrayLike,
 ) -> FloatArray:
-    """Node temperatures after one step, with the surface in balance with sky and air.
+    """Node temperatures of beds on equal slabs after one step, see `SlabStep`.
 
     Parameters
     ----------
@@ -96,35 +160,19 @@ def warm_slab(
     temperature_k
         Node temperatures, shape (layers + 1,) or (layers + 1, m) for m beds on equal layers. [K]
     step_s
-        Length of the step; backward Euler, stable at any length, accurate to about 30 s. [s]
-    absorbed_w_m2
-        Sunlight and longwave that the surface absorbs, scalar or (m,). [W/m2]
-    exchange_w_m2_k
-        Coefficient of heat exchange with the air. [W m-2 K-1]
-    air_temperature_k
-        Air temperature. [K]
-    emissivity
-        Broadband emissivity, in (0, 1]. [-]
+        Length of the step. [s]
+    absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity
+        As in `SlabStep.after`, scalar or (m,).
 
     Returns
     -------
     Shape of `temperature_k`. [K]
-
-    Notes
-    -----
-    The layer is linear: its surface ends at ``a + r q`` when q flows in. With
-    ``q = absorbed - e sigma T^4 - h (T - T_a)`` one Newton search of a scalar is exact.
     """
-    _, capacity = _conduction(slab)
-    stored = (capacity / step_s * temperature_k.T).T
-    coasting = solve_banded((1, 1), _implicit(slab, step_s), stored)
-    response = _response(slab, step_s)
-    supply = np.add(absorbed_w_m2, np.multiply(exchange_w_m2_k, air_temperature_k))
-    surface = balance_temperature(
-        supply + coasting[0] / response[0], exchange_w_m2_k + 1.0 / response[0], emissivity
+    nodes = np.atleast_2d(temperature_k.T)
+    later = _single(slab, step_s).after(
+        nodes, absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity
     )
-    inflow = (surface - coasting[0]) / response[0]
-    return np.asarray(coasting + np.multiply.outer(response, inflow))
+    return later.T.reshape(temperature_k.shape)
 
 
 def conducted_flux(slab: Slab, surface_k: ArrayLike, step_s: float) -> FloatArray:

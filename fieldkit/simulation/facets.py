@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.physics.slab import Slab
+from fieldkit.physics.slab import Slab, Stack
 
 FRAME_SHAPE = (120, 160)
 """Rows and columns of the frame in which facets are drawn."""
@@ -27,8 +27,8 @@ class Facet:
 
     `vertices` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
     normal from north, clockwise: the truth. `emissivity` is that of the camera's band. `depth_m` of sand
-    lies over an insulating sheet; 0.2 m or more is practically bottomless for a day. `is_reference` marks
-    the bed whose slope is given to the estimator.
+    lies over an insulating sheet, or over the layers `below`; 0.2 m or more is practically bottomless for a
+    day. `is_reference` marks the bed whose slope is given to the estimator.
     """
 
     name: str
@@ -42,11 +42,12 @@ class Facet:
     conductivity_w_m_k: float = 0.25
     heat_capacity_j_m3_k: float = 1.3e6
     is_reference: bool = False
+    below: Stack = ()
 
     @property
-    def slab(self) -> Slab:
-        """The layer that stores the bed's heat."""
-        return Slab(self.depth_m, self.conductivity_w_m_k, self.heat_capacity_j_m3_k)
+    def stack(self) -> Stack:
+        """The layers that store the bed's heat, from the surface down."""
+        return (Slab(self.depth_m, self.conductivity_w_m_k, self.heat_capacity_j_m3_k), *self.below)
 
     def region(self) -> Region:
         """Region as a careful operator would draw it: the outline, inset by a tenth on each side."""

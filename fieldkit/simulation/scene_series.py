@@ -20,7 +20,7 @@ from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
 from fieldkit.physics.radiance import band_radiance, band_temperature
-from fieldkit.physics.slab import Slab, warm_slab
+from fieldkit.physics.slab import SlabStep
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
@@ -252,7 +252,7 @@ def surface_temperatures(
     Parameters
     ----------
     facets
-        k facets; those on equal layers are stepped together.
+        k facets; those with equally many nodes are stepped together.
     time_s
         Times, shape (m,). [s]
     absorbed
@@ -267,30 +267,30 @@ def surface_temperatures(
     Shape (k, m). [K]
     """
     series = np.empty_like(absorbed)
-    rows_of: dict[Slab, list[int]] = {}
+    rows_of: dict[int, list[int]] = {}
     for row, facet in enumerate(facets):
-        rows_of.setdefault(facet.slab, []).append(row)
-    for slab, rows in rows_of.items():
-        grey = np.array([facets[row].emissivity_broadband for row in rows])
-        series[rows] = _one_layer(slab, time_s, absorbed[rows], exchange, air_k, grey)
+        rows_of.setdefault(sum(slab.layers for slab in facet.stack), []).append(row)
+    for rows in rows_of.values():
+        alike = [facets[row] for row in rows]
+        series[rows] = _stepped(alike, time_s, absorbed[rows], exchange, air_k)
     return series
 
 
-def _one_layer(
-    slab: Slab,
-    time_s: FloatArray,
-    absorbed: FloatArray,
-    exchange: FloatArray,
-    air_k: FloatArray,
-    grey: FloatArray,
+def _stepped(
+    facets: Sequence[Facet], time_s: FloatArray, absorbed: FloatArray, exchange: FloatArray, air_k: FloatArray
 ) -> FloatArray:
-    """Surface temperatures of beds on equal layers, stepped together."""
+    """Surface temperatures of facets with equally many nodes, stepped together."""
+    grey = np.array([facet.emissivity_broadband for facet in facets])
+    stacks = [facet.stack for facet in facets]
+    lengths_s = np.round(np.diff(time_s), 6).tolist()
+    steps = {step_s: SlabStep.of(stacks, step_s) for step_s in set(lengths_s)}
     surface = np.empty_like(absorbed)
     surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
-    layer = np.tile(surface[:, 0], (slab.layers + 1, 1))
-    for row, step_s in enumerate(np.round(np.diff(time_s), 6), start=1):
-        layer = warm_slab(slab, layer, float(step_s), absorbed[:, row], exchange[row], air_k[row], grey)
-        surface[:, row] = layer[0]
+    nodes = 1 + sum(slab.layers for slab in stacks[0])
+    layer = np.tile(surface[:, :1], (1, nodes))
+    for row, step_s in enumerate(lengths_s, start=1):
+        layer = steps[step_s].after(layer, absorbed[:, row], exchange[row], air_k[row], grey)
+        surface[:, row] = layer[:, 0]
     return surface
 
 

@@ -113,7 +113,7 @@ def _steady(scene: Scene) -> Iterator[Surface]:
     minutes = np.arange(480)
     curves = np.array([scene.at(scene.start_ns + int(m) * MINUTE_NS).surface_k for m in minutes]).T
     for facet, curve in zip(scene.facets, curves, strict=False):
-        flux = conducted_flux(facet.slab, curve, 60.0)
+        flux = conducted_flux(facet.stack[0], curve, 60.0)
         steady = np.abs(np.gradient(curve)) < STEADY_K_MIN
         steady[:60] = False  # the flux does not know what was before
         yield Surface(curve[steady], flux[steady])

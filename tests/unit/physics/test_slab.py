@@ -12,7 +12,7 @@ from scipy.linalg import solve_banded
 from fieldkit.estimation.balance import conducted
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.slab import Slab, conducted_flux, heat_of_step, warm_slab
+from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, warm_slab
 
 SAND = Slab()
 
@@ -149,3 +149,19 @@ def test_the_two_uses_of_the_slab_agree():
         )
     flux = conducted_flux(fine, surface, 5.0)
     np.testing.assert_allclose(flux[120:], taken[120:], atol=0.5)  # after ten minutes, of 900 W/m2
+
+
+def test_two_layers_under_a_steady_flux_warm_together():
+    """Every depth warms at q / (C1 d1 + C2 d2); across a layer of flux q0 above and q1 below, the difference
+    is d (q0 + q1) / (2 k) (Carslaw and Jaeger 3.8, layer by layer).
+    """
+    dry, damp = Slab(0.01, 0.25, 1.3e6), Slab(0.04, 1.0, 2.2e6)
+    step, before, flux, no_loss = SlabStep.of([(dry, damp)], 300.0), np.full((1, 33), 290.0), 100.0, 1e-9
+    for _ in range(200):
+        before, last = step.after(before, flux, 0.0, 0.0, no_loss), before
+    rate = flux / (1.3e6 * 0.01 + 2.2e6 * 0.04)
+    np.testing.assert_allclose((before - last) / 300.0, rate, rtol=1e-6)
+    below = flux - 1.3e6 * 0.01 * rate
+    surface, contact, bottom = before[0, [0, 16, 32]]
+    assert surface - contact == pytest.approx(0.01 * (flux + below) / (2.0 * 0.25), rel=0.01)
+    assert contact - bottom == pytest.approx(0.04 * below / (2.0 * 1.0), rel=0.01)

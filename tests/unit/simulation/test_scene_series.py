@@ -53,7 +53,7 @@ def test_thick_layer_first_warms_as_a_half_space():
     curve = warm_up(bed, 100.0, time_s)
     loss_w_m2_k = 4 * 0.9 * STEFAN_BOLTZMANN * curve[0] ** 3 + EXCHANGE_W_M2_K
     after = np.array([100, 200, 400, 600])
-    b = loss_w_m2_k * np.sqrt(time_s[after]) / bed.slab.thermal_inertia
+    b = loss_w_m2_k * np.sqrt(time_s[after]) / bed.stack[0].thermal_inertia
     np.testing.assert_allclose(curve[after] - curve[0], 80.0 / loss_w_m2_k * (1 - erfcx(b)), rtol=0.02)
 
 
