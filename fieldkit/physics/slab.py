@@ -131,7 +131,7 @@ class SlabStep:
         alone, stiffness = coasting[:, 0], 1.0 / self.response[:, 0]
         supply = np.add(absorbed_w_m2, np.multiply(exchange_w_m2_k, air_temperature_k))
         surface = balance_temperature(
-            supply + alone * stiffness, exchange_w_m2_k + stiffness, emissivity, guess_k=alone
+            supply + alone * stiffness, np.add(exchange_w_m2_k, stiffness), emissivity, guess_k=alone
         )
         inflow = (surface - alone) * stiffness
         return np.asarray(coasting + self.response * inflow[:, np.newaxis])
@@ -169,9 +169,7 @@ def warm_slab(
     Shape of `temperature_k`. [K]
     """
     nodes = np.atleast_2d(temperature_k.T)
-    later = _single(slab, step_s).after(
-        nodes, absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity
-    )
+    later = _single(slab, step_s).after(nodes, absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity)
     return later.T.reshape(temperature_k.shape)
 
 
