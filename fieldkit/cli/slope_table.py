@@ -27,18 +27,8 @@ def print_learnt(learnt: Learnt | None) -> None:
     """Print what the data taught, each parameter before and after; nothing with other models."""
     if learnt is None:
         return
-    common.print_table(
-        ("learnt", "prior", "with the data", "from the data"),
-        [
-            (
-                learnt_words.name(one),
-                learnt_words.before(one),
-                learnt_words.found(one),
-                f"{learnt_words.bar(learnt_words.from_data(one))} {learnt_words.from_data(one):.0%}",
-            )
-            for one in learnt.parameters
-        ],
-    )
+    found = learnt_words.table(learnt)
+    common.print_table(found.columns, found.rows)
     common.say(learnt_words.judgement(learnt))
 
 

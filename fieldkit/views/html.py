@@ -56,6 +56,11 @@ def code(text: str) -> Markup:
     return Markup("<code>{}</code>").format(text)
 
 
+def bar(share: float) -> Markup:
+    """A share in [0, 1] as a small bar with its percentage."""
+    return Markup('<span class="bar"><span style="width:{0}%"></span></span>{0}%').format(round(share * 100))
+
+
 def data_uri(media_type: str, content: bytes) -> str:
     """An address that holds its content, so that a page needs no second file."""
     return f"data:{media_type};base64,{base64.b64encode(content).decode()}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.views import formatting
@@ -20,9 +21,22 @@ NAMES = {
     "gusts": "gusts of the exchange",
 }
 """Names of parameters in tables; others are shown as they are."""
+SHORT = {
+    "thermal_inertia": "inertia",
+    "longwave": "longwave",
+    "air": "air temp.",
+}
+"""Names where there is little room."""
 FIRST = ("gain", "thermal_inertia", "depth", "exchange")
 """Parameters that the live view has room for."""
+MEANING = (
+    "Medians with 90 % intervals. From the data: one less posterior over prior standard deviation, 0 % where "
+    "the data said nothing. Gain is absorbed over stated direct light; diffuse light is relative to what was "
+    "measured or configured, longwave and air temperature are offsets from it; circumsolar share: 0 "
+    "isotropic, 1 Hay and Davies."
+)
 BAR_CELLS = 8
+SHORT_UNIT = 4
 CORRELATED = 0.3
 """Autocorrelation of residuals from which the model misses something that lasts for minutes."""
 
@@ -31,6 +45,18 @@ def name(parameter: LearntParameter) -> str:
     """A parameter's name with its unit: ``thermal inertia, J m⁻² K⁻¹ s⁻½``."""
     words = NAMES.get(parameter.name, parameter.name.replace("_", " "))
     return f"{words}, {parameter.unit}" if parameter.unit else words
+
+
+def short(parameter: LearntParameter) -> str:
+    """A parameter's short name, with its unit where that is short."""
+    words = SHORT.get(parameter.name, parameter.name)
+    return f"{words}, {parameter.unit}" if 0 < len(parameter.unit) <= SHORT_UNIT else words
+
+
+def main(learnt: Learnt) -> list[LearntParameter]:
+    """The parameters that matter most, in the order of `FIRST`."""
+    by_name = {one.name: one for one in learnt.parameters}
+    return [by_name[name] for name in FIRST if name in by_name]
 
 
 def before(parameter: LearntParameter) -> str:
@@ -54,10 +80,15 @@ def bar(share: float, cells: int = BAR_CELLS) -> str:
     return "█" * filled + "░" * (cells - filled)
 
 
-def table(learnt: Learnt | None) -> Table:
-    """Each parameter with its prior, its estimate and how much the data said."""
+def bar_and_percentage(share: float) -> str:
+    """A share as a bar of characters and in figures."""
+    return f"{bar(share)} {share:.0%}"
+
+
+def table(learnt: Learnt | None, shown: Callable[[float], object] = bar_and_percentage) -> Table:
+    """Each parameter with its prior, its estimate and how much the data said, as `shown` renders shares."""
     parameters = learnt.parameters if learnt else ()
-    rows = [(name(one), before(one), found(one), f"{from_data(one):.0%}") for one in parameters]
+    rows = [(name(one), before(one), found(one), shown(from_data(one))) for one in parameters]
     return Table(("parameter", "prior", "learnt", "from the data"), rows, MEANING)
 
 
@@ -74,22 +105,20 @@ def residuals(learnt: Learnt) -> Table:
     return Table(("region", "residual, K", "autocorrelation"), rows)
 
 
+def correlated(learnt: Learnt) -> dict[str, float]:
+    """The autocorrelations by region that show something missed by the model."""
+    return {name: value for name, value in learnt.autocorrelation.items() if abs(value) >= CORRELATED}
+
+
 def judgement(learnt: Learnt) -> str:
     """What the residuals say of the model, in a sentence."""
-    correlated = [region for region, value in learnt.autocorrelation.items() if abs(value) >= CORRELATED]
     chi_square = f"Mean square of the standardised residuals {formatting.number(learnt.chi_square, 2)}"
-    if correlated:
+    if missed := correlated(learnt):
         return (
-            f"{chi_square}; those of {', '.join(correlated)} are correlated from minute to minute, so that "
+            f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute, so that "
             "the model misses something there and its regions are too narrow."
         )
     return f"{chi_square} (1 where the stated noise holds); uncorrelated from minute to minute."
-
-
-MEANING = (
-    "Medians with 90 % intervals. From the data: one less posterior over prior standard deviation, 0 % where "
-    "the data said nothing."
-)
 
 
 def _interval(value: float, low: float, high: float) -> str:

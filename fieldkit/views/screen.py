@@ -22,10 +22,11 @@ from rich.text import Text
 from rich.theme import Theme
 
 from fieldkit.model.device import StreamInfo
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, SlopeEstimate
-from fieldkit.views import formatting, frame_image
+from fieldkit.views import formatting, frame_image, learnt_words
 from fieldkit.views.latest import Latest
 
 THEMES: Mapping[str, Theme] = {
@@ -213,6 +214,18 @@ def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
     if health is not None:
         written = f", {formatting.size(health.written_bytes)} written" if health.written_bytes else ""
         yield "disk", f"{formatting.size(health.disk_free_bytes)} free{written}"
+    if minute is not None and minute.learnt is not None:
+        yield from _learnt_lines(minute.learnt)
+
+
+def _learnt_lines(learnt: Learnt) -> Iterator[tuple[str, Text]]:
+    """The main parameters as learnt so far, how much the data said of each, and what the residuals show."""
+    for one in learnt_words.main(learnt):
+        share = learnt_words.bar_and_percentage(learnt_words.from_data(one))
+        yield learnt_words.short(one), Text(f"{learnt_words.found(one):<17} ").append(share, "quiet")
+    missed = learnt_words.correlated(learnt)
+    words = ", ".join(f"{region} {value:.2f}" for region, value in missed.items())
+    yield "residuals", Text(f"correlated: {words}", "warning") if missed else Text("uncorrelated", "good")
 
 
 def _probes(info: StreamInfo, reading: Reading) -> str:

@@ -36,8 +36,13 @@ from fieldkit.workflows.sources import (
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Estimator, Minute
+    from fieldkit.estimation.settings import Model
     from fieldkit.estimation.statistics import SdKind
     from fieldkit.model.samples import Frame
+
+
+COMPARED: tuple[Model, ...] = ("paper", "full")
+"""Models that the error budget compares with the one that was used."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +155,7 @@ def _report_session(
                 regions=estimator.regions,
                 sd=options.sd,
                 frame=middle_frame(session),
-                full_minutes=with_full_model(minutes, estimator),
+                others=by_other_models(minutes, estimator),
                 command_line=command_line(),
                 config_toml=config.to_toml(),
             )
@@ -218,16 +223,15 @@ def middle_frame(session: SessionReader) -> Frame | None:
     return next((frame for frame in frames if is_usable(frame.quality)), None)
 
 
-def with_full_model(minutes: Sequence[Minute], estimator: Estimator) -> list[Minute] | None:
-    """The same minutes with slopes by the full surface model, from the bins already made.
-
-    None where the full model was used in the first place.
-    """
-    if estimator.settings.model == "full":
-        return None
-    settings = replace(estimator.settings, model="full")
+def by_other_models(minutes: Sequence[Minute], estimator: Estimator) -> dict[str, list[Minute]]:
+    """The same minutes with slopes by the other `COMPARED` models, from the bins already made."""
     history = History.of(estimator.bins)
-    return [
-        replace(minute, estimates=slopes(history.until(index), estimator.regions, settings))
-        for index, minute in enumerate(minutes, start=1)
-    ]
+    found: dict[str, list[Minute]] = {}
+    for model in COMPARED:
+        if model != estimator.settings.model:
+            settings = replace(estimator.settings, model=model)
+            found[model] = [
+                replace(minute, estimates=slopes(history.until(index), estimator.regions, settings))
+                for index, minute in enumerate(minutes, start=1)
+            ]
+    return found

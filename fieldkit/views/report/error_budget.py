@@ -7,21 +7,22 @@ each term is converted to degrees of tilt by the change of direct irradiance wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.region_temperatures import difference_k
-from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.settings import EstimatorSettings, Model
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
 from fieldkit.physics.energy_balance import emitted_longwave
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
 from fieldkit.views import formatting
-from fieldkit.views.html import Table
+from fieldkit.views.html import Table, strong
 from fieldkit.views.report.assessment import mean_error
 from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import Series, TargetSeries
@@ -35,13 +36,23 @@ READING = (
     "Plus: the bed seems to face the sun more than it does."
 )
 """How to read the table."""
+MODELS = (
+    "The same minutes by each model: final tilts, ± the larger half of the 90 % region; mean absolute error "
+    "over all minutes with an estimate; share of these whose 90 % region holds the given tilt."
+)
+MODEL_WORDS: Mapping[Model, str] = {
+    "paper": "These slopes were estimated without them.",
+    "full": "These slopes were estimated with the full model, which has them at the values configured.",
+    "learned": "These slopes were estimated with the learned model, which has them and learns their size.",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetSection:
-    """The error budget as a report shows it: what the model omits, a table of causes, and advice."""
+    """The error budget as a report shows it: what the models omit, how they compare, causes, and advice."""
 
     summary: str
+    models: Table | None
     contributions: Table
     advice: Sequence[str]
 
@@ -56,7 +67,36 @@ def error_budget(data: ReportData) -> BudgetSection | None:
         cause_rows(budgets),
         f"Degrees of tilt, medians over the session, {READING}",
     )
-    return BudgetSection(_omitted_words(data, budgets), contributions, _advice(budgets))
+    models = model_table(data) if data.others else None
+    return BudgetSection(_omitted_words(data, budgets), models, contributions, _advice(budgets))
+
+
+def model_table(data: ReportData) -> Table:
+    """The final slope of each bed by each model, with its error, and whether regions hold the given tilt."""
+    used = data.settings.model
+    by_model = {model: data.columns if model == used else data.others.get(model) for model in get_args(Model)}
+    rows = [
+        _model_row(strong(model) if model == used else model, columns)
+        for model, columns in by_model.items()
+        if columns is not None
+    ]
+    names = (bed.region.name for bed in data.columns.beds)
+    return Table(("model", *names, "mean error °", "truth within"), rows, f"{MODELS} In bold: used above.")
+
+
+def _model_row(name: object, columns: Series) -> list[object]:
+    held = [_holds_truth(bed) for bed in columns.beds if np.isfinite(bed.region.tilt_deg)]
+    minutes = np.concatenate(held) if held else np.empty(0)
+    share = f"{minutes.mean():.0%}" if minutes.size else formatting.UNKNOWN
+    tilts = (formatting.tilt(bed.final_estimate) if bed.final_estimate else "–" for bed in columns.beds)
+    return [name, *tilts, formatting.number(mean_error(columns), 1), share]
+
+
+def _holds_truth(bed: TargetSeries) -> NDArray[np.bool_]:
+    """Of the minutes with an estimate, whether the 90 % region holds the given tilt."""
+    truth = bed.region.tilt_deg
+    held = (bed.tilt_low_deg <= truth) & (truth <= bed.tilt_high_deg)
+    return np.asarray(held[bed.is_estimate])
 
 
 def cause_rows(budgets: Sequence[ErrorBudget]) -> list[list[object]]:
@@ -117,17 +157,7 @@ def _omitted_words(data: ReportData, budgets: Sequence[ErrorBudget]) -> str:
         f"longwave from the sky and {slab.depth_m * 100:g} cm of sand these terms bias the tilt by {cost}° "
         "here, on average over the beds; they partly cancel."
     )
-    if settings.model == "full":
-        return omitted + " These slopes were estimated with the full model, which has them."
-    if data.full is None:
-        return omitted
-    with_full, without = mean_error(data.full), mean_error(data.columns)
-    if not np.isfinite(with_full):
-        return omitted
-    return (
-        f"{omitted} Estimated again with them (model “full”), the mean tilt error is {with_full:.1f}° "
-        f"instead of {without:.1f}°."
-    )
+    return f"{omitted} {MODEL_WORDS[settings.model]}"
 
 
 def _advice(budgets: Sequence[ErrorBudget]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ class ReportData:
     """A session, its minutes as columns, the settings they were estimated with, and its events.
 
     `site`, `regions` and `config_toml` are those of the estimator, as an imported session has none of its
-    own. `full` holds the same minutes estimated with the full surface model, or None.
+    own. `others` holds the same minutes estimated with other surface models, by their names.
     """
 
     session: SessionReader
@@ -34,7 +34,7 @@ class ReportData:
     sd: SdKind
     events: Sequence[Event]
     frame: Frame | None
-    full: Series | None
+    others: Mapping[str, Series]
     command_line: str
     config_toml: str
     can_draw: bool

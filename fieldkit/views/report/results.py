@@ -64,6 +64,9 @@ def likelihood_words(settings: EstimatorSettings) -> str:
         parts.append(f"an offset between regions of {settings.offset_sd_k:g} K")
     emissivity_sds = {settings.emissivity_sd, *settings.own_emissivity_sd.values()} - {0.0}
     parts += [f"an emissivity of ±{sd:.3f}" for sd in sorted(emissivity_sds)]
+    if settings.model == "learned":
+        parts.append(f"a drift between them of {settings.drift_sd_k_per_h:g} K/h")
+        return f"covers {', '.join(parts)}, and what prior and data leave open of every parameter learnt"
     relative_sds = {
         "an irradiance scale": settings.scale_sd,
         "a light meter's factor": settings.factor_sd,

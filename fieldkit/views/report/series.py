@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimate
@@ -84,6 +85,12 @@ class Series:
     contact_k: FloatArray  # (n, channels)
     beds: tuple[TargetSeries, ...]
     regions: tuple[Region, ...]
+    learnt: tuple[Learnt | None, ...]  # what the data had taught by each minute, with the learned model
+
+    @property
+    def final_learnt(self) -> Learnt | None:
+        """What the whole session taught, or None if nothing."""
+        return next((one for one in reversed(self.learnt) if one is not None), None)
 
     @property
     def cos_zenith(self) -> FloatArray:
@@ -144,6 +151,7 @@ def series(minutes: Sequence[Minute], regions: Sequence[Region]) -> Series:
         contact_k=contact,
         beds=tuple(_bed(region, ordered) for region in regions if region.kind is RegionKind.TARGET),
         regions=tuple(regions),
+        learnt=tuple(minute.learnt for minute in ordered),
     )
 
 

@@ -43,7 +43,7 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
             label=f"probe {channels[channel]}",
         )
     axes.set_ylabel("surface temperature, °C")
-    return _over_time(figure, [axes], columns, site)
+    return over_time(figure, [axes], columns, site)
 
 
 def irradiance(columns: Series, site: Site) -> str:
@@ -55,7 +55,7 @@ def irradiance(columns: Series, site: Site) -> str:
     illuminance.set_ylabel("measured, klx")
     direct.plot(plotting.days(columns.time_ns), columns.irradiance_w_m2, color=plotting.colour(1))
     direct.set_ylabel("derived DNI, W/m²")
-    return _over_time(figure, [illuminance, direct], columns, site, legend=False)
+    return over_time(figure, [illuminance, direct], columns, site, legend=False)
 
 
 def tilts(columns: Series, site: Site) -> str:
@@ -74,7 +74,7 @@ def tilts(columns: Series, site: Site) -> str:
         if np.isfinite(bed.region.tilt_deg):
             axes.axhline(bed.region.tilt_deg, color="black", linestyle=(0, (5, 3)), linewidth=1.2)
         axes.set_ylabel(f"{bed.region.name} tilt, °")
-    return _over_time(figure, panels, columns, site, legend=False)
+    return over_time(figure, panels, columns, site, legend=False)
 
 
 def azimuths(columns: Series, site: Site) -> str:
@@ -94,7 +94,7 @@ def azimuths(columns: Series, site: Site) -> str:
         axes.set_yticks([centre - half, centre - half / 2, centre, centre + half / 2, centre + half])
         axes.yaxis.set_major_formatter(lambda value, _position: f"{value % 360:.0f}")
         axes.set_ylabel(f"{bed.region.name} azim., °")
-    return _over_time(figure, panels, columns, site, legend=False)
+    return over_time(figure, panels, columns, site, legend=False)
 
 
 def _line(index: int, kind: RegionKind) -> dict[str, Any]:
@@ -132,9 +132,10 @@ def _unreliable(axes: Axes, columns: Series, bed: TargetSeries, values: FloatArr
         axes.plot(ticks, np.zeros(ticks.size), transform=foot, **style)
 
 
-def _over_time(
+def over_time(
     figure: Figure, panels: Sequence[Axes], columns: Series, site: Site, *, legend: bool = True
 ) -> str:
+    """Panels over local time as SVG text, cloudy minutes shaded."""
     for axes in panels:
         _shade_clouds(axes, columns)
         axes.margins(x=0.01)

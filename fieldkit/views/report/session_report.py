@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from fieldkit.views.html import render
 from fieldkit.views.report import recording, results
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.error_budget import error_budget
+from fieldkit.views.report.learnt_section import learnt_section
 from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import series
 
@@ -33,7 +34,7 @@ def write_report(
     regions: Sequence[Region] | None = None,
     sd: SdKind = "paper",
     frame: Frame | None = None,
-    full_minutes: Sequence[Minute] | None = None,
+    others: Mapping[str, Sequence[Minute]] | None = None,
     command_line: str = "",
     config_toml: str | None = None,
 ) -> None:
@@ -53,8 +54,8 @@ def write_report(
         Standard deviation of the absolute errors: eq. (9) as printed, or the usual one.
     frame
         The frame to show, None if there is none.
-    full_minutes
-        The same samples estimated with the full surface model, to show what the omitted terms cost.
+    others
+        The same samples estimated with other surface models, by their names, to compare.
     command_line
         The command that was typed, for the provenance.
     config_toml
@@ -75,7 +76,7 @@ def write_report(
         sd=sd,
         events=tuple(formatting.by_time(session.events())),
         frame=frame,
-        full=None if full_minutes is None else series(full_minutes, regions),
+        others={model: series(found, regions) for model, found in (others or {}).items()},
         command_line=command_line,
         config_toml=session.config_toml if config_toml is None else config_toml,
         can_draw=plotting.available(),
@@ -92,6 +93,7 @@ def _page(data: ReportData) -> str:
         assessment=assess(data.columns, data.events, data.session.state),
         slopes=results.slopes(data),
         caveat=results.caveat(data.settings),
+        learnt=learnt_section(data),
         frame=recording.frame_image(data),
         regions=recording.regions(data),
         has_minutes=bool(data.columns.time_ns.size),

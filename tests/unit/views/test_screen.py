@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 import pytest
@@ -12,6 +13,7 @@ from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, 
 from fieldkit.views.frame_image import OUTLINE
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import THEMES, screen
+from tests.harness.learnt import learnt
 
 SECOND_NS = 10**9
 START_NS = 1_512_961_680 * SECOND_NS  # as in conftest
@@ -52,6 +54,19 @@ def test_fits_the_terminal(latest, cols, rows):
     lines = letters(latest, cols, rows)
     assert len(lines) == rows
     assert {cell_len(line) for line in lines} == {cols}
+
+
+@pytest.mark.parametrize(("cols", "rows"), SIZES)
+def test_what_the_data_taught_is_shown_with_how_much_they_said(latest, make_minute, cols, rows):
+    latest.update(make_minute(60, learnt=learnt(60)))
+    lines = letters(latest, cols, rows)
+    assert {cell_len(line) for line in lines} == {cols}
+    text = "\n".join(lines)
+    assert re.search(r"inertia +520 \(460 to 588\) +██████░░ 70%", text)
+    assert re.search(r"depth, cm +3\.6 \(2\.3 to 5\.7\) +████░░░░ 45%", text)
+    assert "correlated: b25 0.41" in text
+    latest.update(make_minute(61, learnt=replace(learnt(60), autocorrelation={"b25": 0.1})))
+    assert re.search(r"residuals +uncorrelated", "\n".join(letters(latest, cols, rows)))
 
 
 @pytest.mark.parametrize("seen", [True, False])

@@ -18,6 +18,7 @@ from fieldkit.views.report import write_report
 from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.results import temperature_rmse_k
 from fieldkit.views.report.series import modelled_temperature, series
+from tests.harness.learnt import learnt
 
 
 class Page(HTMLParser):
@@ -156,15 +157,48 @@ def test_the_same_session_gives_the_same_bytes(written):
     assert written() == written()
 
 
-def test_what_leaving_terms_out_costs_is_told_against_the_full_model(written, minutes):
+def test_the_error_budget_compares_the_models(written, minutes, settings):
     better = [
         replace(m, estimates=tuple(replace(e, tilt_deg=e.tilt_deg + 0.5) for e in m.estimates))
         for m in minutes
     ]
-    assert (
-        "Estimated again with them (model “full”), the mean tilt error is 0."
-        in Page(written(full_minutes=better)).text
-    )
+    rows = rows_of(written(others={"full": better}), "mean error °")
+    assert [row[0] for row in rows] == ["model", "paper", "full"]
+    final = minutes[-1].estimates[0]
+    assert rows[2][1].startswith(f"{final.tilt_deg + 0.5:.1f} ±")
+    assert float(rows[2][3]) == pytest.approx(0.5, abs=0.2)
+    learned = written(settings=replace(settings, model="learned"), others={"paper": minutes, "full": better})
+    assert [row[0] for row in rows_of(learned, "mean error °")] == ["model", "paper", "full", "learned"]
+    assert "<strong>learned</strong>" in learned
+    assert "with the learned model, which has them and learns their size" in Page(learned).text
+    assert rows_of(written(), "mean error °") == []
+
+
+def rows_of(text: str, heading: str) -> list[list[str]]:
+    """The cells of the table that has a column of this name."""
+    for table in re.findall(r"<table>.*?</table>", text, re.DOTALL):
+        if f">{heading}<" in table:
+            rows = re.findall(r"<tr>.*?</tr>", table, re.DOTALL)
+            cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, re.DOTALL) for row in rows]
+            return [[re.sub(r"<[^>]*>", "", cell) for cell in row] for row in cells]
+    return []
+
+
+def test_what_the_data_taught_has_its_section(written, minutes, settings):
+    taught = [replace(minute, learnt=learnt(n)) for n, minute in enumerate(minutes)]
+    text = written(minutes=taught, settings=replace(settings, model="learned"))
+    page = Page(text)
+    last = learnt(len(minutes) - 1)
+    rows = rows_of(text, "from the data")
+    assert len(rows) == 1 + len(last.parameters)
+    assert rows[3][0] == "thermal inertia, J m⁻² K⁻¹ s⁻½"
+    assert rows[3][1] == "570 (378 to 860)"  # 570 exp(+-1.645 x 0.25)
+    assert rows[3][3] == f"{1 - last.parameters[2].share_of_prior:.0%}"
+    assert rows_of(text, "autocorrelation")[3] == ["b25", "0.071", "0.41"]
+    assert "those of b25 are correlated from minute to minute" in page.text
+    assert any("Parameters before and after the data: gain" in words for words in page.alternatives)
+    assert "a drift between them of 0.1 K/h, and what prior and data leave open" in page.text
+    assert "What the data taught" not in Page(written()).text
 
 
 def test_full_model_says_that_it_has_the_terms(written, settings):
