@@ -9,7 +9,7 @@ from fieldkit.cli.types import WORDS
 
 
 @click.command(cls=Command)
-@click.argument("text", type=WORDS)
+@click.argument("words", metavar="TEXT", type=WORDS, nargs=-1, required=True)
 @click.option(
     "-k", "--kind", default="", type=WORDS, metavar="WORD", help="Label to filter by, such as cloud."
 )
@@ -20,18 +20,24 @@ from fieldkit.cli.types import WORDS
 @click.option("--to", "end", metavar="TIME", help="End of an interval; needs --from.")
 @click.pass_context
 def command(
-    ctx: click.Context, text: str, kind: str, at: str | None, start: str | None, end: str | None
+    ctx: click.Context, words: tuple[str, ...], kind: str, at: str | None, start: str | None, end: str | None
 ) -> None:
     r"""Add the note TEXT to the running recording, as an event of its session.
+
+    "shade-test REGION" when a board begins to shade a region, "shade-test REGION end" when it is taken away,
+    or "shade-test REGION" with an interval: estimates then know those minutes as shaded.
 
     \b
     fieldkit mark "wind picks up"
     fieldkit mark "cloud over the ridge" -k cloud --from -4m --to -1m
+    fieldkit mark shade-test b15 --at -30s
+    fieldkit mark shade-test b15 end
     """
     from fieldkit.workflows.running import add_mark, mark_of, unresponsive_recorder
 
     if (start is None) != (end is None) or (at and start):
         raise click.UsageError("give --at, or --from and --to together")
+    text = " ".join(words)
     config = campaign(ctx)
     with usage_errors():
         mark = mark_of(config, text, kind=kind, at=at or start or "-0s", to=end)

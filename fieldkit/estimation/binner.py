@@ -61,10 +61,17 @@ class Binner:
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
+        self._sun_was_up = False
         self._disturbances = DisturbanceMonitor(RegionColumns(self._regions))
 
-    def add(self, sample: Sample) -> list[Closed]:
-        """Take one sample; returns the bins it closed, usually none."""
+    def add(self, sample: Sample | Event) -> list[Closed]:
+        """Take one sample or mark; returns the bins it closed, usually none.
+
+        A mark may come as early as wanted: it counts from the minute in which it was made.
+        """
+        if isinstance(sample, Event):
+            self._disturbances.add(sample)
+            return []
         start = sample.time_ns - sample.time_ns % MINUTE_NS
         closed = self._close_before(sample.time_ns - GRACE_NS)
         if start < self._closed_ns:
@@ -81,23 +88,34 @@ class Binner:
 
     def finish(self) -> list[Closed]:
         """Close the open bins at the end of a recording."""
-        return self._close_before(2**62)
+        return self._close_before(2**62, is_last=True)
 
-    def _close_before(self, time_ns: int) -> list[Closed]:
+    def _close_before(self, time_ns: int, *, is_last: bool = False) -> list[Closed]:
         due = sorted(start for start in self._open if start + MINUTE_NS <= time_ns)
         if due:
             self._closed_ns = due[-1] + MINUTE_NS
-        return [self._close(self._open.pop(start)) for start in due]
+        return [self._close(self._open.pop(start), is_last) for start in due]
 
-    def _close(self, minute: OpenBin) -> Closed:
+    def _close(self, minute: OpenBin, is_last: bool) -> Closed:
         light = self._instruments.light(minute, self._site, self._settings)
-        entry, events = self._disturbances.update(self._bin(minute, light), minute, light, self._settings)
+        entry, events = self._disturbances.update(
+            self._bin(minute, light), minute, light, self._settings, is_last=is_last
+        )
+        events.extend(self._sunset(entry, minute))
         events.extend(self._unknown_streams(minute))
         if self._late:
             text = f"{self._late} samples arrived more than 2 s late and were excluded from the estimates"
             events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
             self._late = 0
         return entry, tuple(events)
+
+    def _sunset(self, entry: MinuteBin, minute: OpenBin) -> Iterator[Event]:
+        """Once the sun has set on the regions: what the next hour is worth."""
+        is_up = bool(entry.sun[2] > 0.0)
+        if self._sun_was_up and not is_up and self._regions:
+            text = "the sun is down: keep recording for an hour, the cooling gives inertia and offsets"
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text)
+        self._sun_was_up = is_up
 
     def _unknown_streams(self, minute: OpenBin) -> Iterator[Event]:
         """Once for each stream that is not used because what it measures is unknown."""

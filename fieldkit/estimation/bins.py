@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,8 @@ from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.radiance import surface_temperature_k
 
 LAW_STEP_K = 0.01
+NEVER = 2**62
+"""A minute later than any."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,9 @@ class MinuteBin:
     probe_k
         Mean of the contact thermometers in each region, in the order of the regions; NaN without, empty if no
         region has one. [K]
+    reflagged
+        Minutes and region columns of earlier bins whose `SHADED` flag is reversed from this bin on: shade
+        that shows or is marked afterwards.
     """
 
     minute: int
@@ -80,6 +85,7 @@ class MinuteBin:
     air_k: float = float("nan")
     wind_m_s: float = float("nan")
     probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
+    reflagged: tuple[tuple[int, int], ...] = ()
 
     @property
     def start_ns(self) -> int:
@@ -250,11 +256,17 @@ def _unmeasured() -> FloatArray:
     return np.empty(0)
 
 
+def _not_given() -> NDArray[np.int64]:
+    return np.empty(0, np.int64)
+
+
 @dataclass(frozen=True, slots=True)
 class History:
     """Bins side by side: arrays over minutes (n,), minutes and regions (n, regions), suns (n, 3).
 
-    What a set-up need not measure (air, wind, probes) is NaN where it is not given.
+    What a set-up need not measure (air, wind, probes) is NaN where it is not given. `region_flags` are as
+    known at the last minute: where shade was found, marked or dismissed afterwards, `SHADED` counts in the
+    minutes `shaded_from` <= m < `shaded_until` (n, regions); elsewhere both are `NEVER`.
     """
 
     minute: NDArray[np.int64]
@@ -269,6 +281,8 @@ class History:
     air_k: FloatArray = field(default_factory=_unmeasured)
     wind_m_s: FloatArray = field(default_factory=_unmeasured)
     probe_k: FloatArray = field(default_factory=_unmeasured)
+    shaded_from: NDArray[np.int64] = field(default_factory=_not_given)
+    shaded_until: NDArray[np.int64] = field(default_factory=_not_given)
 
     def __post_init__(self) -> None:
         for name, like in (
@@ -278,12 +292,15 @@ class History:
         ):
             if getattr(self, name).shape != like.shape:
                 object.__setattr__(self, name, np.full(like.shape, np.nan))
+        for name in ("shaded_from", "shaded_until"):
+            if getattr(self, name).shape != self.region_flags.shape:
+                object.__setattr__(self, name, np.full(self.region_flags.shape, NEVER))
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin]) -> History:
         """Stack bins in order of time."""
         regions = bins[0].temperature_k.size if bins else 0
-        return cls(
+        as_closed = cls(
             np.array([b.minute for b in bins], np.int64),
             np.array([b.time_ns for b in bins], np.int64),
             np.array([b.sun for b in bins], np.float64).reshape(-1, 3),
@@ -299,6 +316,8 @@ class History:
                 len(bins), regions
             ),
         )
+        reversals = [(b.minute, *cell) for b in bins for cell in b.reflagged]
+        return as_closed._reversing(reversals) if reversals else as_closed
 
     def __len__(self) -> int:
         return self.minute.size
@@ -308,5 +327,30 @@ class History:
         return History(*(getattr(self, field.name)[first:] for field in fields(self)))
 
     def until(self, last: int) -> History:
-        """The rows before index `last`."""
-        return History(*(getattr(self, field.name)[:last] for field in fields(self)))
+        """The rows before index `last`, flagged as was known then."""
+        return History(*(getattr(self, field.name)[:last] for field in fields(self)))._as_known()
+
+    def _as_known(self) -> History:
+        """With `SHADED` as known at the last minute."""
+        changes = self.shaded_from < NEVER
+        if not changes.any():
+            return self
+        is_shaded = (self.shaded_from <= self.minute[-1]) & (self.minute[-1] < self.shaded_until)
+        unshaded = self.region_flags & ~int(Quality.SHADED)
+        known = np.where(is_shaded, unshaded | int(Quality.SHADED), unshaded)
+        return replace(self, region_flags=np.where(changes, known, self.region_flags))
+
+    def _reversing(self, reversals: Sequence[tuple[int, int, int]]) -> History:
+        """With shade that was found or dismissed afterwards: when that was known, minute, column."""
+        rows = {minute: row for row, minute in enumerate(self.minute.tolist())}
+        begins, ends = self.shaded_from.copy(), self.shaded_until.copy()
+        for known, minute, column in reversals:
+            if (row := rows.get(minute)) is None:
+                continue
+            if begins[row, column] < NEVER:
+                ends[row, column] = known
+            elif self.region_flags[row, column] & Quality.SHADED:
+                begins[row, column], ends[row, column] = minute, known
+            else:
+                begins[row, column] = known
+        return replace(self, shaded_from=begins, shaded_until=ends)._as_known()

@@ -3,6 +3,7 @@
 Clouds begin and end by the light readings (`CloudMonitor`): a change by more than 15 % within two minutes is
 faster than the sun can move. `Cusum` finds level shifts of a temperature without any light meter: on the
 reference it confirms the weather, on one region against the reference it finds a shadow (`ShadeMonitor`).
+A shadow with sharp edges, and one that was told, is known to the minute (`shade`).
 `FrameShiftMonitor` compares the edges in the frames: regions warm and cool through the day, their edges stay.
 """
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from fieldkit.estimation.bins import MinuteBin, OpenBin, RegionColumns
 from fieldkit.estimation.instruments import MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.shade import ShadedMinutes, ShadeMarks, ShadeTest, ShadeTestMonitor
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.units import SECOND_NS
 
@@ -46,16 +48,30 @@ class DisturbanceMonitor:
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
         self._shade = {int(column): ShadeMonitor() for column in columns.targets}
+        self._tests = ShadeTestMonitor()
+        self._marks = ShadeMarks(columns.regions)
+        self._minutes = ShadedMinutes()
+        self._told: set[ShadeTest] = set()
         self._shaded: set[int] = set()
         self._frame_shift = FrameShiftMonitor()
         self._moved = False
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
 
+    def add(self, mark: Event) -> None:
+        """Take a note on the recording, which may be about the shade of a region."""
+        self._marks.add(mark)
+
     def update(
-        self, entry: MinuteBin, minute: OpenBin, light: MinuteIrradiance, settings: EstimatorSettings
+        self,
+        entry: MinuteBin,
+        minute: OpenBin,
+        light: MinuteIrradiance,
+        settings: EstimatorSettings,
+        *,
+        is_last: bool = False,
     ) -> tuple[MinuteBin, list[Event]]:
-        """The bin with its flags, and the events to report."""
+        """The bin with its flags, and the events to report; `is_last` at the end of a recording."""
         events = self._clouds(entry, light, settings)
         if self._light.cloudy or events or entry.start_ns < self._settled_ns:
             entry = replace(entry, flags=entry.flags | Quality.CLOUD)
@@ -63,7 +79,7 @@ class DisturbanceMonitor:
         jump = self._reference.update(entry.minute, reference_k)
         if jump is not None:
             events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
-        entry = self._shades(entry, reference_k, minute, events)
+        entry = self._shades(entry, reference_k, minute, events, is_last)
         return self._frames(entry, minute, events), events
 
     def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
@@ -83,20 +99,50 @@ class DisturbanceMonitor:
         return events
 
     def _shades(
-        self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event]
+        self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event], is_last: bool
     ) -> MinuteBin:
-        flags = list(entry.region_flags)
-        for column, monitor in self._shade.items():
-            # a cloud is not a shadow: while the light changes no single region is shaded
-            over = float("nan") if entry.flags & Quality.CLOUD else entry.temperature_k[column] - reference_k
-            shaded = monitor.update(entry.minute, float(over))
-            if shaded:
-                flags[column] |= Quality.SHADED
-            if shaded != (column in self._shaded):
-                self._shaded ^= {column}
-                text = f"{self._columns.regions[column].name} is {'shaded' if shaded else 'sunlit again'}"
-                events.append(Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING))
-        return replace(entry, region_flags=tuple(flags))
+        ended = self._tests.update(entry.minute, entry.temperature_k, self._light.cloudy)
+        told = self._marks.tests(entry.minute, is_last=is_last)
+        tested = self._tests.columns | {test.column for test in (*ended, *(set(told) ^ self._told))}
+        self._told = set(told)
+        slow = self._slow_shades(entry, reference_k, tested)
+        shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, told)
+        events += self._shade_events(shaded, ended, end_of(minute))
+        flags = [
+            flag | Quality.SHADED if column in shaded else flag
+            for column, flag in enumerate(entry.region_flags)
+        ]
+        return replace(entry, region_flags=tuple(flags), reflagged=reflagged)
+
+    def _slow_shades(self, entry: MinuteBin, reference_k: float, tested: set[int]) -> set[int]:
+        """Targets that have cooled against the reference, apart from regions in a shade test."""
+        if tested & {int(column) for column in self._columns.references}:
+            self._reference, tested = Cusum(least_sd=GUST_SD_K), set(self._shade)
+        # a forecast must be fitted neither to the shaded minutes nor to those before
+        self._shade.update({column: ShadeMonitor() for column in tested & set(self._shade)})
+        # a cloud is not a shadow: while the light changes no single region is shaded
+        lit_k = np.nan if entry.flags & Quality.CLOUD else reference_k
+        over_k = entry.temperature_k - lit_k
+        return {
+            column
+            for column, monitor in self._shade.items()
+            if column not in tested and monitor.update(entry.minute, float(over_k[column]))
+        }
+
+    def _shade_events(self, shaded: set[int], ended: list[ShadeTest], at_ns: tuple[int, int]) -> list[Event]:
+        tests = {test.column: self._test_event(test, at_ns) for test in ended}
+        changed, self._shaded = sorted((shaded ^ self._shaded) - set(tests)), shaded
+        texts = [
+            f"{self._columns.regions[column].name} is {'shaded' if column in shaded else 'sunlit again'}"
+            for column in changed
+        ]
+        warnings = [Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING) for text in texts]
+        return [*warnings, *tests.values()]
+
+    def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
+        name = self._columns.regions[test.column].name
+        data = {"shade_test": name, "begin_ns": test.begin_ns, "end_ns": test.end_ns}
+        return Event(EventKind.ESTIMATOR, *at_ns, f"shade test of {name}, {test.minutes:.0f} min", data=data)
 
     def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
         if minute.first_frame is None:

@@ -84,8 +84,8 @@ class Estimator:
         """All bins closed so far."""
         return tuple(self._bins)
 
-    def add(self, sample: Sample) -> list[Minute]:
-        """Take one sample; returns the minutes it closed, usually none."""
+    def add(self, sample: Sample | Event) -> list[Minute]:
+        """Take one sample or mark; returns the minutes it closed, usually none."""
         return [self._minute(closed) for closed in self._binner.add(sample)]
 
     def finish(self) -> list[Minute]:

@@ -94,9 +94,9 @@ def _held_clouded(
 def _held_shaded(
     history: History, columns: RegionColumns, index: int, settings: EstimatorSettings
 ) -> SlopeEstimate:
-    """The last estimate before this region alone was shaded."""
+    """The last estimate before this region alone, or the reference, was shaded."""
     column = columns.targets[index]
-    lit = (history.region_flags[:, column] & Quality.SHADED) == 0
+    lit = ~shaded_rows(history, columns, column)
     last = int(np.flatnonzero(lit)[-1]) + 1 if lit.any() else 0
     held = Window(history, last, columns, settings).estimate(index)
     return replace(
@@ -104,8 +104,19 @@ def _held_shaded(
         time_ns=int(history.time_ns[-1]),
         state=SlopeState.SHADED,
         flags=held.flags | Quality.SHADED,
-        reason="this region alone is shaded",
+        reason=_shade_reason(history, column),
     )
+
+
+def shaded_rows(history: History, columns: RegionColumns, column: np.int64) -> NDArray[np.bool_]:
+    """Minutes (n,) in which a target or a reference is shaded alone: they cannot be compared."""
+    flags = history.region_flags[:, [int(column), *columns.references.tolist()]]
+    return np.asarray(((flags & Quality.SHADED) != 0).any(axis=1))
+
+
+def _shade_reason(history: History, column: np.int64) -> str:
+    is_target = history.region_flags[-1, column] & Quality.SHADED
+    return "this region alone is shaded" if is_target else "the reference is shaded"
 
 
 class Window:
@@ -137,6 +148,8 @@ class Window:
             )
         column = self.columns.targets[index]
         flags = Quality(int(self.past.flags[-1] | self.past.region_flags[-1, column]))
+        if self._shaded(column)[-1]:
+            flags |= Quality.SHADED
         blank = replace(
             blank,
             time_ns=int(self.past.time_ns[-1]),
@@ -194,9 +207,7 @@ class Window:
 
     def _weights(self, rows: Rows, index: int, used: NDArray[np.bool_]) -> FloatArray:
         weights = np.where(used, 1.0 / np.where(used, rows.sigma[:, index], 1.0) ** 2, 0.0)
-        downweighted = (
-            self.past.region_flags[self.first :, self.columns.targets[index]] & Quality.SHADED
-        ) != 0
+        downweighted = self._shaded(self.columns.targets[index])[self.first :]
         if self.settings.model == "paper":
             downweighted |= (self.past.flags[self.first :] & Quality.CLOUD) != 0
         return np.where(downweighted, DISTURBED_WEIGHT * weights, weights)
@@ -220,9 +231,12 @@ class Window:
         needed = max(self._fewest(column), self.settings.min_minutes)
         if used.sum() < needed:
             return SlopeState.TOO_FEW, f"{used.sum()} of {needed} minutes so far"
-        if self.past.region_flags[-1, column] & Quality.SHADED:
-            return SlopeState.SHADED, "this region alone is shaded"
+        if self._shaded(column)[-1]:
+            return SlopeState.SHADED, _shade_reason(self.past, column)
         return None
+
+    def _shaded(self, column: np.int64) -> NDArray[np.bool_]:
+        return shaded_rows(self.past, self.columns, column)
 
     def _fewest(self, column: np.int64) -> int:
         """One minute bin more than unknown angles, so that a misfit can show."""

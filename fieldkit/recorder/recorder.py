@@ -219,6 +219,7 @@ class Recorder:
             if not self._stored(partial(self.writer.event, mark)):
                 return False
             self._views.show(mark)
+            self._estimate(mark)
         return True
 
     def _report(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
@@ -254,7 +255,7 @@ class Recorder:
 
     # --- estimates and views
 
-    def _estimate(self, sample: Sample) -> None:
+    def _estimate(self, sample: Sample | Event) -> None:
         if self._estimator is None:
             return
         try:

@@ -8,6 +8,7 @@ The results are those of the `Estimator`, to the last bit.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, Site
 from fieldkit.workflows.session_estimates import Estimates
-from fieldkit.workflows.sources import reading
+from fieldkit.workflows.sources import marks_of, reading
 
 
 def read_minutes(
@@ -33,7 +34,7 @@ def read_minutes(
         streams = tuple(session.streams.values())
         binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
         closed: list[list[MinuteBin]] = [[] for _ in binners]
-        for sample in session.samples():
+        for sample in chain(marks_of(session), session.samples()):
             for binner, bins in zip(binners, closed, strict=True):
                 bins.extend(entry for entry, _ in binner.add(sample))
     for binner, bins in zip(binners, closed, strict=True):

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from fieldkit.workflows.batch import estimate_run, run_of
 from fieldkit.workflows.cache import Cache
 from fieldkit.workflows.json_document import learnt_document
 from fieldkit.workflows.session_estimates import Estimates
-from fieldkit.workflows.sources import SessionOrFile, path_of, regions_for, settings_from, source_of
+from fieldkit.workflows.sources import SessionOrFile, marks_of, path_of, regions_for, settings_from, source_of
 from fieldkit.workflows.temperature_table import read_table
 
 
@@ -115,7 +116,7 @@ def estimator_for(
 
 def minutes_of(session: SessionReader, estimator: Estimator) -> Iterator[Minute]:
     """Every minute of a session, as the estimator closes it."""
-    for sample in session.samples():
+    for sample in chain(marks_of(session), session.samples()):
         yield from estimator.add(sample)
     yield from estimator.finish()
 

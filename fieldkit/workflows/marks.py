@@ -3,11 +3,14 @@
 ``fieldkit mark`` writes one JSON file per mark beside the journal; once a second the recorder turns each file
 into an event. A mark's time is absolute (ISO 8601) or in seconds before now, where "now" is the time of the
 recording, which differs from the wall clock in a simulated field.
+
+A mark "shade-test b15", or "shade-test b15 end", tells the estimator that a board shades the region b15.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -23,6 +26,7 @@ from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.entry_rows import event_fits
 
 _LATEST_NS = 2**63 - 1
+_SHADE_TEST = re.compile(r"shade[ -]test (?:of )?(?P<region>.+?)(?: (?P<phase>begin|end))?", re.IGNORECASE)
 TEN_YEARS_S = 10 * 365.25 * 86_400
 When = float | str
 """Seconds before now (zero or negative), or an ISO 8601 time with its zone."""
@@ -49,7 +53,7 @@ def drop_mark(folder: Path, mark: Mark) -> Path:
     Raises `ConfigError` if it is too long to be stored whole, and `OSError` if it cannot be written: without
     the folder the recording no longer accepts marks.
     """
-    if not event_fits(Event(EventKind.MARK, 0, 0, mark.text, data=_details(mark, _LATEST_NS))):
+    if not event_fits(Event(EventKind.MARK, 0, 0, mark.text, data=_details(mark, _LATEST_NS, _LATEST_NS))):
         size = len(f"{mark.text}{mark.label}".encode())
         fix = "split it in two, and use one short word as its kind"
         raise ConfigError(f"the mark is too long to be stored whole: {size} bytes", fix=fix)
@@ -145,14 +149,25 @@ def _read(file: Path, now_mono_ns: int, now_ns: int) -> Event:
 
 def _event(mark: Mark, now_mono_ns: int, now_ns: int) -> Event:
     start_ns = _time_ns(mark.at, now_ns)
-    data = _details(mark, now_ns if mark.to is None else _time_ns(mark.to, now_ns))
+    data = _details(mark, now_ns if mark.to is None else _time_ns(mark.to, now_ns), now_ns)
     return Event(EventKind.MARK, now_mono_ns - (now_ns - start_ns), start_ns, mark.text, data=data)
 
 
-def _details(mark: Mark, end_ns: int) -> dict[str, str | int]:
-    """What an event keeps of a mark besides its text: its label and, for a span, its end."""
+def shade_test(text: str) -> tuple[str, str] | None:
+    """Region and phase, "begin" or "end", of a mark about a shade test; None for any other text."""
+    found = _SHADE_TEST.fullmatch(text.strip())
+    return None if found is None else (found["region"], found["phase"] or "begin")
+
+
+def _details(mark: Mark, end_ns: int, noted_ns: int) -> dict[str, str | int]:
+    """What an event keeps of a mark besides its text: its label, a span's end, what it says of shade."""
     label: dict[str, str | int] = {"label": mark.label} if mark.label else {}
-    return label if mark.to is None else {**label, "end_ns": end_ns}
+    span = label if mark.to is None else {**label, "end_ns": end_ns}
+    if (test := shade_test(mark.text)) is None:
+        return span
+    phase = {"phase": test[1]} if mark.to is None else {}
+    # when it was noted: live estimates did not know it earlier, so later ones must not either
+    return {**span, "shade_test": test[0], "noted_ns": noted_ns, **phase}
 
 
 def _time_ns(when: When, now_ns: int) -> int:

@@ -17,7 +17,7 @@ from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.recorder import View
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
-from fieldkit.workflows.sources import config_for
+from fieldkit.workflows.sources import config_for, marks_of
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,8 @@ def play(session: SessionReader, estimator: Estimator, speed: float, view: View)
     clock = HostClock()
     items = heapq.merge(session.samples(), _recorded_events(session), key=lambda item: item.mono_ns)
     minutes: list[Minute] = []
+    for mark in marks_of(session):
+        estimator.add(mark)
     began_ns, first_ns = clock.mono_ns(), None
     for item in items:
         first_ns = item.mono_ns if first_ns is None else first_ns

@@ -25,7 +25,7 @@ from fieldkit.model.site import Site
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import SessionLock, is_locked, owner
 from fieldkit.views import formatting
-from fieldkit.workflows.marks import Mark, When, drop_mark, marks_folder
+from fieldkit.workflows.marks import Mark, When, drop_mark, marks_folder, shade_test
 from fieldkit.workflows.recordings import is_interrupted
 
 LOCK_NAME = ".recording"
@@ -200,13 +200,23 @@ def add_mark(config: Config, mark: Mark) -> Path:
 def mark_of(config: Config, text: str, *, kind: str = "", at: str = "-0s", to: str | None = None) -> Mark:
     """A note with its time, or interval, as people write them: ``-30s``, ``12:31`` at the site, ISO 8601.
 
-    Raises `ConfigError` for a time that cannot be read, that is years away, or an end before its start.
+    Raises `ConfigError` for a time that cannot be read, that is years away, or an end before its start, and
+    for a shade test of an unknown region.
     """
+    _reject_unknown_region(config, text)
     zone = formatting.zone(config.site)
     now = datetime.now(zone)
     mark = Mark(text, kind, parse_when(at, zone, now), parse_when(to, zone, now) if to else None)
     reject_impossible(mark, now, FAR_IN_SIMULATION_S if config.simulation else FAR_S)
     return mark
+
+
+def _reject_unknown_region(config: Config, text: str) -> None:
+    names = [region.name for region in config.regions]
+    if (test := shade_test(text)) is not None and test[0] not in names:
+        raise ConfigError(
+            f"no region is called {test[0]!r}", fix=f"shade-test and one of {', '.join(names) or 'none'}"
+        )
 
 
 def parse_when(text: str, zone: tzinfo, now: datetime) -> When:

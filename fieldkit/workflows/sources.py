@@ -16,6 +16,7 @@ from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
+from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import SessionReader, open_session
 
@@ -54,6 +55,11 @@ def reading(session: SessionOrFile) -> Iterator[SessionReader]:
         raise SessionError(
             f"{path} cannot be read: {message_of(error)}", fix=f"fieldkit check {path}"
         ) from error
+
+
+def marks_of(session: SessionReader) -> list[Event]:
+    """The marks of a session: an estimator takes them before the samples."""
+    return [event for event in session.events() if event.kind is EventKind.MARK]
 
 
 def notify_damage(session: SessionReader, notify: Callable[[str], None]) -> None:

@@ -149,3 +149,18 @@ def test_times_that_cannot_be_meant_leave_no_mark(campaign, recording, arguments
     assert result.exit_code == 2
     assert told in " ".join(result.stderr.split())
     assert not any((recording / "running.h5.journal" / "marks").iterdir())
+
+
+def test_a_shade_test_needs_no_quotes(campaign, recording):
+    corners = ["--points", "18,77", "64,74", "65,101", "15,106"]
+    added = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", "--reference", *corners])
+    assert added.exit_code == 0, added.output
+    assert mark(campaign, "shade-test", "b15", "end", "--at", "-30s").exit_code == 0
+    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert event.data == {"shade_test": "b15", "phase": "end", "noted_ns": NOON_NS}
+
+
+def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):
+    result = mark(campaign, "shade-test", "b51")
+    assert result.exit_code == 2
+    assert "no region is called 'b51'" in result.stderr

@@ -53,6 +53,23 @@ def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
     assert event.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
 
 
+@pytest.mark.parametrize(
+    ("text", "phase"),
+    [("shade-test b15", "begin"), ("Shade test of b15 begin", "begin"), ("shade-test b15 end", "end")],
+)
+def test_a_shade_test_says_which_region_and_when_that_was_known(folder, clock, text, phase):
+    drop_mark(folder, Mark(text, at=-30.0))
+    (event,) = MarkReader(folder, clock)()
+    assert (event.text, event.time_ns) == (text, NOON_NS - 30 * 10**9)
+    assert event.data == {"shade_test": "b15", "phase": phase, "noted_ns": NOON_NS}
+
+
+def test_a_shade_test_told_afterwards_has_both_ends(folder, clock):
+    drop_mark(folder, Mark("shade-test b15", at=-360.0, to=-60.0))
+    (event,) = MarkReader(folder, clock)()
+    assert event.data == {"shade_test": "b15", "end_ns": NOON_NS - 60 * 10**9, "noted_ns": NOON_NS}
+
+
 def test_an_absolute_time_is_taken_in_its_own_zone(folder, clock):
     drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30.25-07:00"))
     (event,) = MarkReader(folder, clock)()

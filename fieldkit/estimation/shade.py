@@ -1,0 +1,270 @@
+"""The shade test: a board over one region for some minutes, found in the temperatures or told by a mark.
+
+Under the board a region loses the beam and nothing else changes, so its sunlight must be known as gone to
+the minute. `ShadeTestMonitor` finds it: the heat that the ground takes up, less the heat lost for being
+warmer, is the absorbed sunlight up to a constant, which falls and returns like the board itself. Nominal
+sand serves for any ground, since only the ratio to the depth of the fall counts. `ShadeMarks` holds what the
+operator told. `ShadedMinutes` joins both and says which earlier minutes have to be flagged otherwise now.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.model.samples import Event
+from fieldkit.model.site import Region
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.slab import Slab, conducted_flux
+
+NOMINAL = Slab()
+LOSS_W_M2_K = 25.0
+"""Exchange with the air and longwave of sand in the open: 18 W m-2 K-1 of the paper's and 4 e sigma T^3."""
+MEMORY = 60
+LEAST_LIT = 10
+LEVEL_OF = 5
+"""Minutes of memory of the ground, of lit minutes needed, and of those whose mean is the level before."""
+LEAST_FALL_W_M2 = 100.0
+SIGMAS = 6.0
+ALONE = 0.25
+"""Largest change of the other regions, as a share of the fall: a cloud changes them all."""
+SHARP = 0.7
+"""Share of the depth that the second minute of a board has; a creeping shadow has less."""
+PARTLY = 0.2
+"""Share of the depth above which a minute at the end counts as partly shaded: the first six seconds of it."""
+PARTLY_BEFORE = 0.05
+"""The same for the minute before the fall was seen: the last eight seconds of it."""
+SHORTEST_MIN, LONGEST_MIN = 2, 20
+
+Cell = tuple[int, int]
+"""Minute since 1970 UTC and column of a region."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShadeTest:
+    """A shade test that is over: the region's column, begin and end in UTC nanoseconds."""
+
+    column: int
+    begin_ns: int
+    end_ns: int
+
+    @property
+    def minutes(self) -> float:
+        """Its length in minutes."""
+        return (self.end_ns - self.begin_ns) / MINUTE_NS
+
+
+@dataclass(slots=True)
+class _Shade:
+    """One region in the shade: the level before, and the fall below it minute by minute."""
+
+    level: float
+    falls: dict[int, float]
+
+    @property
+    def depth(self) -> float:
+        """The fall under the whole board, in W/m2."""
+        return float(np.median(sorted(self.falls.values())[-max(1, len(self.falls) - 2) :]))
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether it came within two minutes and went within two."""
+        falls = [fall / self.depth for fall in self.falls.values()]
+        return len(falls) >= SHORTEST_MIN and max(falls[:2]) >= SHARP and max(falls[-2:]) >= SHARP
+
+    def trimmed(self, after: float) -> list[int]:
+        """Take away the last minutes that were as sunny as those after them, and return them.
+
+        Ground that loses its heat otherwise than nominal sand does not come back to its level at once.
+        """
+        depth, lit = self.depth, list[int]()
+        for minute, fall in reversed(list(self.falls.items())[1:]):
+            if fall - after > PARTLY * depth:
+                break
+            after = self.falls.pop(minute)
+            lit.append(minute)
+        return lit
+
+    def test(self, column: int) -> ShadeTest:
+        """Begin and end: after a time t of a minute in the sun its mean has fallen by (1 - t)^1.5."""
+        ((first, begins), *_, (last, ends)) = self.falls.items()
+        at_first = np.clip(begins / self.depth, 0.0, 1.0) ** (2.0 / 3.0)
+        sun_at_last = np.clip(1.0 - ends / self.depth, 0.0, 1.0) ** (2.0 / 3.0)
+        begin_ns = (first + 1) * MINUTE_NS - round(float(at_first) * MINUTE_NS)
+        return ShadeTest(column, begin_ns, (last + 1) * MINUTE_NS - round(float(sun_at_last) * MINUTE_NS))
+
+
+class ShadeTestMonitor:
+    """Finds a region that alone loses its sun sharply, and when it has it again, from minute temperatures.
+
+    `shaded` holds the minutes and columns found so far. Without other regions nothing can be found.
+    """
+
+    def __init__(self) -> None:
+        self.shaded: set[Cell] = set()
+        self._kelvin: deque[tuple[int, FloatArray]] = deque()
+        self._lit: deque[FloatArray] = deque(maxlen=LEAST_LIT)
+        self._before: tuple[int, FloatArray] | None = None
+        self._active: dict[int, _Shade] = {}
+
+    @property
+    def columns(self) -> set[int]:
+        """The regions that are in the shade now."""
+        return set(self._active)
+
+    def update(self, minute: int, temperature_k: FloatArray, is_cloudy: bool) -> list[ShadeTest]:
+        """Take the temperatures (regions,) of a minute; returns the tests that have ended with it."""
+        if temperature_k.size < 2 or not np.isfinite(temperature_k).any():
+            return []
+        sunlight = self._sunlight_w_m2(minute, temperature_k)
+        ended = self._returned(minute, sunlight)
+        if len(self._lit) >= LEAST_LIT and not is_cloudy:
+            self._begin(minute, sunlight)
+        if not self._active:
+            self._lit.append(sunlight)
+        self._before = (minute, sunlight)
+        return ended
+
+    def _sunlight_w_m2(self, minute: int, temperature_k: FloatArray) -> FloatArray:
+        """Absorbed sunlight of the regions up to a constant, as of nominal sand."""
+        while self._kelvin and minute - self._kelvin[0][0] > MEMORY:
+            self._kelvin.popleft()
+        self._kelvin.append((minute, temperature_k))
+        minutes = np.arange(self._kelvin[0][0], minute + 1)
+        found_at, kelvin = np.array([at for at, _ in self._kelvin]), np.array([k for _, k in self._kelvin])
+        even = np.column_stack([_filled(minutes, found_at, one) for one in kelvin.T])
+        return np.asarray(conducted_flux(NOMINAL, even, 60.0)[-1] + LOSS_W_M2_K * temperature_k)
+
+    def _levels(self) -> FloatArray:
+        return np.asarray(np.mean(list(self._lit)[-LEVEL_OF:], axis=0))
+
+    def _begin(self, minute: int, sunlight: FloatArray) -> None:
+        """Begin the shade of the region that has fallen most, if it did so alone and sharply."""
+        levels = self._levels()
+        falls = levels - sunlight
+        falls[list(self._active)] = np.nan
+        if np.isfinite(falls).sum() < 2:
+            return
+        column = int(np.nanargmax(falls))
+        others = np.delete(falls, column)
+        fall, common = float(falls[column]), float(np.nanmedian(others))
+        least = max(LEAST_FALL_W_M2, SIGMAS * self._noise(column))
+        if fall - common < least or np.nanmax(np.abs(others)) > ALONE * fall:
+            return
+        earlier = self._earlier(minute, column, levels)
+        if earlier > ALONE * fall:
+            return
+        shade = _Shade(float(levels[column]), {})
+        if earlier > max(PARTLY_BEFORE * fall, 0.5 * least):
+            shade.falls[minute - 1] = earlier
+        shade.falls[minute] = fall
+        self._active[column] = shade
+        self.shaded |= {(one, column) for one in shade.falls}
+
+    def _earlier(self, minute: int, column: int, levels: FloatArray) -> float:
+        """The fall in the minute before, which may have been shaded in part; 0 if it was not measured."""
+        if self._before is None or self._before[0] != minute - 1:
+            return 0.0
+        return float(np.nan_to_num(levels[column] - self._before[1][column]))
+
+    def _noise(self, column: int) -> float:
+        """Scatter of a region against the others, lately, in W/m2."""
+        lit = np.array(self._lit)
+        alone = lit[:, column] - np.nanmedian(np.delete(lit, column, axis=1), axis=1)
+        return float(np.std(np.diff(alone)) / np.sqrt(2.0))
+
+    def _returned(self, minute: int, sunlight: FloatArray) -> list[ShadeTest]:
+        """Carry on with the shaded regions; the tests that are over."""
+        ended = []
+        for column, shade in list(self._active.items()):
+            fall = shade.level - float(sunlight[column])
+            if minute - next(iter(shade.falls)) > LONGEST_MIN:
+                del self._active[column]  # no test: the new level counts as normal
+            elif fall > PARTLY * shade.depth:
+                shade.falls[minute] = fall
+                self.shaded.add((minute, column))
+            elif np.isfinite(fall):
+                del self._active[column]
+                self.shaded -= {(lit, column) for lit in shade.trimmed(fall)}
+                ended += [shade.test(column)] if shade.is_sharp else []
+        return ended
+
+
+def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: FloatArray) -> FloatArray:
+    """A temperature at every minute, linear across minutes without one; NaN if there is none at all."""
+    known = np.isfinite(kelvin)
+    if not known[-1]:
+        return np.full(minutes.size, np.nan)
+    return np.asarray(np.interp(minutes, found_at[known], kelvin[known]))
+
+
+@dataclass(slots=True)
+class ShadeMarks:
+    """What the operator told of shade tests; a mark counts from the minute in which it was made."""
+
+    regions: Sequence[Region]
+    _events: list[tuple[int, int, Event]] = field(default_factory=list)
+
+    def add(self, event: Event) -> None:
+        """Take an event; one that is not about the shade of a region is skipped."""
+        names = [region.name for region in self.regions]
+        if (name := event.data.get("shade_test")) in names:
+            noted_ns = int(event.data.get("noted_ns", event.time_ns))
+            self._events.append((noted_ns // MINUTE_NS, names.index(str(name)), event))
+
+    def tests(self, minute: int, *, is_last: bool) -> list[ShadeTest]:
+        """The shade told by the end of a minute, up to then; `is_last` counts marks made later too."""
+        told = [one for one in self._events if one[0] <= minute or is_last]
+        told.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
+        tests, begun = [], dict[int, int]()
+        for _, column, event in told:
+            if "end_ns" in event.data:
+                tests.append(ShadeTest(column, event.time_ns, int(event.data["end_ns"])))
+            elif column in begun:
+                tests.append(_until(column, begun.pop(column), event.time_ns))
+            if event.data.get("phase") == "begin":
+                begun[column] = event.time_ns
+        now_ns = (minute + 1) * MINUTE_NS
+        return [*tests, *(_until(column, begin_ns, now_ns) for column, begin_ns in begun.items())]
+
+
+def _until(column: int, begin_ns: int, end_ns: int) -> ShadeTest:
+    """A test that ends when it is told, at the latest after the longest time."""
+    return ShadeTest(column, begin_ns, min(end_ns, begin_ns + LONGEST_MIN * MINUTE_NS))
+
+
+class ShadedMinutes:
+    """Which minutes of which regions are shaded, as known at the last one; what each minute changes of it."""
+
+    def __init__(self) -> None:
+        self._slow: set[Cell] = set()
+        self._flagged: set[Cell] = set()
+        self._settled: set[Cell] = set()
+        self._dismissed: set[Cell] = set()
+
+    def update(
+        self, minute: int, found: set[Cell], slow: Iterable[int], told: Iterable[ShadeTest]
+    ) -> tuple[set[int], tuple[Cell, ...]]:
+        """The columns shaded in a minute, and the earlier cells whose flag it reverses.
+
+        `found` are all cells of shade tests, `slow` the columns that are otherwise shaded in this minute,
+        `told` the tests by marks, whose end overrules what was found after it until then.
+        """
+        self._slow |= {(minute, column) for column in slow}
+        shaded = found | self._slow
+        for test in told:
+            first, last = test.begin_ns // MINUTE_NS, (test.end_ns - 1) // MINUTE_NS
+            if (last, test.column) not in self._settled:
+                self._settled.add((last, test.column))
+                self._dismissed |= {cell for cell in shaded if cell[1] == test.column and cell[0] > last}
+            shaded = shaded | {(at, test.column) for at in range(first, min(last, minute) + 1)}
+        shaded -= self._dismissed
+        self._dismissed |= self._flagged - shaded  # for good: a flag is reversed once each way
+        reversed_cells = tuple(sorted(cell for cell in shaded ^ self._flagged if cell[0] < minute))
+        self._flagged = shaded
+        return {column for at, column in shaded if at == minute}, reversed_cells

@@ -1,0 +1,193 @@
+"""Shade tests: beds of the packaged day's simulated sand, a board over one of them."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from fieldkit.estimation.bins import History, RegionColumns
+from fieldkit.estimation.estimator import Estimator, EstimatorSettings
+from fieldkit.estimation.shade import ShadeTestMonitor
+from fieldkit.estimation.slopes import shaded_rows
+from fieldkit.model.samples import Event, EventKind, Quality
+from fieldkit.model.slope import SlopeState
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
+from fieldkit.simulation.boards import Board
+from fieldkit.simulation.facets import GROUND
+from fieldkit.simulation.faults import cloud_transmission
+from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
+from fieldkit.simulation.scene_series import EXCHANGE, SceneModel
+from fieldkit.simulation.sky import MeasuredSky
+from fieldkit.weather import packaged
+
+FLAT, B05, B15, B25 = range(4)
+LEAD_S = 7200.0
+
+
+@lru_cache
+def afternoon_k(*boards, cloud=()):
+    """Surface temperatures (180, 4) of the demo's beds, means of the minutes from noon on.
+
+    Boards are (column, begin, end) in minutes, a cloud is (begin, end).
+    """
+    day = packaged()
+    over = tuple(Board(BEDS[bed].name, LEAD_S + 60 * a, LEAD_S + 60 * b) for bed, a, b in boards)
+    clouds = [cloud_transmission(*(LEAD_S + 60 * at for at in cloud))] if cloud else []
+    model = SceneModel(day.site, MeasuredSky(day), BEDS, GROUND, EXCHANGE, clouds, 3.0, 1.0, over)
+    scene = model.series(ALAMOSA_NOON_NS - round(LEAD_S * SECOND_NS), LEAD_S + 10800.0)
+    second = LEAD_S + np.arange(0.0, 10800.0, 5.0) + 2.5
+    surface = [np.interp(second, scene.time_s, bed) for bed in scene.rows[6 : 6 + len(BEDS)]]
+    return np.array(surface).reshape(len(BEDS), 180, -1).mean(axis=2).T
+
+
+FIVE = (B15, 61 + 1 / 3, 66 + 1 / 3)
+
+
+def found(kelvin, *, noise_k=0.05, seed=1):
+    """Minutes and columns found shaded, and the tests: column, begin and end in minutes."""
+    monitor = ShadeTestMonitor()
+    noisy = kelvin + noise_k * np.random.default_rng(seed).standard_normal(kelvin.shape)
+    tests = [test for minute, row in enumerate(noisy) for test in monitor.update(minute, row, False)]
+    ended = [(test.column, test.begin_ns / MINUTE_NS, test.end_ns / MINUTE_NS) for test in tests]
+    return monitor.shaded, ended
+
+
+def cells(column, *minutes):
+    return {(minute, column) for minute in minutes}
+
+
+def test_a_board_is_found_to_the_minute_partly_shaded_ones_included():
+    shaded, tests = found(afternoon_k(FIVE))
+    assert shaded == cells(B15, *range(61, 67))
+    ((column, begin, end),) = tests
+    assert column == B15
+    assert begin == pytest.approx(61.33, abs=0.15)
+    assert end == pytest.approx(66.33, abs=0.15)
+
+
+def test_one_board_after_another_the_reference_too():
+    boards = (FIVE, (FLAT, 80, 85), (B25, 100, 108 + 1 / 6), (B05, 108.5, 115))
+    shaded, tests = found(afternoon_k(*boards))
+    assert shaded == (
+        cells(B15, *range(61, 67))
+        | cells(FLAT, *range(80, 85))
+        | cells(B25, *range(100, 109))
+        | cells(B05, *range(108, 115))
+    )
+    assert [test[0] for test in tests] == [B15, FLAT, B25, B05]
+
+
+def test_two_regions_are_enough():
+    shaded, _ = found(afternoon_k(FIVE)[:, [FLAT, B15]])
+    assert shaded == cells(1, *range(61, 67))
+
+
+@pytest.mark.parametrize("noise_k", [0.05, 0.2])
+def test_a_clear_afternoon_and_its_gusts_have_no_board(noise_k):
+    for seed in range(5):
+        assert found(afternoon_k(), noise_k=noise_k, seed=seed) == (set(), [])
+
+
+def test_a_cloud_is_no_board():
+    assert found(afternoon_k(cloud=(60, 66))) == (set(), [])
+
+
+def test_a_shadow_that_creeps_is_no_board():
+    """The mean of a region is that of its strips, which the shadow reaches one after the other."""
+    strips = [afternoon_k((B15, 60 + strip, 100)) for strip in range(12)]
+    assert found(np.mean(strips, axis=0)) == (set(), [])
+
+
+def test_a_shadow_that_stays_is_no_test():
+    shaded, tests = found(afternoon_k((B15, 60, 100)))
+    assert tests == []
+    assert shaded == cells(B15, *range(60, 81))
+
+
+def mark(yard, name, at_s, noted_s=None, *, phase="begin", end_s=None):
+    at_ns = yard.start_ns + round(at_s * SECOND_NS)
+    noted_ns = yard.start_ns + round((at_s if noted_s is None else noted_s) * SECOND_NS)
+    data = {"shade_test": name, "noted_ns": noted_ns}
+    data |= {"phase": phase} if end_s is None else {"end_ns": yard.start_ns + round(end_s * SECOND_NS)}
+    return Event(EventKind.MARK, at_ns + 7, at_ns, "shade-test", data=data)
+
+
+def flagged(history, column):
+    rows = np.flatnonzero(history.region_flags[:, column] & Quality.SHADED)
+    return (history.minute[rows] - history.minute[0]).tolist()
+
+
+def live(yard, samples, marks):
+    """Estimator and minutes where each mark comes when it is made."""
+    estimator = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings())
+    made = [(mark.data["noted_ns"], mark) for mark in marks]
+    items = sorted([*made, *((one.time_ns, one) for one in samples)], key=lambda item: item[0])
+    minutes = [minute for _, item in items for minute in estimator.add(item)]
+    return estimator, minutes + estimator.finish()
+
+
+@pytest.mark.parametrize(
+    ("told", "minutes"),
+    [
+        ([("b17", 605, None, "begin"), ("b17", 890, None, "end")], range(10, 15)),
+        ([("b17", 605, 800, "begin"), ("b17", 890, 1300, "end")], range(10, 15)),
+        ([("b17", 605, None, "begin")], range(10, 25)),
+        ([("flat", 605, None, "begin"), ("flat", 725, None, "end")], range(10, 13)),
+    ],
+)
+def test_marks_shade_their_minutes_live_as_in_batch(yard, told, minutes):
+    noisy = replace(yard, noise_k=0.05)
+    samples = noisy.samples(25)
+    marks = [mark(yard, name, at_s, noted_s, phase=phase) for name, at_s, noted_s, phase in told]
+    estimator, as_live = live(noisy, samples, marks)
+    column = [bed.name for bed in yard.beds].index(told[0][0])
+    history = History.of(estimator.bins)
+    assert flagged(history, column) == list(minutes)
+    batch = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings())
+    for one in marks:  # a batch has all marks from the start
+        batch.add(one)
+    again = [minute for sample in samples for minute in batch.add(sample)] + batch.finish()
+    assert repr(again) == repr(as_live)
+    for last in range(1, len(history) + 1):
+        then = History.of(estimator.bins[:last])
+        assert np.array_equal(history.until(last).region_flags, then.region_flags)
+
+
+def test_an_interval_told_afterwards_shades_the_minutes_before(yard):
+    marks = [mark(yard, "b17", 605, 1210, end_s=890)]
+    estimator, _ = live(yard, yard.samples(25), marks)
+    history = History.of(estimator.bins)
+    assert flagged(history.until(20), 2) == []
+    assert flagged(history.until(21), 2) == list(range(10, 15))
+    assert flagged(history, 2) == list(range(10, 15))
+
+
+def test_while_the_reference_is_shaded_every_slope_is_held(yard):
+    marks = [mark(yard, "flat", 605), mark(yard, "flat", 720, phase="end")]
+    estimator, minutes = live(yard, yard.samples(15), marks)
+    held = minutes[11].estimates
+    assert {one.state for one in held} == {SlopeState.SHADED}
+    assert {one.reason for one in held} == {"the reference is shaded"}
+    assert held[0].tilt_deg == minutes[9].estimates[0].tilt_deg
+    columns = RegionColumns(tuple(yard.beds))
+    assert np.flatnonzero(shaded_rows(History.of(estimator.bins), columns, columns.targets[0])).tolist() == [
+        10,
+        11,
+    ]
+
+
+def test_a_mark_about_an_unknown_region_changes_nothing(yard):
+    estimator, _ = live(yard, yard.samples(8), [mark(yard, "elsewhere", 120)])
+    assert not History.of(estimator.bins).region_flags.any()
+
+
+def test_the_hour_after_sunset_is_binned_and_announced_once(yard):
+    dusk = replace(yard, start_ns=yard.start_ns + 9 * 3600 * SECOND_NS, dni_w_m2=0.0, noise_k=0.05)
+    estimator, minutes = live(dusk, dusk.samples(60), [])
+    texts = [event.text for minute in minutes for event in minute.events]
+    assert texts == ["the sun is down: keep recording for an hour, the cooling gives inertia and offsets"]
+    assert len(estimator.bins) == 60
+    assert np.isfinite([one.temperature_k for one in estimator.bins]).all()
+    assert all(one.flags & Quality.LOW_SUN for one in estimator.bins)
+    assert {one.state for one in minutes[-1].estimates} == {SlopeState.LOW_SUN}
