@@ -10,27 +10,18 @@ from fieldkit.views import formatting
 from fieldkit.views.html import Table
 
 NAMES = {
-    "gain": "gain",
-    "exchange": "heat exchange with the air",
-    "thermal_inertia": "thermal inertia",
-    "depth": "depth of the layer",
+    "exchange": "exchange with the air",
     "diffuse": "diffuse light",
     "circumsolar": "circumsolar share",
-    "longwave": "longwave, offset",
-    "air": "air temperature, offset",
-    "gusts": "gusts of the exchange",
+    "air": "air temperature",
 }
 """Names of parameters in tables; others are shown as they are."""
-SHORT = {
-    "thermal_inertia": "inertia",
-    "longwave": "longwave",
-    "air": "air temp.",
-}
+SHORT = {"thermal_inertia": "inertia", "air": "air temp."}
 """Names where there is little room."""
-FIRST = ("gain", "thermal_inertia", "depth", "exchange")
+FIRST = ("gain", "depth", "thermal_inertia", "exchange")
 """Parameters that the live view has room for."""
 MEANING = (
-    "Medians with 90 % intervals. From the data: one less posterior over prior standard deviation, 0 % where "
+    "Medians with 90 % intervals. From data: one less posterior over prior standard deviation, 0 % where "
     "the data said nothing. Gain is absorbed over stated direct light; diffuse light is relative to what was "
     "measured or configured, longwave and air temperature are offsets from it; circumsolar share: 0 "
     "isotropic, 1 Hay and Davies."
@@ -69,6 +60,12 @@ def found(parameter: LearntParameter) -> str:
     return _interval(parameter.value, parameter.low, parameter.high)
 
 
+def value(parameter: LearntParameter) -> str:
+    """The estimate alone, in `short` units."""
+    words = formatting.number(parameter.value, _digits((parameter.high - parameter.low) / 2))
+    return f"{words} {parameter.unit}" if 0 < len(parameter.unit) <= SHORT_UNIT else words
+
+
 def from_data(parameter: LearntParameter) -> float:
     """How much the data said, in [0, 1]: one less posterior over prior standard deviation."""
     return min(1.0, max(0.0, 1.0 - parameter.share_of_prior))
@@ -88,8 +85,8 @@ def bar_and_percentage(share: float) -> str:
 def table(learnt: Learnt | None, shown: Callable[[float], object] = bar_and_percentage) -> Table:
     """Each parameter with its prior, its estimate and how much the data said, as `shown` renders shares."""
     parameters = learnt.parameters if learnt else ()
-    rows = [(name(one), before(one), found(one), shown(from_data(one))) for one in parameters]
-    return Table(("parameter", "prior", "learnt", "from the data"), rows, MEANING)
+    rows = [(name(one), shown(from_data(one)), found(one), before(one)) for one in parameters]
+    return Table(("parameter", "from data", "learnt", "prior"), rows, MEANING)
 
 
 def residuals(learnt: Learnt) -> Table:
@@ -116,7 +113,7 @@ def judgement(learnt: Learnt) -> str:
     if missed := correlated(learnt):
         return (
             f"{chi_square}; those of {', '.join(missed)} are correlated from minute to minute, so that "
-            "the model misses something there and its regions are too narrow."
+            "the model misses something there and the 90 % regions are narrower than they should be."
         )
     return f"{chi_square} (1 where the stated noise holds); uncorrelated from minute to minute."
 

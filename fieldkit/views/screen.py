@@ -22,7 +22,7 @@ from rich.text import Text
 from rich.theme import Theme
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.learnt import Learnt
+from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, Frame, Reading, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import CERTAIN, SlopeEstimate
@@ -57,6 +57,9 @@ THEMES: Mapping[str, Theme] = {
 """Styles by theme: ``dark`` leaves the terminal's own colours, ``paper`` is black on white."""
 
 INSTRUMENTS_WIDTH = 44
+LOW_ROWS = 30
+"""Height below which events and what was learnt have fewer lines."""
+COMPACT_CELLS = 3
 SNAPSHOT_EVENTS = 6
 STOP_KEY = "Ctrl-C stops"
 BRIGHTNESS_COLS = 30
@@ -70,11 +73,12 @@ _SEVERITY_STYLE = {Severity.INFO: "base", Severity.WARNING: "warning", Severity.
 def screen(latest: Latest, cols: int, rows: int) -> RenderableType:
     """The whole screen of `cols` by `rows` characters."""
     n_lines = min(len(latest.regions), max(1, rows - 18))
-    n_events = 3 if rows < 30 else 6
+    is_low = rows < LOW_ROWS
+    n_events = 3 if is_low else 6
     top_rows = max(1, rows - n_lines - n_events - 3)
     seen, seen_cols = _image(latest, cols - INSTRUMENTS_WIDTH - 1, top_rows)
     top = Layout()
-    top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest)))
+    top.split_row(Layout(seen, size=seen_cols + 1), Layout(_instruments(latest, compact=is_low)))
     whole = Layout()
     whole.split_column(
         Layout(_title(latest), size=1),
@@ -187,16 +191,16 @@ def _title(latest: Latest) -> RenderableType:
     return line
 
 
-def _instruments(latest: Latest) -> RenderableType:
+def _instruments(latest: Latest, *, compact: bool = False) -> RenderableType:
     lines = Table.grid(padding=(0, 1, 0, 0))
     lines.add_column(no_wrap=True)
     lines.add_column(overflow="fold")
-    for name, text in _instrument_lines(latest):
+    for name, text in _instrument_lines(latest, compact=compact):
         lines.add_row(Text(name, "quiet"), text if isinstance(text, Text) else Text(text))
     return lines
 
 
-def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
+def _instrument_lines(latest: Latest, *, compact: bool) -> Iterator[tuple[str, str | Text]]:
     minute, health = latest.minute, latest.health
     for info, reading in latest.of_quantity("illuminance"):
         yield "light", f"{formatting.number(reading.values[0])} {info.unit}"
@@ -215,17 +219,28 @@ def _instrument_lines(latest: Latest) -> Iterator[tuple[str, str | Text]]:
         written = f", {formatting.size(health.written_bytes)} written" if health.written_bytes else ""
         yield "disk", f"{formatting.size(health.disk_free_bytes)} free{written}"
     if minute is not None and minute.learnt is not None:
-        yield from _learnt_lines(minute.learnt)
+        yield from _learnt_lines(minute.learnt, compact=compact)
 
 
-def _learnt_lines(learnt: Learnt) -> Iterator[tuple[str, Text]]:
+def _learnt_lines(learnt: Learnt, *, compact: bool) -> Iterator[tuple[str, Text]]:
     """The main parameters as learnt so far, how much the data said of each, and what the residuals show."""
-    for one in learnt_words.main(learnt):
-        share = learnt_words.bar_and_percentage(learnt_words.from_data(one))
-        yield learnt_words.short(one), Text(f"{learnt_words.found(one):<17} ").append(share, "quiet")
+    found = learnt_words.main(learnt)
+    if compact:
+        for first in range(0, len(found), 2):
+            yield "learnt", Text(" ".join(map(_learnt_briefly, found[first : first + 2])))
+    else:
+        for one in found:
+            share = learnt_words.bar_and_percentage(learnt_words.from_data(one))
+            yield learnt_words.short(one), Text(f"{learnt_words.found(one):<19} ").append(share, "quiet")
     missed = learnt_words.correlated(learnt)
     words = ", ".join(f"{region} {value:.2f}" for region, value in missed.items())
     yield "residuals", Text(f"correlated: {words}", "warning") if missed else Text("uncorrelated", "good")
+
+
+def _learnt_briefly(parameter: LearntParameter) -> str:
+    name = learnt_words.SHORT.get(parameter.name, parameter.name)
+    bar = learnt_words.bar(learnt_words.from_data(parameter), COMPACT_CELLS)
+    return f"{name} {learnt_words.value(parameter)} {bar}"
 
 
 def _probes(info: StreamInfo, reading: Reading) -> str:

@@ -27,6 +27,7 @@ def prior_and_posterior(learnt: Learnt) -> str:
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
+    axes.set_axisbelow(True)
     axes.set_xticks([-1.0, 0.0, 1.0], ["low", "median", "high"])
     axes.set_xlabel("90 % interval of the prior")
     return plotting.svg(figure)

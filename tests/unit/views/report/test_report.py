@@ -189,11 +189,11 @@ def test_what_the_data_taught_has_its_section(written, minutes, settings):
     text = written(minutes=taught, settings=replace(settings, model="learned"))
     page = Page(text)
     last = learnt(len(minutes) - 1)
-    rows = rows_of(text, "from the data")
+    rows = rows_of(text, "from data")
     assert len(rows) == 1 + len(last.parameters)
     assert rows[3][0] == "thermal inertia, J m⁻² K⁻¹ s⁻½"
-    assert rows[3][1] == "570 (378 to 860)"  # 570 exp(+-1.645 x 0.25)
-    assert rows[3][3] == f"{1 - last.parameters[2].share_of_prior:.0%}"
+    assert rows[3][3] == "570 (378 to 860)"  # 570 exp(+-1.645 x 0.25)
+    assert rows[3][1] == f"{1 - last.parameters[2].share_of_prior:.0%}"
     assert rows_of(text, "autocorrelation")[3] == ["b25", "0.071", "0.41"]
     assert "those of b25 are correlated from minute to minute" in page.text
     assert any("Parameters before and after the data: gain" in words for words in page.alternatives)
