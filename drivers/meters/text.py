@@ -55,9 +55,10 @@ UNITS = {
     "w/m2": "W/m²",
     "w/m^2": "W/m²",
     "w/m²": "W/m²",
+    "m/s": "m s-1",
 }
-SUFFIXES = {"_c": "°C", "_f": "°F", "_k": "K", "_lx": "lx", "_w_m2": "W/m²"}
-QUANTITIES = {"K": "temperature", "lx": "illuminance", "W m-2": "irradiance"}
+SUFFIXES = {"_c": "°C", "_f": "°F", "_k": "K", "_lx": "lx", "_w_m2": "W/m²", "_m_s": "m s-1"}
+QUANTITIES = {"K": "temperature", "lx": "illuminance", "W m-2": "irradiance", "m s-1": "speed"}
 _DIGITS = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d{1,2})?|nan"
 _PAIR = re.compile(rf"\s*([A-Za-z][\w .-]{{0,31}}?)\s*=\s*({_DIGITS}|)\s*([^\s,;=]{{0,8}})\s*", re.IGNORECASE)
 _NAME = re.compile(r"[A-Za-z][\w .-]{0,31}")

@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike
 
 from fieldkit.drivers.ports import Line
 from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
+from fieldkit.model.air import is_air_temperature
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.units import CELSIUS_ZERO_K, SECOND_NS
+from fieldkit.physics.facet import FloatArray
 from fieldkit.simulation import FaultKind, Scene
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
@@ -93,13 +95,19 @@ class SimulatedLutron(SimulatedMeter):
 
 
 class SimulatedCenter309(SimulatedMeter):
-    """A thermometer with its four probes in the first four regions; it replies to `A` and `K`."""
+    """A thermometer that replies to `A` and `K`.
+
+    Of its four probes, those that the option `labels` names as air hang in the air, the others lie in the
+    first regions.
+    """
 
     latency_s = 0.1
     _THINKS_NS = 20_000_000
 
     def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
         self.response_s = scene.response_s
+        labels = [str(label) for label in settings.options.get("labels", ())]
+        self._in_air = [is_air_temperature(label) for label in (*labels, "", "", "", "")[:4]]
         super().__init__(scene, clock, settings)
 
     def _start(self) -> None:
@@ -113,8 +121,13 @@ class SimulatedCenter309(SimulatedMeter):
             if letter == ord("K"):
                 free_ns = self._send_from(first_byte_ns, b"309\r")
             elif letter == ord("A"):
-                probes = self._scene.probe_readings(self._measured_ns(first_byte_ns))
-                free_ns = self._send_from(first_byte_ns, center_309_record(probes[:4] - CELSIUS_ZERO_K))
+                kelvin = self._probes_k(self._measured_ns(first_byte_ns))
+                free_ns = self._send_from(first_byte_ns, center_309_record(kelvin - CELSIUS_ZERO_K))
+
+    def _probes_k(self, time_ns: int) -> FloatArray:
+        in_beds = iter(self._scene.probe_readings(time_ns).tolist())
+        air_k = self._scene.air_reading(time_ns) if any(self._in_air) else np.nan
+        return np.array([air_k if in_air else next(in_beds, np.nan) for in_air in self._in_air])
 
 
 def lutron_record(value: float, unit: str, display: str = "1") -> bytes:

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 @click.option(
     "--unit",
     default="",
-    help="Unit of a table's values, if not in its header: C, F, K, lx, klx, fc, W/m2.",
+    help="Unit of a table's values, if not in its header: C, F, K, lx, klx, fc, W/m2, m/s.",
 )
 @click.option("--column", "columns", multiple=True, metavar="NAME", help="Column of a table; repeatable.")
 @click.option(

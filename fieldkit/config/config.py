@@ -141,6 +141,7 @@ class Config:
             irradiance=self.irradiance_model(),
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
+            probes={region.name: tuple(region.probes) for region in self.tables.region if region.probes},
             reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_ZERO_K,
             offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},
             emissivity_sd=self.tables.surface.emissivity_sd,

@@ -18,6 +18,7 @@ from fieldkit.model.radiation import Component
 Degrees = Annotated[float, Field(ge=0, le=360)]
 Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
+Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 Fault = Literal["cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock"]
@@ -387,6 +388,10 @@ class RegionTable(Table):
         ge=-10,
         le=10,
         description='how much too warm the camera shows it; or "@name" of a uniformity',
+    )
+    probes: list[Probe] = Field(
+        default=[],
+        description='contact thermometers in it, as "stream:channel", such as ["thermometer:T1"]',
     )
 
 

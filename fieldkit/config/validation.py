@@ -149,11 +149,12 @@ def _without_unit(key: str) -> str:
 
 
 def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
-    """Mistakes between keys: time zone, names, the reference, regions outside the frame, incomplete pairs."""
+    """Mistakes between keys: time zone, names, probes, reference, regions outside the frame, pairs."""
     checks = (
         _timezone,
         _device_names,
         _region_names,
+        _shared_probes,
         _reference,
         _outside_the_frame,
         _irradiance,
@@ -227,6 +228,18 @@ def _region_names(document: Mapping[str, Any]) -> Iterator[Mistake]:
         if name.casefold() in seen:
             yield Mistake((*path, "name"), f"duplicate region name {seen[name.casefold()]!r}")
         seen.setdefault(name.casefold(), name)
+
+
+def _shared_probes(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A probe lies in one region only."""
+    regions: dict[str, str] = {}
+    for path, region in _regions(document):
+        probes = region.get("probes")
+        for probe in probes if isinstance(probes, list) else ():
+            if isinstance(probe, str) and probe in regions:
+                yield Mistake((*path, "probes"), f"{probe} is in region {regions[probe]!r} already")
+            elif isinstance(probe, str):
+                regions[probe] = str(region.get("name"))
 
 
 def _reference(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -15,6 +15,7 @@ from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin, RegionCol
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
@@ -52,6 +53,7 @@ class Binner:
         self._site, self._regions, self._settings = site, tuple(regions), settings
         self._instruments = Instruments(streams, settings)
         self._unreported = self._instruments.unknown
+        self._absent = self._instruments.absent
         self.irradiance_model = self._instruments.label
         self._camera: CameraStream | None = None
         if (info := self._instruments.camera) is not None:
@@ -118,11 +120,15 @@ class Binner:
         self._sun_was_up = is_up
 
     def _unknown_streams(self, minute: OpenBin) -> Iterator[Event]:
-        """Once for each stream that is not used because what it measures is unknown."""
+        """Once for each stream that is not used because what it measures is unknown, or that is not there."""
         for name in self._unreported:
             text = f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}"
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text, name, Severity.WARNING)
         self._unreported = ()
+        for name in self._absent:
+            text = f"probes of regions: there is no stream {name}, so they have no temperature"
+            yield Event(EventKind.ESTIMATOR, *end_of(minute), text, severity=Severity.WARNING)
+        self._absent = ()
 
     def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:
         count = len(self._regions)
@@ -150,4 +156,7 @@ class Binner:
             self._instruments.contact_k(minute),
             flags,
             (Quality.GOOD,) * count,
+            self._instruments.mean(minute, AIR_TEMPERATURE),
+            self._instruments.mean(minute, WIND_SPEED),
+            self._instruments.probe_k(minute, self._regions),
         )

@@ -1,8 +1,8 @@
-"""Which stream is used for what, and the irradiances that the readings of a minute give."""
+"""Which stream is used for what, and what the readings of a minute give: irradiances, air, probes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import OpenBin
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.air import AIR_TEMPERATURE, CELSIUS_UNITS, of_air
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.radiation import UNIT, UNKNOWN, how_to_state, measured
 from fieldkit.model.samples import Quality, Reading, is_usable
-from fieldkit.model.site import Site
+from fieldkit.model.site import Region, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal
 from fieldkit.physics.irradiance import IrradianceModel, direct_normal
@@ -45,7 +46,11 @@ class MinuteIrradiance:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One channel of a stream, and what it measures: a component of radiation, or ``illuminance``."""
+    """One channel of a stream, and what it measures.
+
+    That is a component of radiation, ``illuminance``, ``air_temperature``, ``wind_speed``, or ``temperature``
+    of a contact thermometer in a region.
+    """
 
     info: StreamInfo
     channel: int
@@ -61,13 +66,18 @@ class Source:
         readings = minute.sorted_readings(self.info.name)
         return [r.values[self.channel] for r in readings if is_usable(r.quality)]
 
+    @property
+    def zero(self) -> float:
+        """What to add to a value: temperatures in °C become kelvin."""
+        return CELSIUS_ZERO_K if self.info.unit in CELSIUS_UNITS else 0.0
+
 
 class Instruments:
     """Which stream is used for what.
 
     `model` is the irradiance model of the stream that DNI is derived from (`light_source`), not necessarily
     the light meter's; `label` describes it in words. `unknown` are streams that may measure sunlight, but do
-    not declare what they measure.
+    not declare what they measure; `absent` are the streams of configured probes that are not there.
 
     Raises
     ------
@@ -84,7 +94,12 @@ class Instruments:
         self._lux = self._best("illuminance")
         self.light_source = _required_light(self._sources, settings)
         self.model = _model_of(self.light_source, settings.irradiance)
-        self._held: dict[str, tuple[int, float]] = {}
+        self._probes = {
+            region: tuple(_probes(region, given, self._streams)) for region, given in settings.probes.items()
+        }
+        named = (probe.partition(":")[0] for given in settings.probes.values() for probe in given)
+        self.absent = tuple(dict.fromkeys(name for name in named if name not in self._streams))
+        self._held: dict[tuple[str, int], tuple[int, float]] = {}
 
     @property
     def label(self) -> str:
@@ -128,20 +143,29 @@ class Instruments:
         cosine = sun.reshape(-1, 3) @ facet
         return np.asarray(values / np.where(cosine > 0.1, cosine, np.nan))
 
-    def mean(self, minute: OpenBin, component: str) -> float:
-        """Mean of a component of radiation, W/m2; NaN where it is not measured.
+    def mean(self, minute: OpenBin, quantity: str) -> float:
+        """Mean of a component of radiation (W/m2), air temperature (K) or wind speed (m/s); NaN without.
 
-        Means of more than a minute are held until the next is due: diffuse light and longwave change slowly,
-        and an assumed share of the beam would be less accurate. Minutes must come in order.
+        Means of more than a minute are held until the next is due: diffuse light, longwave and air change
+        slowly, and assumed values would be less accurate. Minutes must come in order.
         """
-        source = self._best(component)
-        if source is None:
-            return float("nan")
-        mean = mean_of(np.array(source.values(minute)))
+        source = self._best(quantity)
+        return float("nan") if source is None else self._held_mean(minute, source)
+
+    def probe_k(self, minute: OpenBin, regions: Sequence[Region]) -> FloatArray:
+        """Mean of the probes in each region, held as in `mean`, (regions,), K; empty if none has a probe."""
+        if not self._probes:
+            return np.empty(0)
+        probes = [self._probes.get(region.name, ()) for region in regions]
+        return np.array([mean_of(np.array([self._held_mean(minute, one) for one in its])) for its in probes])
+
+    def _held_mean(self, minute: OpenBin, source: Source) -> float:
+        key = source.info.name, source.channel
+        mean = mean_of(np.array(source.values(minute))) + source.zero
         if np.isfinite(mean):
-            self._held[component] = minute.minute, mean
+            self._held[key] = minute.minute, mean
             return mean
-        since, held = self._held.get(component, (0, float("nan")))
+        since, held = self._held.get(key, (0, float("nan")))
         due_minutes = OVERDUE / source.info.rate_hz / 60.0 if source.info.rate_hz > 0.0 else 0.0
         return held if minute.minute - since <= due_minutes else float("nan")
 
@@ -170,7 +194,7 @@ def mean_of(values: NDArray[np.float64]) -> float:
 
 
 def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iterator[Source]:
-    """Every channel that measures radiation, including those of unknown component."""
+    """Every channel that measures air or radiation, including those of unknown component."""
     for info in streams:
         if info.quantity == "illuminance":
             yield Source(info, 0, "illuminance")
@@ -183,6 +207,33 @@ def _sources(streams: Sequence[StreamInfo], settings: EstimatorSettings) -> Iter
             if (component, info.quantity) == (UNKNOWN, "irradiance") and settings.irradiance.is_direct:
                 component = "dni"  # irradiance.model states it: pyrheliometer, or a file of direct light
             yield Source(info, channel, component)
+        yield from (Source(info, channel, word) for channel, word in enumerate(of_air(info)) if word)
+
+
+def _probes(region: str, given: Sequence[str], streams: Mapping[str, StreamInfo]) -> Iterator[Source]:
+    """The channels of the probes in a region; streams that are not there are skipped."""
+    for probe in given:
+        name, _, text = probe.partition(":")
+        if (info := streams.get(name)) is None:
+            continue
+        if info.quantity != "temperature":
+            have = ", ".join(one.name for one in streams.values() if one.quantity == "temperature")
+            raise ConfigError(
+                f"region {region}: {name} measures {info.quantity}, so {probe} is not a contact thermometer",
+                fix=f"thermometers: {have or 'none'}",
+            )
+        channel = info.channel(text)
+        if channel is None:
+            raise ConfigError(
+                f"region {region}: {name} has no channel {text!r}",
+                fix=f"correct probes; channels of {name}: {', '.join(info.channel_names)}",
+            )
+        if of_air(info)[channel] == AIR_TEMPERATURE:
+            raise ConfigError(
+                f"region {region}: {probe} is named as air temperature, so it is not in the bed",
+                fix="correct probes, or give the channel another name in the option labels",
+            )
+        yield Source(info, channel, "temperature")
 
 
 def _unknown(sources: Sequence[Source]) -> tuple[str, ...]:

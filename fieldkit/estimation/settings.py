@@ -33,6 +33,8 @@ class EstimatorSettings:
         Stream to derive DNI from; "" for the best one.
     measures
         Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
+    probes
+        Contact thermometers in each region, by its name: ``STREAM:CHANNEL``, the channel by name or number.
     window_s
         Length of the window; None for "since the last change of weather", that is as far back as one slope
         explains the bins. [s]
@@ -81,6 +83,7 @@ class EstimatorSettings:
     irradiance: IrradianceModel = field(default_factory=IrradianceModel)
     light_stream: str = ""
     measures: Mapping[str, str] = field(default_factory=dict)
+    probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     method: Method = "unit-norm"
     model: Model = "paper"
     window_s: float | None = None

@@ -28,7 +28,7 @@ from fieldkit.physics.sun import sun_vectors
 
 @dataclass(frozen=True, slots=True)
 class TemperatureTable:
-    """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2 or lux; NaN where missing.
+    """Columns (n,) of a table in order of time: UTC nanoseconds, kelvin, W/m2, lux, m/s; NaN where missing.
 
     Either `irradiance_w_m2` (direct normal), `ghi_w_m2` (global horizontal) or `illuminance_lx` (as the
     irradiance model's mounting says) is given; the first available one is used.
@@ -43,6 +43,8 @@ class TemperatureTable:
     illuminance_lx: FloatArray | None = None
     diffuse_w_m2: FloatArray | None = None
     longwave_w_m2: FloatArray | None = None
+    air_k: FloatArray | None = None
+    wind_m_s: FloatArray | None = None
     flags: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
@@ -98,6 +100,8 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         _direct(table, sun, settings),
         _or(table.diffuse_w_m2, nothing),
         _or(table.longwave_w_m2, nothing),
+        _or(table.air_k, nothing),
+        _or(table.wind_m_s, nothing),
     ]
     columns += [table.reference_k, *table.targets_k.values()]
     values = np.column_stack(columns)
@@ -111,12 +115,14 @@ def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -
         minutes,
         middle,
         sun_vectors(middle, site, refraction=settings.refraction).reshape(-1, 3),
-        means[:, 3:],
+        means[:, 5:],
         means[:, 0],
         means[:, 1],
         means[:, 2],
         merged,
-        np.zeros((minutes.size, values.shape[1] - 3), np.int64),
+        np.zeros((minutes.size, values.shape[1] - 5), np.int64),
+        means[:, 3],
+        means[:, 4],
     )
 
 

@@ -60,6 +60,19 @@ class StreamInfo:
         """Whether the stream consists of frames."""
         return len(self.shape) == 2
 
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Channels of a meter by name, or else by number from 1."""
+        count = self.shape[0]
+        return self.channels if len(self.channels) == count else tuple(map(str, range(1, count + 1)))
+
+    def channel(self, text: str) -> int | None:
+        """Index of the channel of that name, or else of that number from 1; None if there is none."""
+        names = self.channel_names
+        if text in names:
+            return names.index(text)
+        return int(text) - 1 if text.isdigit() and 1 <= int(text) <= len(names) else None
+
     def has_the_columns_of(self, other: StreamInfo) -> bool:
         """Whether samples of `other` can be stored in this stream."""
         mine, theirs = (

@@ -99,6 +99,11 @@ class Scene:
         probes = self.at(time_ns).contact_k[:-1]
         return probes + _PROBE_NOISE_K * self._random(time_ns, 5).standard_normal(probes.size)
 
+    def air_reading(self, time_ns: int) -> float:
+        """Reading of a thermometer in the shade beside the beds, K."""
+        noise = float(self._random(time_ns, 6).standard_normal())
+        return self.at(time_ns).air_temperature_k + _PROBE_NOISE_K * noise
+
     def disk_free_bytes(self, time_ns: int, real: int) -> int:
         """Free space as the recorder sees it: `real`, unless a fault reduces it."""
         for begin, end in self.fault_spans(FaultKind.DISK):

@@ -91,13 +91,14 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that the minute bins depend on, everything else at its default.
 
     From counts to surface temperature (emissivity, reflected temperature), from light readings
-    to DNI (streams, irradiance model, refraction), and what flags a minute (low sun, settling).
+    to DNI (streams, irradiance model, refraction), probes, and what flags a minute (low sun, settling).
     """
     return EstimatorSettings(
         surface=SurfaceParameters(emissivity=settings.surface.emissivity),
         irradiance=settings.irradiance,
         light_stream=settings.light_stream,
         measures=settings.measures,
+        probes=settings.probes,
         refraction=settings.refraction,
         reflected_temperature_k=settings.reflected_temperature_k,
         low_sun_deg=settings.low_sun_deg,

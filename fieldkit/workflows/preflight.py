@@ -1,4 +1,4 @@
-"""What would spoil a session, found before it begins: regions, disk space, radiation, old calibrations."""
+"""What would spoil a session, found before it begins: regions, disk space, meters, old calibrations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from fieldkit.calibration.calibration_record import record_warnings
 from fieldkit.config import Config
-from fieldkit.estimation.instruments import Instruments as RadiationInstruments
+from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.model.radiation import how_to_state
@@ -32,15 +32,18 @@ def preflight(
 ) -> None:
     """Raise `ConfigError` or `StorageError` for what would spoil the session, before it begins.
 
-    `notify` receives warnings: no regions, radiation that cannot be used, calibrations that are old or of
-    another instrument.
+    `notify` receives warnings: no regions, radiation that cannot be used, probes that are not there,
+    calibrations that are old or of another instrument.
     """
     streams = instruments.streams
     _check_regions(config, streams, notify)
     for name in config.tables.irradiance.measures.keys() - {info.name for info in streams}:
         notify(f"irradiance.measures.{name}: no instrument is called {name}")
-    for name in RadiationInstruments(streams, config.estimator_settings()).unknown:
+    meters = EstimatorInstruments(streams, config.estimator_settings())
+    for name in meters.unknown:
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")
+    for name in meters.absent:
+        notify(f"probes of regions: no instrument is called {name}")
     needed = _bytes_per_second(streams, sampling_of(config))
     _check_space(needed, duration_s, instruments.free_bytes(), disk_reserve_bytes(config))
     now_ns = instruments.utc_ns()

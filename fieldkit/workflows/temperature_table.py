@@ -2,7 +2,8 @@
 
 Columns: ``time`` (ISO 8601 with zone), ``reference_k``, one ``NAME_k`` per target (or
 ``_c`` for both), ``irradiance_w_m2`` (direct normal), ``ghi_w_m2`` (global horizontal) or
-``illuminance_lx``; if there, ``diffuse_w_m2``, ``longwave_w_m2`` and ``flags``.
+``illuminance_lx``; if there, ``air_k`` (or ``air_c``), ``wind_m_s``, ``diffuse_w_m2``, ``longwave_w_m2`` and
+``flags``.
 Empty cells are missing values.
 """
 
@@ -22,7 +23,7 @@ from fieldkit.physics.facet import FloatArray
 
 Row = Mapping[str, str | None]
 LIGHT_COLUMNS = ("irradiance_w_m2", "ghi_w_m2", "illuminance_lx")
-OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2")
+OTHER_COLUMNS = (*LIGHT_COLUMNS, "diffuse_w_m2", "longwave_w_m2", "wind_m_s")
 
 
 def read_table(path: Path) -> TemperatureTable:
@@ -47,8 +48,8 @@ def read_table(path: Path) -> TemperatureTable:
     flags = np.zeros(0, np.int64)
     if "flags" in names:
         flags = np.nan_to_num(_column(path, rows, "flags")).astype(np.int64)[order]
-    reference = kelvin.pop("reference")
-    return TemperatureTable(times[order], reference, kelvin, **others, flags=flags)
+    reference, air_k = kelvin.pop("reference"), kelvin.pop("air", None)
+    return TemperatureTable(times[order], reference, kelvin, **others, air_k=air_k, flags=flags)
 
 
 def _filled(path: Path, reader: csv.DictReader[str]) -> Iterator[tuple[int, Row]]:
@@ -78,7 +79,7 @@ def _temperature_columns(path: Path, names: list[str]) -> dict[str, tuple[str, f
         for what, there in (
             ("time", "time" in names),
             ("reference_k (or reference_c)", "reference" in found),
-            ("one NAME_k (or NAME_c) per target", len(found) > ("reference" in found)),
+            ("one NAME_k (or NAME_c) per target", found.keys() - {"reference", "air"}),
             ("irradiance_w_m2, ghi_w_m2 or illuminance_lx", set(LIGHT_COLUMNS) & set(names)),
         )
         if not there

@@ -26,6 +26,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K, FAHRENHEIT_TO_K, FOOT2_M2
 from fieldkit.sessions.formats.imported import ImportedRecording, parse_times_ns, plausible_ns, usual_rate_hz
 
 _TEMPERATURE, _LIGHT, _POWER = ("K", "temperature"), ("lx", "illuminance"), ("W m-2", "irradiance")
+_SPEED = ("m s-1", "speed")
 
 _UNITS = {  # as they are written, in small letters: the stream's, what to add, what to divide the sum by
     **dict.fromkeys(("c", "°c", "degc", "deg c", "celsius"), (*_TEMPERATURE, CELSIUS_ZERO_K, 1.0)),
@@ -35,10 +36,11 @@ _UNITS = {  # as they are written, in small letters: the stream's, what to add, 
     **dict.fromkeys(("klx", "klux", "kilolux"), (*_LIGHT, 0.0, 1e-3)),
     **dict.fromkeys(("fc", "ftc", "foot-candle", "foot-candles"), (*_LIGHT, 0.0, FOOT2_M2)),
     **dict.fromkeys(("w m-2", "w/m2", "w/m²", "w/m^2"), (*_POWER, 0.0, 1.0)),
+    **dict.fromkeys(("m/s", "m s-1", "meters/second"), (*_SPEED, 0.0, 1.0)),
     **dict.fromkeys(("kw m-2", "kw/m2", "kw/m²", "kw/m^2"), (*_POWER, 0.0, 1e-3)),
 }
 
-_KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2"
+_KNOWN = "C, F, K, lx, klx, fc, W/m2, kW/m2, m/s"
 _NO_VALUE = {-999.0, -999.9, -9999.0, -9999.9}
 _TOO_HOT = {9999.0, 9999.9}  # no value of a temperature, but a light may have it
 _WITH_COMMA = re.compile(r"[+-]?\d+(,\d+)+(\.\d*)?")

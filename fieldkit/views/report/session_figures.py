@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fieldkit.model.air import is_air_temperature
 from fieldkit.model.site import RegionKind, Site
 from fieldkit.model.slope import SOLVED
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -31,6 +32,8 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
             label=region.name,
         )
     for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
+        if is_air_temperature(channels[channel]):
+            continue
         axes.plot(
             plotting.days(columns.time_ns),
             columns.contact_k[:, channel] - CELSIUS_ZERO_K,

@@ -172,11 +172,7 @@ class MeasurementSetup:
     @property
     def channel_names(self) -> tuple[str, ...]:
         """Probes of the thermometer, by name or else by number from 1."""
-        if self.thermometer is None:
-            return ()
-        count = self.thermometer.shape[0]
-        named = self.thermometer.channels
-        return named if len(named) == count else tuple(str(number + 1) for number in range(count))
+        return () if self.thermometer is None else self.thermometer.channel_names
 
     @property
     def probe_name(self) -> str:
@@ -229,8 +225,7 @@ def _with_thermometer(
     if len(chosen) != 1:
         have = ", ".join(info.name for info in found) or "none"
         raise ConfigError(f"{inventory.path}: which thermometer?", fix=f"--thermometer; it has {have}")
-    setup = replace(setup, thermometer=chosen[0])
-    return replace(setup, channel=_channel(setup, options.channel))
+    return replace(setup, thermometer=chosen[0], channel=_channel(chosen[0], options.channel))
 
 
 def _applied_emissivity(camera: StreamInfo, given: float | None) -> float:
@@ -254,15 +249,12 @@ def _reflected(reflected: str | float, regions: Sequence[Region], where: Path) -
         return one_region(regions, str(reflected), where), math.nan
 
 
-def _channel(setup: MeasurementSetup, text: str | None) -> int:
-    names = setup.channel_names
-    if text is None:
-        return 0
-    if text in names:
-        return names.index(text)
-    if text.isdigit() and 1 <= int(text) <= len(names):
-        return int(text) - 1
-    raise ConfigError(f"the thermometer has no probe {text!r}", fix=f"it has {', '.join(names)}")
+def _channel(thermometer: StreamInfo, text: str | None) -> int:
+    channel = 0 if text is None else thermometer.channel(text)
+    if channel is None:
+        have = ", ".join(thermometer.channel_names)
+        raise ConfigError(f"the thermometer has no probe {text!r}", fix=f"it has {have}")
+    return channel
 
 
 def band_of(text: str) -> Band:

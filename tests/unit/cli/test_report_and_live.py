@@ -57,7 +57,7 @@ def test_status_shows_what_the_live_view_shows_slopes_temperatures_and_named_pro
     lines = paper.file.getvalue().splitlines()
     b15 = next(line for line in lines if line.startswith("b15"))
     assert f"{last.temperature_k['b15'] - 273.15:.2f}" in b15
-    assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  T4 \S+ °C", "\n".join(lines))
+    assert re.search(r"contact +T1 \S+  T2 \S+  T3 \S+  air \S+ °C", "\n".join(lines))
 
 
 def test_report_goes_to_the_campaigns_reports(campaign, session):

@@ -63,7 +63,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         "[prior]\n"
         + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
         + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
-        "emissivity = 0.93\nemissivity_sd = 0.03\n"
+        'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
     ).estimator_settings()
     assert given == EstimatorSettings(
@@ -71,6 +71,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         irradiance=IrradianceModel("calibrated", 1.0, 110.0, 0.0091, "in-plane", 5.0, 180.0, "erbs", 0.1),
         light_stream="sun",
         measures={"sun": "ghi"},
+        probes={"flat": ("thermometer:T1", "logger:2")},
         method="contours",
         model="full",
         window_s=900.0,

@@ -104,6 +104,12 @@ def test_an_unknown_key_is_refused_with_the_one_that_was_meant(campaign, table, 
     [
         (FLAT.replace("reference", "target"), "region", "no reference among the regions"),
         (FLAT + FLAT.replace("flat", "FLAT"), "region[1].name", "duplicate region name 'flat'"),
+        (FLAT + 'probes = ["T1"]\n', "region[0].probes[0]", "text (stream:channel, such as thermometer:T1)"),
+        (
+            FLAT + 'probes = ["t:1"]\n' + FLAT.replace("flat", "b05") + 'probes = ["t:1"]\n',
+            "region[1].probes",
+            "t:1 is in region 'flat' already",
+        ),
         (FLAT + "tilt_deg = 5\n", "region[0].tilt_deg", "a tilted reference also needs azimuth_deg"),
         (
             FLAT + '[camera]\ndriver = "purethermal"\nwidth_px = 9\nheight_px = 120\n',

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from fieldkit.estimation.binner import Binner
-from fieldkit.estimation.bins import OpenBin
+from fieldkit.estimation.bins import History, MinuteBin, OpenBin
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Quality, Reading
-from fieldkit.model.site import Site
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.daylight import clear_sky, sky_view
 from fieldkit.physics.facet import normal
 from fieldkit.physics.irradiance import IrradianceModel
@@ -71,6 +71,130 @@ def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
     minute = OpenBin(0, 0)
     minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
     assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
+
+
+# --- air and probes
+
+
+THERMOMETER = StreamInfo(
+    "thermometer", "temperature", "K", (4,), channels=("T1", "T2", "T3", "air"), rate_hz=1.0
+)
+REGIONS = tuple(
+    Region(name, kind, ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0)))
+    for name, kind in (("flat", RegionKind.REFERENCE), ("b15", RegionKind.TARGET), ("b25", RegionKind.TARGET))
+)
+
+
+def binned(streams, readings, **settings) -> list[MinuteBin]:
+    """Bins of readings given as (stream, second, values, quality)."""
+    binner = Binner(SITE, REGIONS, streams, EstimatorSettings(**settings))
+    closed = []
+    for name, second, values, quality in readings:
+        at = AT_22_DEGREES + second * 10**9
+        closed += binner.add(Reading(name, at, at, values, quality=quality))
+    return [entry for entry, _ in closed + binner.finish()]
+
+
+def test_air_and_probes_are_the_means_of_their_channels_without_unusable_readings():
+    readings = [
+        ("thermometer", 0, (300.0, 310.0, 320.0, 290.0), Quality.GOOD),
+        ("thermometer", 1, (302.0, np.nan, 324.0, 292.0), Quality.GOOD),
+        ("thermometer", 2, (900.0, 900.0, 900.0, 900.0), Quality.STALE),
+        ("logger", 3, (31.85,), Quality.GOOD),
+    ]
+    logger = StreamInfo("logger", "temperature", "degC", (1,), channels=("bed",))
+    probes = {"flat": ("thermometer:T1",), "b25": ("thermometer:3", "logger:bed", "lost:T1")}
+    (entry,) = binned((THERMOMETER, logger), readings, probes=probes)
+    assert entry.air_k == 291.0
+    assert np.isnan(entry.wind_m_s)
+    # b25: the mean of (320 + 324) / 2 and 31.85 + 273.15
+    np.testing.assert_allclose(entry.probe_k, [301.0, np.nan, 313.5])
+    assert entry.contact_k[:4] == (301.0, 310.0, 322.0, 291.0)
+
+
+def test_without_configured_probes_or_names_nothing_is_guessed():
+    unnamed = replace(THERMOMETER, channels=("T1", "T2", "T3", "T4"))
+    (entry,) = binned((unnamed,), [("thermometer", 0, (300.0, 310.0, 320.0, 290.0), Quality.GOOD)])
+    assert np.isnan(entry.air_k)
+    assert entry.probe_k.size == 0
+    assert np.isnan(History.of([entry]).probe_k).all()
+
+
+def test_a_stations_air_and_wind_are_those_of_its_file():
+    """NOAA, SURFRAD, slv16001.dat: -7.6 °C and 3.1 m/s in the line of 2016-01-01 00:00 UTC."""
+    day = packaged()
+    at = int(day.time_ns[0])
+    streams = (
+        StreamInfo("slv-air", "air_temperature", "K", (1,), rate_hz=1 / 60),
+        StreamInfo("slv-wind", "wind_speed", "m s-1", (1,), rate_hz=1 / 60),
+    )
+    binner = Binner(day.site, (), streams, EstimatorSettings())
+    binner.add(Reading("slv-air", at, at, (float(day.air_temperature_k[0]),)))
+    binner.add(Reading("slv-wind", at, at, (float(day.wind_m_s[0]),)))
+    ((entry, _),) = binner.finish()
+    assert (entry.air_k, entry.wind_m_s) == (pytest.approx(265.55), 3.1)
+
+
+def test_a_thermometer_in_the_field_is_used_before_hourly_means_of_a_station():
+    hourly = StreamInfo("jma-air", "air_temperature", "K", (1,), rate_hz=1 / 3600)
+    readings = [
+        ("jma-air", 0, (280.0,), Quality.GOOD),
+        ("thermometer", 1, (300.0, 310.0, 320.0, 290.0), Quality.GOOD),
+    ]
+    (entry,) = binned((hourly, THERMOMETER), readings)
+    assert entry.air_k == 290.0
+
+
+def test_hourly_air_wind_and_probes_stand_until_the_next_are_due():
+    streams = (
+        StreamInfo("jma-air", "air_temperature", "K", (1,), rate_hz=1 / 3600),
+        StreamInfo("jma-wind", "wind_speed", "m s-1", (1,), rate_hz=1 / 3600),
+        StreamInfo("logger", "temperature", "K", (1,), rate_hz=1 / 900),
+        LUX,
+    )
+    readings = [("lux", 60 * minute, (40_000.0,), Quality.GOOD) for minute in range(120)]
+    readings[10:10] = [
+        ("jma-air", 600, (280.0,), Quality.GOOD),
+        ("jma-wind", 600, (3.5,), Quality.GOOD),
+        ("logger", 600, (305.0,), Quality.GOOD),
+    ]
+    bins = binned(streams, readings, probes={"flat": ("logger:1",)})
+    history = History.of(bins)
+    for values, held, last in (
+        (history.air_k, 280.0, 100),  # one and a half of its own intervals
+        (history.wind_m_s, 3.5, 100),
+        (history.probe_k[:, 0], 305.0, 32),  # 22.5 min
+    ):
+        assert np.isnan(values[:10]).all()
+        assert (values[10 : last + 1] == held).all()
+        assert np.isnan(values[last + 1 :]).all()
+
+
+@pytest.mark.parametrize(
+    ("probe", "message", "fix"),
+    [
+        ("thermometer:T9", "region flat: thermometer has no channel 'T9'", "thermometer: T1, T2, T3, air"),
+        ("thermometer:0", "thermometer has no channel '0'", "T1"),
+        ("lux:1", "lux measures illuminance", "thermometers: thermometer"),
+        ("thermometer:air", "named as air temperature", "labels"),
+    ],
+)
+def test_probes_that_contradict_the_streams_are_refused_with_what_there_is(probe, message, fix):
+    with pytest.raises(ConfigError, match=message) as caught:
+        Instruments((THERMOMETER, LUX), EstimatorSettings(probes={"flat": (probe,)}))
+    assert fix in caught.value.fix
+
+
+def test_probes_of_a_stream_that_was_not_recorded_are_reported_once():
+    binner = Binner(SITE, REGIONS, (LUX,), EstimatorSettings(probes={"flat": ("thermometer:T1",)}))
+    closed = []
+    for minute in range(3):
+        at = AT_22_DEGREES + minute * 60_000_000_000
+        closed += binner.add(Reading("lux", at, at, (40_000.0,)))
+    closed += binner.finish()
+    texts = [event.text for _, events in closed for event in events]
+    assert texts == ["probes of regions: there is no stream thermometer, so they have no temperature"]
+    assert all(np.isnan(entry.probe_k).tolist() == [True] * 3 for entry, _ in closed)
 
 
 # --- which stream gives the light, and what it is

@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
@@ -21,6 +22,7 @@ OTHER = {
     "surface": SurfaceParameters(0.25, 0.85, 0.93, 900.0, 1.1, 0.012),
     "light_stream": "lux",
     "measures": {"sun": "ghi"},
+    "probes": {"b15": ("thermometer:T2", "thermometer:3")},
     "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
     "method": "posterior",
     "model": "full",
@@ -92,6 +94,31 @@ def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
     assert found.rows["irradiance_w_m2"][::3].tolist() == pytest.approx(
         [minute.dni_w_m2 for minute in minutes], nan_ok=True, abs=0
     )
+
+
+def test_kept_minutes_hold_air_and_probes_as_they_were_live(recording):
+    path, site, regions, streams, samples = recording
+    with open_session(path) as session:
+        settings = config_for(session).estimator_settings()
+    assert settings.probes == {
+        "flat": ("thermometer:T1",),
+        "b05": ("thermometer:T2",),
+        "b15": ("thermometer:T3",),
+    }
+    estimator = Estimator(site, regions, streams, settings)
+    for sample in samples:
+        estimator.add(sample)
+    estimator.finish()
+    live = History.of(estimator.bins)
+    (kept,) = read_minutes(path, regions, [(site, bin_settings(settings))])
+    for name in ("air_k", "wind_m_s", "probe_k"):
+        assert getattr(live, name).tobytes() == getattr(kept, name).tobytes()
+    # NOAA, SURFRAD, slv16001.dat: -6.6 to -6.1 °C from 19:00 to 19:12 UTC
+    assert np.abs(kept.air_k - 273.15 + 6.35).max() < 0.35
+    assert np.isnan(kept.wind_m_s).all()
+    assert np.isnan(kept.probe_k[:, 3]).all()  # three probes, four beds
+    assert np.isfinite(kept.probe_k[:, :3]).all()
+    assert np.nanmax(np.abs(kept.probe_k - kept.temperature_k)) < 1.0
 
 
 def test_one_reading_serves_several_settings(recording):

@@ -47,6 +47,18 @@ def test_the_golden_table_gives_ten_degrees_south(table):
     assert bed.kelvin_per_degree == pytest.approx(0.066 * 800 / 850, abs=0.006)
 
 
+def test_air_and_wind_are_columns_of_the_table_and_no_targets(table):
+    first, *rows = CASE_1.splitlines()
+    text = "\n".join([f"{first},air_c,wind_m_s", *(f"{row},22.5,{hour}" for hour, row in enumerate(rows))])
+    read = read_table(table(text))
+    assert list(read.targets_k) == ["bed"]
+    assert read.air_k.tolist() == [295.65] * 4
+    assert read.wind_m_s.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert slopes_of(table(text), SITE, WHOLE) == slopes_of(table(CASE_1), SITE, WHOLE)
+    with pytest.raises(ConfigError, match="one NAME_k"):
+        read_table(table("time,reference_k,air_k,irradiance_w_m2\n2017-08-30T12:00:00+09:00,1,2,3\n"))
+
+
 def test_celsius_unsorted_rows_and_other_zones_are_the_same_table(table):
     first, *rows = CASE_1.splitlines()
     celsius = [first.replace("_k", "_c")]

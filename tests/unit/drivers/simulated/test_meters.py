@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
+from fieldkit.model.air import of_air
 from fieldkit.model.device import DeviceSettings
 from fieldkit.model.errors import DeviceLostError
 from fieldkit.model.units import SECOND_NS
@@ -115,6 +117,22 @@ def test_thermometer_tells_its_probes_as_they_were_when_it_measured(thermometer,
             reading = thermometer.read(1.0)
         probes = scene.probe_readings(reading.time_ns - round(thermometer.info.latency_s * SECOND_NS))
         np.testing.assert_allclose(reading.values, probes, atol=0.0501)
+
+
+def test_probe_named_as_air_hangs_in_the_air_and_the_others_lie_in_the_beds(scene):
+    labelled = replace(THERMOMETER, options={"labels": ["T1", "air", "T3", "T4"]})
+    clock, field, device = opened(labelled, scene)
+    with clock, field:
+        reading = None
+        while reading is None:
+            reading = device.read(1.0)
+        time_ns = reading.time_ns - round(device.info.latency_s * SECOND_NS)
+        device.close()
+    flat, b05, b15, _ = scene.probe_readings(time_ns)
+    np.testing.assert_allclose(reading.values, [flat, scene.air_reading(time_ns), b05, b15], atol=0.0501)
+    assert of_air(device.info) == ("", "air_temperature", "", "")
+    # NOAA, SURFRAD, slv16001.dat, 19:00 UTC
+    assert scene.air_reading(time_ns) - 273.15 == pytest.approx(-6.5, abs=0.2)
 
 
 def test_thermometer_knows_its_model_and_response(thermometer, scene):

@@ -10,6 +10,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pytest
 
+from fieldkit.model.air import of_air
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import Reading, Severity
 from fieldkit.sessions.formats.imported import ImportedRecording
@@ -441,14 +442,15 @@ def test_an_encoding_that_is_none_is_named(tmp_path: Path) -> None:
 
 
 def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
-    text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s]\n"
-    rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3\n2026-05-12T10:00:00,21.5,68,63.986,850,2\n"
+    text = "time,bed [C],air [F],light [klx],dni [W/m2],wind [m/s],gust [km/h]\n"
+    rows = "2026-05-12T10:01:00,22.5,-999.9,64.1,,3,9\n2026-05-12T10:00:00,21.5,68,63.986,850,2,8\n"
     imported = read_log(table(tmp_path, text + rows), "logger", LogOptions(zone=UTC))
     found = {info.name: (info.quantity, info.unit, info.channels) for info in imported.streams}
     assert found == {
         "logger-temperature": ("temperature", "K", ("bed", "air")),
         "logger-illuminance": ("illuminance", "lx", ("light",)),
         "logger-irradiance": ("irradiance", "W m-2", ("dni",)),
+        "logger-speed": ("speed", "m s-1", ("wind",)),
     }
     assert imported.streams[2].measures == ("dni",)
     readings = {name: [one.values for one in imported.samples if one.stream == name] for name in found}
@@ -456,15 +458,22 @@ def test_one_import_takes_columns_of_every_unit(tmp_path: Path) -> None:
     assert readings["logger-temperature"][1] == pytest.approx((295.65, float("nan")), nan_ok=True)
     assert readings["logger-illuminance"] == [pytest.approx((63_986.0,)), pytest.approx((64_100.0,))]
     assert readings["logger-irradiance"][0] == (850.0,)
+    assert readings["logger-speed"] == [(2.0,), (3.0,)]
+    assert [of_air(info) for info in imported.streams] == [
+        ("", "air_temperature"),
+        ("",),
+        ("",),
+        ("wind_speed",),
+    ]
     times = [one.time_ns for one in imported.samples]
     assert times == sorted(times)
     said = [text for _, text in imported.notes]
     assert said[0] == "log.csv: 2 rows"
     assert "1 cells stand for no value (like -9999 or inf)" in said
-    assert any("excluded for their unit: wind [m/s]" in text for text in said)
+    assert any("excluded for their unit: gust [km/h]" in text for text in said)
 
 
 def test_a_column_named_by_hand_in_an_unknown_unit_is_refused(tmp_path: Path) -> None:
-    path = table(tmp_path, "time,wind [m/s],T [C]\n2026-05-12T10:00:00,3,21\n")
-    with pytest.raises(ConfigError, match=r"column 'wind \[m/s\]' has the unit 'm/s'"):
+    path = table(tmp_path, "time,wind [mph],T [C]\n2026-05-12T10:00:00,3,21\n")
+    with pytest.raises(ConfigError, match=r"column 'wind \[mph\]' has the unit 'mph'"):
         read_log(path, "log", LogOptions(zone=UTC, columns=LogColumns(values=("wind",))))
