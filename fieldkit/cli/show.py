@@ -30,8 +30,9 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
 
     Without SESSION, the campaign's latest.
     """
+    from fieldkit.cli.slope_table import print_learnt
     from fieldkit.sessions.reader import open_session
-    from fieldkit.workflows.describe import describe, recorded_slopes
+    from fieldkit.workflows.describe import describe, recorded_learnt, recorded_slopes
 
     path = latest_session(ctx, session)
     with open_session(path) as opened:
@@ -41,6 +42,7 @@ def command(ctx: click.Context, session: Path | None, follow: bool) -> None:
             return
         if not options(ctx).json:
             _print(document, recorded_slopes(opened), by_time(opened.events()))
+            print_learnt(recorded_learnt(opened))
         if follow:
             _follow(opened)
 

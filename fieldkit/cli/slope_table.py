@@ -27,8 +27,7 @@ def print_learnt(learnt: Learnt | None) -> None:
     """Print what the data taught, each parameter before and after; nothing with other models."""
     if learnt is None:
         return
-    found = learnt_words.table(learnt)
-    common.print_table(found.columns, found.rows)
+    common.print_table(learnt_words.COLUMNS, learnt_words.rows(learnt))
     common.say(learnt_words.judgement(learnt))
 
 

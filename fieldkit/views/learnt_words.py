@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.views import formatting
-from fieldkit.views.html import Table
 
 NAMES = {
     "exchange": "exchange with the air",
@@ -20,6 +19,8 @@ SHORT = {"thermal_inertia": "inertia", "air": "air temp."}
 """Names where there is little room."""
 FIRST = ("gain", "depth", "thermal_inertia", "exchange")
 """Parameters that the live view has room for."""
+COLUMNS = ("parameter", "from data", "learnt", "prior")
+RESIDUAL_COLUMNS = ("region", "residual, K", "autocorrelation")
 MEANING = (
     "Medians with 90 % intervals. From data: one less posterior over prior standard deviation, 0 % where "
     "the data said nothing. Gain is absorbed over stated direct light; diffuse light is relative to what was "
@@ -82,16 +83,17 @@ def bar_and_percentage(share: float) -> str:
     return f"{bar(share)} {share:.0%}"
 
 
-def table(learnt: Learnt | None, shown: Callable[[float], object] = bar_and_percentage) -> Table:
-    """Each parameter with its prior, its estimate and how much the data said, as `shown` renders shares."""
+def rows(
+    learnt: Learnt | None, shown: Callable[[float], object] = bar_and_percentage
+) -> list[tuple[object, ...]]:
+    """For each parameter the `COLUMNS`, with how much the data said as `shown` renders shares."""
     parameters = learnt.parameters if learnt else ()
-    rows = [(name(one), shown(from_data(one)), found(one), before(one)) for one in parameters]
-    return Table(("parameter", "from data", "learnt", "prior"), rows, MEANING)
+    return [(name(one), shown(from_data(one)), found(one), before(one)) for one in parameters]
 
 
-def residuals(learnt: Learnt) -> Table:
-    """Each region's residual and its autocorrelation."""
-    rows = [
+def residual_rows(learnt: Learnt) -> list[tuple[str, ...]]:
+    """For each region the `RESIDUAL_COLUMNS`."""
+    return [
         (
             region,
             formatting.number(residual_k, 3),
@@ -99,7 +101,6 @@ def residuals(learnt: Learnt) -> Table:
         )
         for region, residual_k in learnt.residual_k.items()
     ]
-    return Table(("region", "residual, K", "autocorrelation"), rows)
 
 
 def correlated(learnt: Learnt) -> dict[str, float]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldkit.model.errors import SessionError
+from fieldkit.model.learnt import Learnt
 from fieldkit.model.radiation import measured
 from fieldkit.model.slope import SlopeEstimate, final_estimates
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -40,7 +41,7 @@ def describe(session: SessionReader) -> dict[str, Any]:
             }
             for one in recorded_slopes(session)
         ],
-        "learnt": learnt_document(next(reversed(session.learnt().values()), None)),
+        "learnt": learnt_document(recorded_learnt(session)),
         "events": [
             {
                 "at": local_time(session, event.time_ns), "kind": event.kind.name.lower(),
@@ -57,6 +58,11 @@ def describe(session: SessionReader) -> dict[str, Any]:
 def recorded_slopes(session: SessionReader) -> list[SlopeEstimate]:
     """The final estimate of each target, as recorded."""
     return list(final_estimates(session.estimates(), session.regions).values())
+
+
+def recorded_learnt(session: SessionReader) -> Learnt | None:
+    """What the data had taught at the end of the recording, or None if nothing."""
+    return next(reversed(session.learnt().values()), None)
 
 
 def _stream(session: SessionReader, name: str) -> dict[str, Any]:

@@ -84,7 +84,8 @@ class LearntSeries:
         return f"<Learnt in {len(self)} min: {words or 'nothing'}>"
 
     def _repr_html_(self) -> str:
-        return html.table_html(learnt_words.table(self.final))
+        rows = learnt_words.rows(self.final)
+        return html.table_html(html.Table(learnt_words.COLUMNS, rows, learnt_words.MEANING))
 
     def packed(self) -> dict[str, NDArray[Any]]:
         """The series as arrays, every number exact."""

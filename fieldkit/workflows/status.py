@@ -15,6 +15,7 @@ from fieldkit.model.samples import Sample
 from fieldkit.model.units import SECOND_NS
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.latest import RATE_OVER_S, Latest
+from fieldkit.workflows.describe import recorded_learnt
 from fieldkit.workflows.estimate import estimator_for
 from fieldkit.workflows.running import UnresponsiveRecorder, running_session, unresponsive_recorder
 from fieldkit.workflows.sources import config_for
@@ -69,8 +70,7 @@ def _last_minute(session: SessionReader) -> Minute | None:
         return None
     estimates = session.estimates()
     stored = [one for one in estimates if one.time_ns == estimates[-1].time_ns]
-    learnt = next(reversed(session.learnt().values()), None)
-    return replace(closed[-1], estimates=tuple(stored), events=(), learnt=learnt)
+    return replace(closed[-1], estimates=tuple(stored), events=(), learnt=recorded_learnt(session))
 
 
 def _last_samples(session: SessionReader) -> Iterator[Sample]:

@@ -28,9 +28,9 @@ def learnt_section(data: ReportData) -> LearntSection | None:
         return None
     return LearntSection(
         learnt_words.judgement(learnt),
-        learnt_words.table(learnt, bar),
+        Table(learnt_words.COLUMNS, learnt_words.rows(learnt, bar), learnt_words.MEANING),
         data.drawn(_figures),
-        learnt_words.residuals(learnt),
+        Table(learnt_words.RESIDUAL_COLUMNS, learnt_words.residual_rows(learnt)),
     )
 
 

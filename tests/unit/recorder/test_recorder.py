@@ -124,6 +124,9 @@ def test_what_the_data_taught_is_stored_with_the_slopes(
     told = json.loads(done.stdout)["learnt"]
     assert told["parameters"][0] == {**asdict(found.parameters[0])}
     assert told["chi_square"] == found.chi_square
+    shown = CliRunner().invoke(main, ["show", str(the_session(campaign))]).output
+    assert "depth, cm" in shown
+    assert "3.6 (2.3 to 5.7)" in shown
 
 
 def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(

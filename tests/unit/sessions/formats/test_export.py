@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from fieldkit.sessions.layout import SessionHeader
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.faults import small_session
+from tests.harness.learnt import learnt
 from tests.harness.recording import START_NS, CountedClock, fill, header, picture, sample
 
 HEADER = header((24, 32))
@@ -364,6 +366,48 @@ def test_mcap_holds_every_bit(session: SessionReader, tmp_path: Path) -> None:
             assert tuple(told["values"].values()) == original.values
             assert base64.b64decode(told["raw"]) == original.raw
     assert [told["message"] for topic, _, told in messages if topic == "events"] == ["wolke über b05"]
+
+
+def taught(path: Path) -> SessionReader:
+    """A session of two minutes with what the data taught in the second."""
+    clock = CountedClock()
+    writer = SessionWriter(path, HEADER, clock)
+    fill(writer, 2, clock)
+    writer.minute(START_NS, [])
+    writer.minute(START_NS + 60 * 10**9, [], learnt=replace(learnt(), chi_square=math.nan))
+    writer.close()
+    return open_session(path)
+
+
+def test_mcap_holds_what_the_data_taught(tmp_path: Path) -> None:
+    reading = pytest.importorskip("mcap.reader")
+    with taught(tmp_path / "field.h5") as session:
+        (path,) = export_mcap(session, tmp_path)
+    with path.open("rb") as file:
+        (found,) = [
+            json.loads(message.data)
+            for _, channel, message in reading.make_reader(file).iter_messages()
+            if channel.topic == "/learnt"
+        ]
+    assert found["timestamp"]["sec"] == START_NS // 10**9 + 60
+    assert found["parameters"] == [asdict(one) for one in learnt().parameters]
+    assert found["residual_k"] == {"flat": 0.05}
+    assert found["chi_square"] is None
+
+
+def test_netcdf_and_xarray_have_what_the_data_taught(tmp_path: Path) -> None:
+    xr = pytest.importorskip("xarray")
+    with taught(tmp_path / "field.h5") as session:
+        export_netcdf(session, tmp_path)
+    for opened in (
+        xr.open_dataset(tmp_path / "field-learnt.nc", engine="h5netcdf"),
+        xr.open_dataset(tmp_path / "field.h5", group="learnt", engine="h5netcdf"),
+    ):
+        with opened as found:
+            assert found["value"].dims == ("time", "parameter")
+            assert found["residual_k"].dims == ("time", "region")
+            assert found["name"][0, :3].astype(str).values.tolist() == ["gain", "exchange", "thermal_inertia"]
+            assert found["value"][0, 3] == learnt().parameters[3].value
 
 
 def test_mcap_of_one_stream_and_every_nth_picture(session: SessionReader, tmp_path: Path) -> None:
