@@ -64,6 +64,10 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--session", "sessions", type=FILE, multiple=True, help="Figs. 12 and 13 from this session.")
 @click.option("--surfrad", type=FILE, multiple=True, help="Only compare surface models with SURFRAD days.")
 @click.option(
+    "--ground", "grounds", type=FILE, multiple=True,
+    help="Only try the surface model on measured ground, a CSV file.",
+)  # fmt: skip
+@click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )
 @click.pass_context
@@ -76,6 +80,7 @@ def command(
     sensitivity: bool,
     sessions: tuple[Path, ...],
     surfrad: tuple[Path, ...],
+    grounds: tuple[Path, ...],
     out: Path,
     **given: Any,
 ) -> None:
@@ -86,13 +91,22 @@ def command(
     --sensitivity shows by how much. Figs. 12 and 13 show the paper's beds under a
     simulated sky unless sessions are given.
 
+    --ground reads one row a minute with the columns minute, ground_radiometer_c, air_c,
+    wind_m_s, shortwave_down_w_m2, shortwave_up_w_m2, longwave_down_w_m2 and
+    sun_zenith_apparent_deg; at least a day. The model is fitted on one half and tried on
+    the other, then the other way round.
+
     \b
     fieldkit study                                            the paper as it stands
     fieldkit study --noise 0.1 --minutes 60 --estimator unit-norm
     fieldkit study --surfrad slv15365.dat --surfrad slv16001.dat
+    fieldkit study --ground cinder-2022.csv --out ground
     """
     if surfrad:
         _compare_with_surfrad(surfrad)
+        return
+    if grounds:
+        _try_on_ground(grounds, out)
         return
     from fieldkit.study.paper_study import paper_study
     from fieldkit.study.runs import StudyOptions
@@ -133,6 +147,36 @@ def _compare_with_surfrad(paths: tuple[Path, ...]) -> None:
     if found.next_day:
         rows = [[_fixed(value) for value in row.values()] for row in found.next_day]
         print_table(list(found.next_day[0]), rows)
+
+
+def _try_on_ground(paths: tuple[Path, ...], out: Path) -> None:
+    from fieldkit.study import ground, ground_output
+
+    if len({path.stem for path in paths}) < len(paths):
+        raise click.UsageError("two --ground files have the same name: their figures would be one file")
+    with progress() as bar:
+        task = bar.add_task("ground", total=ground.steps(len(paths)))
+        fits = [
+            fit
+            for path in paths
+            for fit in ground.ground_fits(path, lambda done: bar.update(task, advance=1, description=done))
+        ]
+    ground_output.write(out, fits)
+    if options().json:
+        print_json(ground_output.document(fits))
+        return
+    print_table(ground_output.SCORE_COLUMNS, ground_output.score_rows(fits))
+    click.echo()
+    print_table(ground_output.PARAMETER_COLUMNS, ground_output.parameter_rows(fits))
+    click.echo()
+    for fit in fits:
+        click.echo(f"{fit.ground.name}, {fit.fitted} fitted: exchange {fit.exchange} W m⁻² K⁻¹, U in m/s")
+    exchange = fits[0].mean_exchange_w_m2_k
+    say(f"figures, tables and a page with all of them: {out / 'ground.html'}")
+    say(
+        f"next, {fits[0].ground.name}'s exchange as the prior: "
+        f"fieldkit estimate SESSION --set prior.exchange_w_m2_k={exchange:.1f}"
+    )
 
 
 def _fixed(value: object) -> str:

@@ -218,9 +218,13 @@ def document(options: StudyOptions, made: dict[str, Rows]) -> dict[str, Any]:
 
 def write(folder: Path, about: dict[str, Any], made: dict[str, Rows], drawn: dict[str, str]) -> None:
     """Write everything; raises `StorageError` where the folder cannot be written."""
-    texts = {f"{name}.svg": svg for name, svg in drawn.items()}
-    texts["study.json"] = to_json(about)
-    texts["study.html"] = page(about, made, drawn)
+    texts = {"study.json": to_json(about), "study.html": page(about, made, drawn)}
+    write_files(folder, texts, made, drawn)
+
+
+def write_files(folder: Path, texts: dict[str, str], made: dict[str, Rows], drawn: dict[str, str]) -> None:
+    """Write texts by file name, tables as CSV and figures as SVG; raises `StorageError`."""
+    texts = texts | {f"{name}.svg": svg for name, svg in drawn.items()}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, rows in made.items():

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import SurfaceParameters, balance_temperature, surface_temperature
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.slab import Slab, warm_slab
+from fieldkit.physics.slab import Slab, surface_series
 
 TABLE_1 = SurfaceParameters()
 MIDDAY_S = 3 * 3600.0
@@ -114,14 +114,8 @@ class Ground:
 
     def _stored(self, station: Station, absorbed: FloatArray, exchange: FloatArray) -> FloatArray:
         slab = replace(DEEP, conductivity_w_m_k=self.inertia**2 / HEAT_CAPACITY_J_M3_K)
-        surface = np.full_like(absorbed, self.start_k)
-        layers = np.full(slab.layers + 1, self.start_k)
-        for row, step_s in enumerate(np.round(np.diff(station.time_s), 3).tolist(), start=1):
-            layers = warm_slab(
-                slab, layers, step_s, absorbed[row], exchange[row], station.air_k[row], self.emissivity
-            )
-            surface[row] = layers[0]
-        return surface
+        step_s = np.round(np.diff(station.time_s), 3)
+        return surface_series(slab, self.start_k, step_s, absorbed, exchange, station.air_k, self.emissivity)
 
 
 def as_printed(station: Station, emissivity: float, *, with_diffuse: bool) -> FloatArray:

@@ -12,7 +12,7 @@ from scipy.linalg import solve_banded
 from fieldkit.estimation.balance import conducted
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, warm_slab
+from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, surface_series, warm_slab
 
 SAND = Slab()
 
@@ -165,3 +165,17 @@ def test_two_layers_under_a_steady_flux_warm_together():
     surface, contact, bottom = before[0, [0, 16, 32]]
     assert surface - contact == pytest.approx(0.01 * (flux + below) / (2.0 * 0.25), rel=0.01)
     assert contact - bottom == pytest.approx(0.04 * below / (2.0 * 1.0), rel=0.01)
+
+
+def test_a_series_takes_the_steps_of_one_bed_to_a_microkelvin():
+    random = np.random.default_rng(3)
+    steps = random.choice([30.0, 60.0, 120.0], 199)
+    absorbed, exchange, air = (
+        random.uniform(low, high, 200) for low, high in ((250.0, 1200.0), (3.0, 20.0), (270.0, 300.0))
+    )
+    layers, expected = np.full(SAND.layers + 1, 288.0), [288.0]
+    for row, step in enumerate(steps.tolist(), start=1):
+        layers = warm_slab(SAND, layers, step, absorbed[row], exchange[row], air[row], 0.95)
+        expected.append(layers[0])
+    found = surface_series(SAND, 288.0, steps, absorbed, exchange, air, 0.95)
+    np.testing.assert_allclose(found, expected, atol=1e-6)

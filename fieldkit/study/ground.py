@@ -1,0 +1,281 @@
+"""The full surface model against measured ground: five parameters fitted on one half, tried on the other.
+
+One-dimensional conduction under the measured light, longwave, air temperature and wind. The model runs
+open loop: it receives the weather of the whole record and the ground's temperature of the fitted half only.
+Before its first minute it runs through the weather of the first day twice, from the temperature that
+balances the mean of that day, so that no starting profile has to be fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from fieldkit.model.learnt import LearntParameter
+from fieldkit.physics.energy_balance import balance_temperature
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.slab import surface_series
+from fieldkit.study.measured_ground import DAY_MIN, MeasuredGround, read_measured_ground
+from fieldkit.study.surface_models import DEEP, HEAT_CAPACITY_J_M3_K, Mask, Score
+
+EMISSIVITY = 0.96
+"""Of dry mineral ground, broadband: 0.966 and 0.96 are stated for the cinder and the clay of the docs."""
+SPIN_UP_DAYS = 2
+BLOCKS = 4
+ERROR_K = 1.0
+ERROR_LASTS_MIN = 30.0
+"""Model errors last, 3 to 70 minutes in the residuals of cinder and clay: they count once per half hour."""
+Z_90 = 1.6449
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A fitted parameter: its name and unit, prior mean and standard deviation, and its lower limit."""
+
+    name: str
+    unit: str
+    mean: float
+    sd: float
+    at_least: float = -np.inf
+
+
+PARAMETERS = (
+    # plates outdoors: 2.8 + 3.0 U (Watmuff et al. 1977) to 5.7 + 3.8 U (McAdams 1954); a station's wind is
+    # measured higher up, where it is stronger
+    Parameter("exchange_still", "W m-2 K-1", 5.0, 4.0, 0.0),
+    Parameter("exchange_per_wind", "W s m-3 K-1", 2.5, 2.0, 0.0),
+    # loose dust to packed dry sand
+    Parameter("thermal_inertia", "J m-2 K-1 s-1/2", 450.0, 200.0, 50.0),
+    # the reflected light is measured over other ground, both meters to some percent
+    Parameter("albedo_error", "", 0.0, 0.05),
+    # of the radiometer and of grains that the conduction in a continuum does not have
+    Parameter("response_time", "min", 2.0, 3.0, 0.0),
+)
+_MEAN, _SD, _LEAST = (
+    np.array([getattr(one, name) for one in PARAMETERS]) for name in ("mean", "sd", "at_least")
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GroundScore:
+    """How the model does on some minutes: RMSE and bias in kelvin, share inside the 90 % interval."""
+
+    minutes: str
+    span: str
+    count: int
+    rmse_k: float
+    bias_k: float
+    coverage: float
+
+
+@dataclass(frozen=True)
+class GroundFit:
+    """The model fitted to the minutes in `chosen` (n,); the others are held out.
+
+    Attributes
+    ----------
+    fitted
+        "first half" or "second half".
+    values, covariance
+        Of `PARAMETERS`, (5,) and (5, 5).
+    modelled_k, half_width_k
+        Of every minute, (n,): temperature and half the 90 % prediction interval. [K]
+    """
+
+    ground: MeasuredGround
+    fitted: str
+    chosen: Mask
+    values: FloatArray
+    covariance: FloatArray
+    modelled_k: FloatArray
+    half_width_k: FloatArray
+
+    @property
+    def parameters(self) -> tuple[LearntParameter, ...]:
+        """Prior and posterior with 90 % intervals."""
+        sds = np.sqrt(np.diag(self.covariance))
+        return tuple(
+            _learnt(one, value, sd)
+            for one, value, sd in zip(PARAMETERS, self.values.tolist(), sds.tolist(), strict=True)
+        )
+
+    @property
+    def exchange(self) -> str:
+        """The exchange with the air by the wind U in m/s, 90 % intervals in brackets; W m-2 K-1."""
+        still, wind = self.parameters[:2]
+        return (
+            f"{still.value:.1f} + {wind.value:.1f} U "
+            f"({still.low:.1f} to {still.high:.1f}, {wind.low:.1f} to {wind.high:.1f})"
+        )
+
+    @property
+    def mean_exchange_w_m2_k(self) -> float:
+        """The exchange at the mean wind of the record, W m-2 K-1."""
+        return float(self.values[0] + self.values[1] * self.ground.wind_m_s.mean())
+
+    @cached_property
+    def scores(self) -> tuple[GroundScore, ...]:
+        """Fitted and held-out minutes, each by day, by night and together; empty spans are skipped."""
+        day, every = self.ground.daylight, np.ones_like(self.chosen)
+        halves = {"fitted": self.chosen, "held out": ~self.chosen}
+        spans = {"day": day, "night": ~day, "all": every}
+        return tuple(
+            self._score(half, span, minutes & hours)
+            for half, minutes in halves.items()
+            for span, hours in spans.items()
+            if np.any(minutes & hours & np.isfinite(self.ground.surface_k))
+        )
+
+    def _score(self, minutes: str, span: str, rows: Mask) -> GroundScore:
+        rows = rows & np.isfinite(self.ground.surface_k)
+        score = Score.of(self.modelled_k, self.ground.surface_k, rows)
+        inside = np.abs(self.modelled_k - self.ground.surface_k) <= self.half_width_k
+        return GroundScore(
+            minutes, span, int(rows.sum()), score.rmse_k, score.bias_k, float(inside[rows].mean())
+        )
+
+
+def ground_fits(path: Path, on_step: Callable[[str], None] = lambda _: None) -> list[GroundFit]:
+    """Fit the first half of a record, then the second; each is tried on the other.
+
+    Parameters
+    ----------
+    path
+        See `read_measured_ground`.
+    on_step
+        Receives a few words after each of `steps` parts of the work.
+
+    Raises
+    ------
+    ConfigError
+        If the file is not such a record.
+    """
+    ground = read_measured_ground(path)
+    first = np.arange(ground.surface_k.size) < ground.surface_k.size // 2
+    return [
+        fit(ground, chosen, f"{name} half", on_step)
+        for name, chosen in (("first", first), ("second", ~first))
+    ]
+
+
+def steps(files: int) -> int:
+    """How many steps `ground_fits` reports for so many files."""
+    return files * 2 * (1 + BLOCKS)
+
+
+def fit(
+    ground: MeasuredGround, chosen: Mask, name: str = "", on_step: Callable[[str], None] = lambda _: None
+) -> GroundFit:
+    """Fit the five parameters to the chosen minutes, and find out how wrong the model is elsewhere.
+
+    Each of four blocks of the chosen minutes is left out once and predicted from the others. Their error
+    contains what the model lacks; the interval adds what the parameters leave open.
+    """
+    chosen = chosen & np.isfinite(ground.surface_k)
+    values, design = _fitted(ground, chosen, _MEAN)
+    on_step(f"{ground.name}, {name}")
+    errors = []
+    for block in np.array_split(np.flatnonzero(chosen), BLOCKS):
+        rest = chosen.copy()
+        rest[block] = False
+        elsewhere, _ = _fitted(ground, rest, values)
+        errors.append((surface_k(ground, elsewhere) - ground.surface_k)[block])
+        on_step(f"{ground.name}, {name}, without a quarter")
+    error_k = float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    information = design.T @ design / (error_k**2 * ERROR_LASTS_MIN) + np.diag(_SD**-2.0)
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    modelled = surface_k(ground, values)
+    slopes = _slopes(ground, values, modelled)
+    variance = error_k**2 + np.einsum("ni,ij,nj->n", slopes, covariance, slopes)
+    return GroundFit(ground, name, chosen, values, covariance, modelled, Z_90 * np.sqrt(variance))
+
+
+def surface_k(ground: MeasuredGround, values: FloatArray) -> FloatArray:
+    """Modelled temperature as the radiometer shows it.
+
+    Parameters
+    ----------
+    ground
+        The record; its `surface_k` is not used.
+    values
+        Of `PARAMETERS`, (5,).
+
+    Returns
+    -------
+    Every minute, (n,). [K]
+    """
+    still, per_wind, inertia, albedo_error, response_min = np.asarray(values).tolist()
+    reflected = ground.shortwave_up_w_m2 + albedo_error * ground.shortwave_down_w_m2
+    absorbed = ground.shortwave_down_w_m2 - reflected + EMISSIVITY * ground.longwave_down_w_m2
+    exchange = still + per_wind * ground.wind_m_s
+    rows = _with_spin_up(absorbed.size)
+    slab = replace(DEEP, conductivity_w_m_k=inertia**2 / HEAT_CAPACITY_J_M3_K)
+    start_k = _mean_balance_k((absorbed + exchange * ground.air_k)[:DAY_MIN], exchange[:DAY_MIN])
+    surface = surface_series(
+        slab, start_k, 60.0, absorbed[rows], exchange[rows], ground.air_k[rows], EMISSIVITY
+    )
+    return _delayed(surface, response_min)[-absorbed.size :]
+
+
+def _with_spin_up(count: int) -> NDArray[np.intp]:
+    return np.concatenate([np.tile(np.arange(DAY_MIN), SPIN_UP_DAYS), np.arange(count)])
+
+
+def _mean_balance_k(supply_w_m2: FloatArray, exchange_w_m2_k: FloatArray) -> float:
+    return float(balance_temperature(supply_w_m2.mean(), exchange_w_m2_k.mean(), EMISSIVITY))
+
+
+def _delayed(series: FloatArray, response_min: float) -> FloatArray:
+    """A first-order response to minutes."""
+    kept = float(np.exp(-1.0 / response_min)) if response_min > 0.0 else 0.0
+    delayed, _ = lfilter([1.0 - kept], [1.0, -kept], series, zi=[kept * series[0]])
+    return np.asarray(delayed)
+
+
+def _fitted(ground: MeasuredGround, chosen: Mask, start: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Most probable values (5,), and the derivatives of the chosen minutes, K per unit, (m, 5)."""
+    spread_k = ERROR_K * np.sqrt(ERROR_LASTS_MIN)
+
+    def residuals(values: FloatArray) -> FloatArray:
+        misfit = (surface_k(ground, values) - ground.surface_k)[chosen] / spread_k
+        return np.concatenate([misfit, (values - _MEAN) / _SD])
+
+    found = least_squares(
+        residuals,
+        np.maximum(start, _LEAST + 1e-3 * _SD),
+        bounds=(_LEAST, np.inf),
+        x_scale=_SD,
+        diff_step=[1e-4] * len(PARAMETERS),
+        ftol=1e-6,
+        xtol=1e-6,
+        max_nfev=30,
+    )
+    return found.x, np.asarray(found.jac)[: -len(PARAMETERS)] * spread_k
+
+
+def _slopes(ground: MeasuredGround, values: FloatArray, modelled: FloatArray) -> FloatArray:
+    """Derivatives of every minute by the parameters, K per unit, (n, 5)."""
+    changes = np.diag(1e-3 * _SD)
+    columns = [surface_k(ground, values + change) - modelled for change in changes]
+    return np.stack(columns, axis=1) / np.diag(changes)
+
+
+def _learnt(one: Parameter, value: float, sd: float) -> LearntParameter:
+    return LearntParameter(
+        one.name,
+        one.unit,
+        one.mean,
+        max(one.mean - Z_90 * one.sd, one.at_least),
+        one.mean + Z_90 * one.sd,
+        value,
+        max(value - Z_90 * sd, one.at_least),
+        value + Z_90 * sd,
+        min(sd / one.sd, 1.0),
+    )
