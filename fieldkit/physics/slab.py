@@ -144,37 +144,6 @@ def _single(slab: Slab, step_s: float) -> SlabStep:
     return SlabStep.of([(slab,)], step_s)
 
 
-def warm_slab(
-    slab: Slab,
-    temperature_k: FloatArray,
-    step_s: float,
-    absorbed_w_m2: ArrayLike,
-    exchange_w_m2_k: ArrayLike,
-    air_temperature_k: ArrayLike,
-    emissivity: ArrayLike,
-) -> FloatArray:
-    """Node temperatures of beds on equal slabs after one step, see `SlabStep`.
-
-    Parameters
-    ----------
-    slab
-        The layer.
-    temperature_k
-        Node temperatures, shape (layers + 1,) or (layers + 1, m) for m beds on equal layers. [K]
-    step_s
-        Length of the step. [s]
-    absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity
-        As in `SlabStep.after`, scalar or (m,).
-
-    Returns
-    -------
-    Shape of `temperature_k`. [K]
-    """
-    nodes = np.atleast_2d(temperature_k.T)
-    later = _single(slab, step_s).after(nodes, absorbed_w_m2, exchange_w_m2_k, air_temperature_k, emissivity)
-    return later.T.reshape(temperature_k.shape)
-
-
 def surface_series(
     slab: Slab,
     start_k: float,
@@ -209,7 +178,7 @@ def surface_series(
 
     Notes
     -----
-    Each step is one small matrix product and a Newton search in plain floats: 4 microseconds, without arrays of one.
+    Each step is one small matrix product and a Newton search in plain floats, 4 microseconds.
     """
     steps = np.broadcast_to(step_s, len(absorbed_w_m2) - 1).tolist()
     matrices = {step: _matrices(slab, step) for step in set(steps)}

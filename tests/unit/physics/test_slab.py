@@ -12,9 +12,15 @@ from scipy.linalg import solve_banded
 from fieldkit.estimation.balance import conducted
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
-from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, surface_series, warm_slab
+from fieldkit.physics.slab import Slab, SlabStep, conducted_flux, heat_of_step, surface_series
 
 SAND = Slab()
+
+
+def warm_slab(slab, temperature_k, step_s, *balance):
+    """Node temperatures (n,) or (n, m) of beds on equal slabs after one step."""
+    step = SlabStep.of([(slab,)], step_s)
+    return step.after(np.atleast_2d(temperature_k.T), *balance).T.reshape(temperature_k.shape)
 
 
 def test_presets_are_dry_silica_sand():
