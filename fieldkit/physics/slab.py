@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,11 +138,6 @@ class SlabStep:
         return np.asarray(coasting + self.response * inflow[:, np.newaxis])
 
 
-@lru_cache(maxsize=256)
-def _single(slab: Slab, step_s: float) -> SlabStep:
-    return SlabStep.of([(slab,)], step_s)
-
-
 def surface_series(
     slab: Slab,
     start_k: float,
@@ -195,7 +189,7 @@ def surface_series(
 
 
 def _matrices(slab: Slab, step_s: float) -> tuple[FloatArray, FloatArray]:
-    step = _single(slab, step_s)
+    step = SlabStep.of([(slab,)], step_s)
     return step.coasting[0], step.response[0]
 
 
