@@ -2,15 +2,13 @@
 
 A seed draws depth, thermal inertia, exchange, sky, and the errors of meters and camera; beds and a flat
 reference warm from 9 h local on, and the minutes from local noon are what an estimator gets. Quoted spreads
-are standard deviations, ranges are uniform (that of the inertia in its logarithm).
+are standard deviations, ranges are uniform (those of ratios and of the exchange in the logarithm).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +20,31 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
-from fieldkit.physics.slab import Slab, Stack
-from fieldkit.simulation import ClearSky, Exchange, Facet, MeasuredSky, Sky
+from fieldkit.physics.slab import Slab
+from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Sky
 from fieldkit.simulation.boards import Board
+from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged, read_station_file
 
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
 TOLD_SLAB = Slab(depth_m=0.03)
-BOTTOMLESS: Mapping[str, Any] = {"depth_m": 0.35, "layers": 8, "growth": 1.5}
-"""More of the same sand below, which heat does not cross within a session."""
+GUESSED = Spread(
+    sand=TOLD_SLAB,
+    inertia=(0.7, 1.4),
+    damp_share=0.0,
+    albedo_sd=0.0,
+    own_albedo_sd=0.0,
+    own_emissivity_sd=0.0,
+    still_w_m2_k=(10.0, 30.0),
+    per_wind=(1.5, 1.5),
+    linke_turbidity=(3.0, 3.0),
+)
+"""As a careful experimenter would guess a field: dry even sand, parameters within a third or a half."""
+DRIFT_SD_K_PER_H = 0.1
 SOUTH, RANDOM = "south", "random"
 CLEAR, BROKEN_CLOUD, AUGUST = "clear", "broken", "august"
-LEAD_MIN, SESSION_MIN = 180, 180
+NOON_H, LEAD_MIN, SESSION_MIN = 12.0, 180, 180
 BOARD_MIN, FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN = 5, 10, 15
 
 PAPER_SITE = Site(35.558675, 139.395232, 9.0, "Asia/Tokyo")
@@ -43,31 +53,22 @@ DAY_NS = 1440 * MINUTE_NS
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """What is true and not told: the layer, exchange, sky, and errors of the instruments.
+class BedErrors:
+    """Camera errors of the targets against the reference, (targets,): at the start, and their drifts."""
 
-    `meter` is measured over true irradiance; offsets (K), drifts (K/h) and noise are of the targets, those of
-    the logged air temperature and longwave (W/m²) of the whole session.
-    """
-
-    sand: Stack
-    exchange: Exchange
-    circumsolar_share: float
-    meter: float
-    longwave_error_w_m2: float
-    air_error_k: float
     offsets_k: FloatArray
     drifts_k_per_h: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Minutes from local noon on, regions with their true slopes, what the estimator is told; the truth."""
+    """Minutes of a session, regions with their true slopes, what the estimator is told; the truth."""
 
     history: History
     regions: tuple[Region, ...]
     settings: EstimatorSettings
-    drawn: Drawn
+    field: DrawnField
+    errors: BedErrors
 
 
 def drawn_world(
@@ -79,8 +80,11 @@ def drawn_world(
     known_bed: bool = False,
     offset_sd_k: float = 0.25,
     shade_test: bool = False,
+    measured_ground: bool = False,
+    start_h: float = NOON_H,
+    minutes: int = SESSION_MIN,
 ) -> World:
-    """One world: a flat reference and three beds, three hours from local noon.
+    """One world: a flat reference and three beds, which have been warming for three hours at the start.
 
     Parameters
     ----------
@@ -99,65 +103,61 @@ def drawn_world(
         Standard deviation of the beds' offsets, which the settings state. [K]
     shade_test
         A board lies over each bed in turn for five minutes of the first hour.
+    measured_ground
+        A field with more physics than the estimator has: gusts, damp beds, own albedo and emissivity.
+    start_h, minutes
+        Start in mean solar time of the zone, from midnight; length of the session. [h], [min]
     """
     random = np.random.default_rng(seed)
     slopes = BEDS_SOUTH if beds == SOUTH else _random_beds(random)
-    drawn = _as_told(_draw(random, offset_sd_k)) if told else _draw(random, offset_sd_k)
+    field = _field(seed, told=told, measured_ground=measured_ground)
+    drift_sd_k_per_h = 0.0 if told else DRIFT_SD_K_PER_H
+    errors = BedErrors(offset_sd_k * random.standard_normal(3), drift_sd_k_per_h * random.standard_normal(3))
     outline = regions(slopes)
-    model, noon_ns = _field(day, outline, drawn, shade_test)
-    history = minute_means(model, noon_ns - LEAD_MIN * MINUTE_NS, LEAD_MIN + SESSION_MIN).since(LEAD_MIN)
-    measured = _measured(history, drawn, random)
+    model, noon_ns = _model(day, outline, field, shade_test)
+    begin_ns = noon_ns + (round(60.0 * (start_h - NOON_H)) - LEAD_MIN) * MINUTE_NS
+    history = minute_means(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
+    measured = _measured(history, field, errors, random)
     if shade_test:
-        measured = replace(measured, region_flags=_flags_of(model.boards, outline))
+        measured = replace(measured, region_flags=_flags_of(model.boards, outline, minutes))
     settings = EstimatorSettings(
         azimuth="known" if beds == SOUTH else "free", slab=TOLD_SLAB, offset_sd_k=offset_sd_k, noise_k=NOISE_K
     )
-    return World(measured, _with_known(outline) if known_bed else outline, settings, drawn)
+    return World(measured, _with_known(outline) if known_bed else outline, settings, field, errors)
 
 
 def _random_beds(random: np.random.Generator) -> tuple[Bed, ...]:
     return tuple((float(random.uniform(3.0, 30.0)), float(random.uniform(0.0, 360.0))) for _ in range(3))
 
 
-def _draw(random: np.random.Generator, offset_sd_k: float) -> Drawn:
-    is_deep, depth_m = random.random() < 0.2, float(random.uniform(0.02, 0.06))
-    inertia = float(np.exp(random.uniform(np.log(0.7), np.log(1.4))))
-    # dry sand differs far more in conductivity than in heat capacity
-    slab = replace(TOLD_SLAB, depth_m=depth_m, conductivity_w_m_k=TOLD_SLAB.conductivity_w_m_k * inertia**2)
-    return Drawn(
-        sand=(slab, replace(slab, **BOTTOMLESS)) if is_deep else (slab,),
-        exchange=Exchange(float(random.uniform(10.0, 30.0))),
-        circumsolar_share=float(random.uniform()),
-        meter=1.0 + 0.08 * random.standard_normal(),
-        longwave_error_w_m2=30.0 * random.standard_normal(),
-        air_error_k=0.5 * random.standard_normal(),
-        offsets_k=offset_sd_k * random.standard_normal(3),
-        drifts_k_per_h=0.1 * random.standard_normal(3),
-    )
+def _field(seed: int, *, told: bool, measured_ground: bool) -> DrawnField:
+    """The field of a world; one as told has the settings' sand, sky and exact meters."""
+    if measured_ground:
+        return drawn_field(seed)
+    # the wind is that of the measured minutes
+    field = replace(drawn_field(seed, GUESSED), gusts=None)
+    if not told:
+        return field
+    as_told = replace(field, sand=(TOLD_SLAB,), exchange=STILL, circumsolar_share=1.0, light_factor=1.0)
+    return replace(as_told, longwave_error_w_m2=0.0, air_error_k=0.0)
 
 
-def _as_told(drawn: Drawn) -> Drawn:
-    """The same offsets in a world that is as the settings say."""
-    return Drawn((TOLD_SLAB,), STILL, 1.0, 1.0, 0.0, 0.0, drawn.offsets_k, np.zeros(3))
-
-
-def _field(day: str, outline: tuple[Region, ...], drawn: Drawn, shade_test: bool) -> tuple[SceneModel, int]:
+def _model(
+    day: str, outline: tuple[Region, ...], field: DrawnField, shade_test: bool
+) -> tuple[SceneModel, int]:
     """The beds on that day, and local noon."""
     site, sky, noon_ns = _day(day)
-    top, *below = drawn.sand
-    sand = Facet(
-        "ground",
-        (),
-        depth_m=top.depth_m,
-        conductivity_w_m_k=top.conductivity_w_m_k,
-        heat_capacity_j_m3_k=top.heat_capacity_j_m3_k,
-        below=tuple(below),
-    )
-    facets = tuple(
-        replace(sand, name=one.name, tilt_deg=one.tilt_deg, azimuth_deg=one.azimuth_deg) for one in outline
+    ground, *facets = (
+        field.bed(Facet(name, (), tilt, azimuth))
+        for name, tilt, azimuth in (
+            ("ground", 0.0, 0.0),
+            *((one.name, one.tilt_deg, one.azimuth_deg) for one in outline),
+        )
     )
     boards = _boards(outline) if shade_test else ()
-    model = SceneModel(site, sky, facets, sand, drawn.exchange, (), 1.0, drawn.circumsolar_share, boards)
+    model = SceneModel(
+        site, field.sky(sky), tuple(facets), ground, field.exchange, (), 1.0, field.circumsolar_share, boards
+    )
     return model, noon_ns
 
 
@@ -182,9 +182,9 @@ def _boards(outline: tuple[Region, ...]) -> tuple[Board, ...]:
     )
 
 
-def _flags_of(boards: tuple[Board, ...], outline: tuple[Region, ...]) -> NDArray[np.int64]:
+def _flags_of(boards: tuple[Board, ...], outline: tuple[Region, ...], minutes: int) -> NDArray[np.int64]:
     """Flags of minutes and regions: shaded under the boards."""
-    flags = np.zeros((SESSION_MIN, len(outline)), np.int64)
+    flags = np.zeros((minutes, len(outline)), np.int64)
     names = [region.name for region in outline]
     for board in boards:
         first, last = (round(time_s / 60.0) - LEAD_MIN for time_s in (board.begin_s, board.end_s))
@@ -192,18 +192,18 @@ def _flags_of(boards: tuple[Board, ...], outline: tuple[Region, ...]) -> NDArray
     return flags
 
 
-def _measured(history: History, drawn: Drawn, random: np.random.Generator) -> History:
+def _measured(history: History, field: DrawnField, errors: BedErrors, random: np.random.Generator) -> History:
     """What the instruments read of the true minutes."""
     hours = np.arange(len(history))[:, np.newaxis] / 60.0
     temperature = history.temperature_k + NOISE_K * random.standard_normal(history.temperature_k.shape)
-    temperature[:, 1:] += drawn.offsets_k + drawn.drifts_k_per_h * hours
+    temperature[:, 1:] += errors.offsets_k + errors.drifts_k_per_h * hours
     return replace(
         history,
         temperature_k=temperature,
-        dni_w_m2=drawn.meter * history.dni_w_m2,
-        dhi_w_m2=drawn.meter * history.dhi_w_m2,
-        longwave_down_w_m2=history.longwave_down_w_m2 + drawn.longwave_error_w_m2,
-        air_k=history.air_k + drawn.air_error_k,
+        dni_w_m2=field.light_factor * history.dni_w_m2,
+        dhi_w_m2=field.light_factor * history.dhi_w_m2,
+        longwave_down_w_m2=history.longwave_down_w_m2 + field.longwave_error_w_m2,
+        air_k=history.air_k + field.air_error_k,
     )
 
 

@@ -340,6 +340,10 @@ class SimulationTable(Table):
         default=1.0, description="simulated seconds per second; max: as fast as possible"
     )
     seed: int = Field(default=1, ge=0, description="random seed; the same seed gives the same session")
+    drawn: bool = Field(
+        default=False,
+        description="the seed also draws sand, heat exchange, gusts, sky and the light meter's error",
+    )
     faults: list[Fault] = Field(
         default=[],
         description="faults to simulate: any of cloud, cable, shutter, frozen, garbled, disk, clock",

@@ -52,7 +52,8 @@ class Scene:
     """Beds under a sky, and everything that instruments can measure of them.
 
     Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
-    `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers. Every
+    `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers,
+    `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth. Every
     value follows from time and `seed` alone.
     """
 
@@ -67,6 +68,8 @@ class Scene:
     ground: Facet = GROUND
     exchange: Exchange = EXCHANGE
     response_s: float = 3.0
+    circumsolar_share: float = 1.0
+    light_factor: float = 1.0
 
     @property
     def end_ns(self) -> int:
@@ -92,7 +95,7 @@ class Scene:
     def lux_reading(self, time_ns: int) -> float:
         """Reading of the horizontal light meter, lx."""
         noise = float(self._random(time_ns, 4).standard_normal())
-        return self.at(time_ns).illuminance_lx * (1.0 + _LUX_NOISE * noise)
+        return self.light_factor * self.at(time_ns).illuminance_lx * (1.0 + _LUX_NOISE * noise)
 
     def probe_readings(self, time_ns: int) -> FloatArray:
         """Readings of contact thermometers in the facets' surfaces, (facets,), K."""
@@ -136,6 +139,7 @@ class Scene:
             self.exchange,
             self._cloud_transmissions(),
             self.response_s,
+            self.circumsolar_share,
         )
         return model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
 

@@ -26,6 +26,7 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
+from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.simulated_clock import SimulatedClock
@@ -56,6 +57,7 @@ def simulate(
     day: str = "clear",
     duration: str | float = "20m",
     seed: int = 1,
+    drawn: bool = False,
     on_minute: Callable[[Minute], None] | None = None,
 ) -> Session:
     """Record a session on simulated instruments, as fast as possible; the session, open for reading.
@@ -74,6 +76,9 @@ def simulate(
         Scene time: ``"20m"``, ``"3h"``, or a number of seconds.
     seed
         Of all noise: the same seed gives the same session.
+    drawn
+        Whether the seed also draws sand, heat exchange, gusts, sky and the light meter's error, as they
+        vary on measured ground; ``fieldkit.simulation.drawn_field.drawn_field(seed)`` has the truth.
     on_minute
         Called with each minute as it closes.
 
@@ -85,7 +90,7 @@ def simulate(
         The folder is a campaign already.
     """
     where = Path(tempfile.mkdtemp(prefix="fieldkit-")) if folder is None else Path(folder)
-    simulation = {**SIMULATED["simulation"], "weather": day, "speed": "max", "seed": seed}
+    simulation = {**SIMULATED["simulation"], "weather": day, "speed": "max", "seed": seed, "drawn": drawn}
     tables = {**SIMULATED, "region": _region_tables(beds), "simulation": simulation}
     return record(create_campaign(where, tables), duration=duration, name="simulated", on_minute=on_minute)
 
@@ -148,9 +153,9 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     drawn = tuple(_bed(config, region) for region in config.regions)
     facets = (*drawn, *_undrawn(simulation, drawn))
     faults = tuple(_fault(name) for name in simulation.faults)
-    return Scene(
-        config.site, _sky(config, simulation.weather), facets, start_ns, duration_s, simulation.seed, faults
-    )
+    sky = _sky(config, simulation.weather)
+    scene = Scene(config.site, sky, facets, start_ns, duration_s, simulation.seed, faults)
+    return drawn_scene(scene) if simulation.drawn else scene
 
 
 def _bed(config: Config, region: Region) -> Facet:

@@ -2,11 +2,13 @@ import math
 
 import pytest
 
+from fieldkit.config import load_config
 from fieldkit.model.errors import ConfigError, RefusedError
 from fieldkit.model.site import RegionKind
+from fieldkit.simulation.drawn_field import drawn_field
 from fieldkit.workflows.campaign import init_campaign
 from fieldkit.workflows.record import record
-from fieldkit.workflows.simulate import simulate
+from fieldkit.workflows.simulate import scene_of, simulate
 
 
 @pytest.fixture(autouse=True)
@@ -69,3 +71,13 @@ def test_a_new_campaign_has_the_site_it_was_given(tmp_path):
     with pytest.raises(ConfigError):
         init_campaign(tmp_path / "d", (135.0, 0.0))
     assert not (tmp_path / "d").exists()
+
+
+def test_the_seed_draws_the_field_where_that_is_configured(tmp_path):
+    campaign = init_campaign(tmp_path / "c", simulated=True)
+    usual = scene_of(campaign.config, 600.0)
+    drawn = scene_of(load_config(tmp_path / "c" / "fieldkit.toml", settings=["simulation.drawn=true"]), 600.0)
+    truth = drawn_field(usual.seed)
+    assert drawn.exchange == truth.exchange
+    assert drawn.light_factor == truth.light_factor
+    assert drawn.facets == tuple(truth.bed(facet) for facet in usual.facets)
