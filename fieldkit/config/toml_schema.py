@@ -174,7 +174,7 @@ class EstimatorTable(Table):
     method: Literal["unit-norm", "contours", "posterior"] = Field(
         default="unit-norm", description="contours: the paper's contour score"
     )
-    model: Literal["paper", "full"] = Field(
+    model: Literal["paper", "full", "learned"] = Field(
         default="paper",
         description="full: adds diffuse light, longwave radiation and heat storage in the sand",
     )
@@ -272,16 +272,19 @@ class PriorTable(Table):
         default=0.2, ge=0, le=1, description="probability that heat reaches no bottom of the layer"
     )
     gust_sd_w_m2_k: Positive = Field(
-        default=1.5, description="gusts of the heat exchange, over 4 min; adapted to the data"
+        default=1.0, description="gusts of the heat exchange, over 2 to 20 min; adapted to the data"
     )
-    gust_log_sd: Positive = Field(default=0.7, description="of the logarithm of gust_sd_w_m2_k")
+    gust_log_sd: Positive = Field(default=1.0, description="of the logarithm of gust_sd_w_m2_k")
     slow_gust_sd: Positive = Field(
-        default=0.12, description="relative, slow changes of the heat exchange over 60 min"
+        default=0.06, description="relative, slow changes of the heat exchange over 60 min"
     )
     common_flux_sd_w_m2: Positive = Field(
-        default=6.0, description="unmodelled flux into all regions, over 40 min"
+        default=3.0, description="unmodelled flux into all regions, over 40 min"
     )
-    bed_flux_sd_w_m2: Positive = Field(default=3.0, description="unmodelled flux into one bed, over 60 min")
+    bed_flux_sd_w_m2: Positive = Field(default=1.5, description="unmodelled flux into one bed, over 60 min")
+    unrest_log_sd: Positive = Field(
+        default=0.8, description="of the logarithm of a factor on the three before, adapted to the data"
+    )
     past_flux_sd_w_m2: Positive = Field(
         default=40.0, description="net flux before the first minute, all regions"
     )

@@ -13,8 +13,8 @@ from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
 from fieldkit.estimation.bins import History, MinuteBin
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import slopes
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Quality, Sample
@@ -73,6 +73,7 @@ class Estimator:
         self.site, self.regions, self.settings = site, tuple(regions), settings or EstimatorSettings()
         self._binner = Binner(site, self.regions, streams, self.settings)
         self._bins: list[MinuteBin] = []
+        self._chain = SlopeChain(self.regions, self.settings)
 
     @property
     def irradiance_model(self) -> str:
@@ -95,12 +96,12 @@ class Estimator:
     def _minute(self, closed: Closed) -> Minute:
         entry, events = closed
         self._bins.append(entry)
-        estimates = slopes(History.of(self._bins), self.regions, self.settings)
+        estimated = self._chain.at(History.of(self._bins))
         zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
         names = [region.name for region in self.regions]
         return Minute(
             entry.time_ns,
-            estimates,
+            estimated.slopes,
             dict(zip(names, entry.temperature_k.tolist(), strict=True)),
             dict(zip(names, entry.spread_k.tolist(), strict=True)),
             dict(zip(names, entry.pixels.tolist(), strict=True)),
@@ -114,4 +115,5 @@ class Estimator:
             events,
             entry.dhi_w_m2,
             entry.longwave_down_w_m2,
+            estimated.learnt,
         )

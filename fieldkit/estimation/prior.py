@@ -38,12 +38,14 @@ class Prior:
     depth_log_sd, deep_share
         Depth around the slab's; probability that the layer has no bottom that heat reaches. [-]
     gust_sd_w_m2_k, gust_log_sd
-        Amplitude of the gusts of the exchange, an Ornstein-Uhlenbeck process of 4 min, and of its logarithm.
+        Amplitude of the exchange's gusts, Ornstein-Uhlenbeck processes of 2 to 20 min, and of its logarithm.
         [W m-2 K-1], [-]
     slow_gust_sd
         Relative, of the wind's slow changes over 60 min. [-]
     common_flux_sd_w_m2, bed_flux_sd_w_m2
         Of fluxes the model has no term for: shared by all regions over 40 min, of one bed over 60 min. [W/m2]
+    unrest_log_sd
+        Of the logarithm of a factor on the three before, which the data adapt. [-]
     past_flux_sd_w_m2, bed_past_flux_sd_w_m2
         Of the net fluxes before the first minute: shared by all regions, of one bed. [W/m2]
     normal_horizontal_sd
@@ -75,11 +77,12 @@ class Prior:
     inertia_log_sd: float = 0.25
     depth_log_sd: float = 0.5
     deep_share: float = 0.2
-    gust_sd_w_m2_k: float = 1.5
-    gust_log_sd: float = 0.7
-    slow_gust_sd: float = 0.12
-    common_flux_sd_w_m2: float = 6.0
-    bed_flux_sd_w_m2: float = 3.0
+    gust_sd_w_m2_k: float = 1.0
+    gust_log_sd: float = 1.0
+    slow_gust_sd: float = 0.06
+    common_flux_sd_w_m2: float = 3.0
+    bed_flux_sd_w_m2: float = 1.5
+    unrest_log_sd: float = 0.8
     past_flux_sd_w_m2: float = 40.0
     bed_past_flux_sd_w_m2: float = 20.0
     normal_horizontal_sd: float = 0.25

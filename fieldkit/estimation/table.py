@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.instruments import pyranometer
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import slopes
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.samples import is_usable
 from fieldkit.model.site import Region, RegionKind, Site
@@ -88,7 +88,7 @@ def slopes_of_table(
     history = _history(table, site, settings)
     sunlit = np.flatnonzero(history.sun[:, 2] >= np.sin(np.radians(settings.low_sun_deg)))
     day = history.until(int(sunlit[-1]) + 1) if sunlit.size else history
-    return slopes(day, regions, replace(settings, min_minutes=3))
+    return SlopeChain(regions, replace(settings, min_minutes=3)).at(day).slopes
 
 
 def _history(table: TemperatureTable, site: Site, settings: EstimatorSettings) -> History:

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import slopes
 from fieldkit.estimation.statistics import ErrorSpan, errors_over_time, root_mean_square_error
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.samples import Quality
@@ -161,10 +161,11 @@ def _minutes(scene: Scene, times: np.ndarray, settings: EstimatorSettings) -> li
         np.zeros(surface_k.shape, np.int64),
     )
     zenith, azimuth = tilt_azimuth(sun)
+    chain = SlopeChain(regions, settings)
     return [
         Minute(
             time_ns=int(time),
-            estimates=slopes(history.until(row + 1), regions, settings),
+            estimates=chain.at(history.until(row + 1)).slopes,
             temperature_k={region.name: float(surface_k[row, i]) for i, region in enumerate(regions)},
             spread_k={},
             pixels={},

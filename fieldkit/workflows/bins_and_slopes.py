@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import History, MinuteBin
+from fieldkit.estimation.chain import slope_series
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.estimation.slopes import slopes
 from fieldkit.model.site import Region, Site
 from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import marks_of, reading
@@ -45,7 +45,9 @@ def read_minutes(
 def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Estimates:
     """Slopes of every target at every minute."""
     names = [region.name for region in regions]
-    minutes = [slopes(history.until(last), regions, settings) for last in range(1, len(history) + 1)]
+    series = list(slope_series(history, regions, settings))
+    minutes = [one.slopes for one in series]
+    learnt = {int(time): one.learnt for time, one in zip(history.time_ns, series, strict=True) if one.learnt}
     temperature_k = [
         history.temperature_k[row, names.index(one.region)]
         for row, minute in enumerate(minutes)
@@ -53,4 +55,4 @@ def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorS
     ]
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
     measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
-    return Estimates.of([one for minute in minutes for one in minute], measured, regions)
+    return Estimates.of([one for minute in minutes for one in minute], measured, regions, learnt)

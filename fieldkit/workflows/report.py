@@ -16,7 +16,7 @@ import numpy as np
 from markupsafe import Markup
 
 from fieldkit.estimation.bins import History
-from fieldkit.estimation.slopes import slopes
+from fieldkit.estimation.chain import slope_series
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from fieldkit.model.samples import Frame
 
 
-COMPARED: tuple[Model, ...] = ("paper", "full")
+COMPARED: tuple[Model, ...] = ("paper", "full", "learned")
 """Models that the error budget compares with the one that was used."""
 
 
@@ -230,8 +230,9 @@ def by_other_models(minutes: Sequence[Minute], estimator: Estimator) -> dict[str
     for model in COMPARED:
         if model != estimator.settings.model:
             settings = replace(estimator.settings, model=model)
+            series = slope_series(history, estimator.regions, settings)
             found[model] = [
-                replace(minute, estimates=slopes(history.until(index), estimator.regions, settings))
-                for index, minute in enumerate(minutes, start=1)
+                replace(minute, estimates=one.slopes, learnt=one.learnt)
+                for minute, one in zip(minutes, series, strict=True)
             ]
     return found

@@ -1,0 +1,118 @@
+"""Hypotheses about exchange, layer and gusts: drawn, weighed by the data, and drawn again where they count.
+
+What does not enter the temperatures linearly cannot be a state of a Kalman filter. Five numbers of this kind
+are left: exchange, thermal inertia, depth and the strengths of gusts and of
+slow changes. They are drawn from their prior on a
+Sobol sequence, which covers it more evenly than chance would, and weighed by the probability of the data
+(importance sampling). As minutes add up, few hypotheses keep the weight; then all are drawn anew from a
+distribution fitted to the weighted ones, a part of them always from the prior, so that none is lost.
+
+The sequence starts from a fixed seed: equal minutes give equal hypotheses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+from scipy.stats import qmc
+
+from fieldkit.estimation.learned.filters import Hypotheses
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.facet import FloatArray
+
+UNKNOWNS = 5
+FROM_PRIOR = 0.15
+"""Share of the proposal that is the prior."""
+WIDER = 1.4
+"""How much wider than the weighted hypotheses the proposal is."""
+DEEP_M = (0.08, 0.40)
+LEAST_EFFECTIVE = 12.0
+"""Hypotheses that a fitted distribution rests on at least; weights are tempered until it does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """Where hypotheses are drawn from: the prior and one normal distribution, in coordinates in which the
+    prior is standard normal; `centre` (5,), `root` (5, 5) lower triangular.
+    """
+
+    centre: FloatArray
+    root: FloatArray
+
+    @classmethod
+    def prior(cls) -> Proposal:
+        """The prior itself."""
+        return cls(np.zeros(UNKNOWNS), np.eye(UNKNOWNS))
+
+    @classmethod
+    def fitted(cls, points: FloatArray, log_weights: FloatArray) -> Proposal:
+        """Fitted to weighted points (p, 5)."""
+        weights = tempered(log_weights)
+        centre = weights @ points
+        away = points - centre
+        covariance = (weights[:, np.newaxis] * away).T @ away
+        covariance += 0.02**2 * np.eye(UNKNOWNS)
+        return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64))
+
+    def draw(self, count: int) -> FloatArray:
+        """Points (count, 5); `count` a power of two."""
+        uniform = qmc.Sobol(UNKNOWNS, scramble=True, rng=np.random.default_rng(20170830)).random(count)
+        uniform = np.clip(uniform, 1e-9, 1.0 - 1e-9)
+        standard = ndtri(uniform)
+        points = self.centre + standard @ self.root.T
+        every = round(1.0 / FROM_PRIOR)
+        points[::every] = standard[::every]
+        return np.asarray(points)
+
+    def log_weight(self, points: FloatArray) -> FloatArray:
+        """Logarithm of prior over proposal at points (p, 5), (p,)."""
+        inside = np.linalg.solve(self.root, (points - self.centre).T)
+        fitted = -0.5 * (inside**2).sum(axis=0) - np.log(np.diagonal(self.root)).sum()
+        prior = -0.5 * (points**2).sum(axis=1)
+        share = 1.0 / round(1.0 / FROM_PRIOR)
+        return np.asarray(prior - np.logaddexp(np.log(1.0 - share) + fitted, np.log(share) + prior))
+
+
+def effective(log_weights: FloatArray) -> float:
+    """Effective number of weighted hypotheses."""
+    weights = normalised(log_weights)
+    return float(1.0 / (weights**2).sum())
+
+
+def normalised(log_weights: FloatArray) -> FloatArray:
+    """Weights that add up to one."""
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())
+
+
+def tempered(log_weights: FloatArray) -> FloatArray:
+    """Weights flattened until `LEAST_EFFECTIVE` hypotheses carry them."""
+    power = 1.0
+    while effective(power * log_weights) < LEAST_EFFECTIVE and power > 1e-6:
+        power *= 0.8
+    return normalised(power * log_weights)
+
+
+def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
+    """Hypotheses at points (p, 5) of coordinates in which the prior is standard normal."""
+    prior = settings.prior
+    exchange, inertia, depth, gust, unrest = points.T
+    return Hypotheses(
+        prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
+        settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
+        _depths_m(ndtr(depth), settings),
+        prior.gust_sd_w_m2_k * np.exp(prior.gust_log_sd * gust),
+        np.exp(prior.unrest_log_sd * unrest),
+    )
+
+
+def _depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
+    """Depths below which these shares of the prior lie: around the slab's, or practically bottomless."""
+    prior = settings.prior
+    depths = np.geomspace(0.004, 0.6, 400)
+    body = ndtr(np.log(depths / settings.slab.depth_m) / prior.depth_log_sd)
+    deep = np.clip(np.log(depths / DEEP_M[0]) / np.log(DEEP_M[1] / DEEP_M[0]), 0.0, 1.0)
+    below = (1.0 - prior.deep_share) * body + prior.deep_share * deep
+    return np.asarray(np.exp(np.interp(share, below, np.log(depths))))

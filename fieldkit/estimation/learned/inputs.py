@@ -1,0 +1,172 @@
+"""What a filter is given of each minute, from the minute bins.
+
+What is missing in a minute is held from the one before, and says so: frames by not counting as measured,
+light by an unknown change. Minutes without any bin are bridged by straight lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.samples import Quality
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
+from fieldkit.physics.daylight import extraterrestrial
+from fieldkit.physics.facet import FloatArray
+
+SMOOTHED_AIR_MINUTES = 11
+UNKNOWN_CHANGE = 5.0
+"""Change of the light of a minute without a reading, as a share of the last one."""
+SWINBANK = 5.31e-13
+"""Longwave of a clear sky over air temperature to the sixth power (Swinbank 1963). [W m-2 K-6]"""
+BRIDGED_MINUTES = 120
+
+
+@dataclass(frozen=True, slots=True)
+class MinuteInputs:
+    """What is known of one minute; arrays over the regions of a layout.
+
+    Attributes
+    ----------
+    hours
+        Since the first minute. [h]
+    sun
+        Unit vector to the sun (3,).
+    temperature_k, measured
+        Of the regions; whether it was measured in this minute. [K]
+    direct, direct_change
+        Absorbed by a facet square to the sun; its change within the minute. [W/m2]
+    diffuse, circumsolar, reflected
+        Absorbed from the whole sky by a level facet; Hay and Davies' circumsolar share; absorbed from the
+        ground by a facet that sees nothing else. [W/m2], [-]
+    longwave_down, longwave_ground
+        From the sky and from the ground. [W/m2]
+    air_k
+        Air temperature, logged or guessed. [K]
+    shaded, is_edge
+        Share of a minute that a region is under a board; whether the board came or went within it.
+    """
+
+    hours: float
+    sun: FloatArray
+    temperature_k: FloatArray
+    measured: NDArray[np.bool_]
+    direct: float
+    direct_change: float
+    diffuse: float
+    circumsolar: float
+    reflected: float
+    longwave_down: float
+    longwave_ground: float
+    air_k: float
+    shaded: FloatArray
+    is_edge: NDArray[np.bool_]
+
+    def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
+        """Inputs of a minute without a bin, `share` of the way to a later one."""
+        values = {}
+        for name in self.__slots__:
+            one, other = getattr(self, name), getattr(later, name)
+            values[name] = (
+                one if name in ("measured", "shaded", "is_edge") else (1.0 - share) * one + share * other
+            )
+        values["measured"] = np.zeros_like(self.measured)
+        values["direct_change"] = abs(later.direct - self.direct)
+        return MinuteInputs(**values)
+
+
+def can_start(history: History, row: int, layout: Layout) -> bool:
+    """Whether all regions, and light or a sun that is down, are there to start with."""
+    is_lit = history.sun[row, 2] > 0.0
+    kelvin = history.temperature_k[row, layout.columns]
+    return bool(np.isfinite(kelvin).all() and (not is_lit or np.isfinite(history.dni_w_m2[row])))
+
+
+def minute_inputs(
+    history: History,
+    row: int,
+    layout: Layout,
+    settings: EstimatorSettings,
+    before: MinuteInputs | None,
+    start: int,
+) -> MinuteInputs:
+    """Inputs of the bin in a row, after those of the bin `before`; `start` is the first minute."""
+    surface = settings.surface
+    kelvin = history.temperature_k[row, layout.columns]
+    measured = np.isfinite(kelvin)
+    if before is not None:
+        kelvin = np.where(measured, kelvin, before.temperature_k)
+    cos_zenith = max(float(history.sun[row, 2]), 0.0)
+    direct, diffuse, is_known = _light(history, row, cos_zenith, settings)
+    absorptance = 1.0 - surface.albedo
+    change = 0.0
+    if before is not None:
+        change = abs(absorptance * direct - before.direct)
+        if not is_known:
+            direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
+            change = UNKNOWN_CHANGE * before.direct
+    is_shaded, is_edge = shade(history, row, layout)
+    longwave = float(history.longwave_down_w_m2[row])
+    longwave = settings.longwave_down_w_m2 if np.isnan(longwave) else longwave
+    grey = surface.emissivity_broadband
+    ground_k = kelvin[: layout.references].mean()
+    top = float(extraterrestrial(history.time_ns[row]))
+    return MinuteInputs(
+        float(history.minute[row] - start) / 60.0,
+        history.sun[row],
+        kelvin,
+        measured,
+        absorptance * direct,
+        change,
+        absorptance * diffuse,
+        float(np.clip(direct / top, 0.0, 1.0)) if settings.sky == "hay-davies" else 0.0,
+        absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
+        longwave,
+        float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
+        _air_k(history, row, longwave),
+        np.where(is_edge, 0.5, is_shaded.astype(np.float64)),
+        is_edge,
+    )
+
+
+def shade(history: History, row: int, layout: Layout) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which regions are shaded in a row, and for which of them the shade begins or ends there."""
+    near = slice(max(row - 1, 0), row + 2)
+    flagged = (history.region_flags[near, layout.columns] & int(Quality.SHADED)) != 0
+    here = flagged[row - near.start]
+    return here, np.asarray(here & ~flagged.all(axis=0))
+
+
+def bridge(before: MinuteInputs, after: MinuteInputs) -> Iterator[MinuteInputs]:
+    """The minutes without a bin between two others."""
+    minutes = round(60.0 * (after.hours - before.hours))
+    for minute in range(1, minutes):
+        yield before.between(after, minute / minutes)
+
+
+def _light(
+    history: History, row: int, cos_zenith: float, settings: EstimatorSettings
+) -> tuple[float, float, bool]:
+    """Direct normal and diffuse irradiance, W/m2, and whether there is a reading."""
+    if cos_zenith <= 0.0:
+        return 0.0, 0.0, True
+    direct = float(history.dni_w_m2[row])
+    if np.isnan(direct):
+        return 0.0, 0.0, False
+    direct = max(direct, 0.0)
+    diffuse = float(history.dhi_w_m2[row])
+    share = settings.diffuse_fraction / (1.0 - settings.diffuse_fraction)
+    return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
+
+
+def _air_k(history: History, row: int, longwave: float) -> float:
+    """Logged air temperature, smoothed because its noise would pass for exchange; else from the longwave."""
+    lately = history.air_k[max(row + 1 - SMOOTHED_AIR_MINUTES, 0) : row + 1]
+    known = lately[np.isfinite(lately)]
+    return float(known.mean()) if known.size else float((longwave / SWINBANK) ** (1.0 / 6.0))

@@ -1,0 +1,119 @@
+"""Which place of the state vector holds what.
+
+For each region the stores of its layer; then what is shared and varies (gusts, a common flux, air, beam,
+board), a flux of each bed; then what is constant: gain, diffuse light, circumsolar share, longwave, air,
+the beds' normals times the gain, offsets and drifts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.bins import RegionColumns
+from fieldkit.model.site import Region
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.layer_modes import MODES
+
+GUSTS = ("gust", "longer_gust", "longest_gust")
+"""Parts of the exchange's changes with the wind, from quick to slow."""
+SMOOTH = ("slow_gust", "common_flux", "air_change")
+Indices = NDArray[np.int64]
+STORES = 1 + MODES
+"""Places of a layer: its level before the first minute, and what flowed in since."""
+SHARED = (
+    *("gust", "longer_gust", "longest_gust", "slow_gust", "common_flux", "air_change"),
+    *("beam", "moment", "edge", "board"),
+    *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
+    *("gain", "diffuse", "circumsolar", "longwave", "air"),
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Places in the state of regions: references first, then targets.
+
+    Attributes
+    ----------
+    columns
+        Column of the history of each region.
+    known
+        Normals of the references (r, 3).
+    facing
+        For each target (3, k) whose columns span its normal: three axes, or with a known azimuth two.
+    """
+
+    columns: Indices
+    known: FloatArray
+    facing: tuple[FloatArray, ...]
+
+    @classmethod
+    def of(cls, columns: RegionColumns, targets: Indices, is_azimuth_known: bool) -> Layout:
+        """References and some of the targets, given as columns."""
+        regions = [columns.regions[column] for column in targets]
+        facing = tuple(_facing(region, is_azimuth_known) for region in regions)
+        return cls(np.concatenate([columns.references, targets]), columns.reference_normals, facing)
+
+    @property
+    def references(self) -> int:
+        """Number of references."""
+        return len(self.known)
+
+    @property
+    def targets(self) -> int:
+        """Number of targets."""
+        return len(self.facing)
+
+    @property
+    def regions(self) -> int:
+        """Number of regions."""
+        return self.columns.size
+
+    def stores(self, region: int) -> slice:
+        """Level and stores of a region's layer."""
+        return slice(region * STORES, (region + 1) * STORES)
+
+    def shared(self, name: str) -> int:
+        """Place of something shared."""
+        return self.regions * STORES + SHARED.index(name)
+
+    def bed_flux(self, target: int) -> int:
+        """Place of a target's own flux."""
+        return self.regions * STORES + len(SHARED) + target
+
+    def bed_flux_drive(self, target: int) -> int:
+        """Place of what drives a target's own flux."""
+        return self.bed_flux(self.targets) + target
+
+    def normal(self, target: int) -> slice:
+        """Places of a target's normal times the gain, in the axes of `facing`."""
+        first = self.bed_flux_drive(self.targets) + sum(axes.shape[1] for axes in self.facing[:target])
+        return slice(first, first + self.facing[target].shape[1])
+
+    def offset(self, region: int) -> int:
+        """Place of the offset of any region but the first reference, to which offsets refer."""
+        return int(self.normal(self.targets - 1).stop) + region - 1
+
+    def drift(self, region: int) -> int:
+        """Place of the drift of any region but the first reference."""
+        return self.offset(region) + self.regions - 1
+
+    @property
+    def smooth(self) -> dict[int, int]:
+        """Places of processes without jumps, each with the place of what drives it."""
+        shared = {self.shared(name): self.shared(f"{name}_drive") for name in SMOOTH}
+        return shared | {self.bed_flux(target): self.bed_flux_drive(target) for target in range(self.targets)}
+
+    @property
+    def size(self) -> int:
+        """Number of places."""
+        return self.drift(self.regions - 1) + 1
+
+
+def _facing(region: Region, is_azimuth_known: bool) -> FloatArray:
+    if not (is_azimuth_known and np.isfinite(region.azimuth_deg)):
+        return np.eye(3)
+    azimuth = np.radians(region.azimuth_deg)
+    return np.array([[np.sin(azimuth), 0.0], [np.cos(azimuth), 0.0], [0.0, 1.0]])

@@ -1,0 +1,190 @@
+"""The chain that learns: one minute after the other, hypotheses drawn anew when the data ask for it.
+
+What is known after a minute depends on the minutes up to it alone, not on when it was asked: a replay that
+takes the same minutes takes the same steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldkit.estimation.learned.filters import Filters, Innovations
+from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
+from fieldkit.estimation.learned.inputs import MinuteInputs, bridge
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
+from fieldkit.estimation.normal import Misfit, solve
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.facet import FloatArray, tilt_azimuth
+
+HYPOTHESES = 64
+FIRST_DRAW = 5
+"""Minutes before the first hypotheses are judged."""
+FEWEST = 10.0
+"""Effective hypotheses below which all are drawn anew."""
+LONGER = 1.2
+"""How much longer the chain must be than at the last draw."""
+FIRST_ROUNDS, ROUNDS = 3, 2
+STEPS, STEPS_AFTER_DRAW = 4, 15
+FAR = 40.0
+"""Misfit over the best branch from which another one is not pursued."""
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """What is known after a minute.
+
+    Attributes
+    ----------
+    filters
+        With the hypotheses (p,).
+    log_weights
+        Logarithms of the hypotheses' weights (p,), up to a constant.
+    normals
+        With every target in its preferred branch.
+    others
+        By target with a second branch: normals with that target alone in it, and the log-weights then.
+    """
+
+    filters: Filters
+    log_weights: FloatArray
+    normals: UnitNormals
+    others: dict[int, tuple[UnitNormals, FloatArray]]
+
+    @property
+    def weights(self) -> FloatArray:
+        """Of the hypotheses (p,), adding up to one."""
+        return normalised(self.log_weights)
+
+
+class Learner:
+    """Learns from minutes about the regions of a layout."""
+
+    def __init__(
+        self, layout: Layout, settings: EstimatorSettings, first: MinuteInputs, has_air: bool
+    ) -> None:
+        self.layout, self.settings, self.has_air = layout, settings, has_air
+        self._minutes = [first]
+        self._judged = 0
+        self._proposal = Proposal.prior()
+        self._draw(self._proposal)
+        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+
+    @property
+    def innovations(self) -> list[Innovations]:
+        """Prediction errors of all minutes under the present hypotheses."""
+        return self._innovations
+
+    @property
+    def last(self) -> MinuteInputs:
+        """The last minute taken."""
+        return self._minutes[-1]
+
+    def add(self, minute: MinuteInputs) -> None:
+        """Take one more minute, bridging those that are missing before it."""
+        for one in (*bridge(self.last, minute), minute):
+            self._minutes.append(one)
+            self._innovations.append(self._filters.step(one))
+        self.posterior = self._posterior(STEPS)
+        if self._is_due():
+            rounds = ROUNDS if self._judged else FIRST_ROUNDS
+            for _ in range(rounds):
+                self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
+                self.posterior = self._posterior(STEPS_AFTER_DRAW)
+            self._judged = len(self._minutes)
+
+    def reshade(self, minutes: list[MinuteInputs]) -> None:
+        """Take the same minutes again, of which some turned out to be shaded, or not."""
+        self._minutes = minutes
+        self._draw(self._proposal)
+        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+
+    def _is_due(self) -> bool:
+        count = len(self._minutes)
+        if count < FIRST_DRAW:
+            return False
+        if self._judged == 0 or count >= 2 * self._judged:
+            return True
+        return count >= LONGER * self._judged and effective(self.posterior.log_weights) < FEWEST
+
+    def _draw(self, proposal: Proposal) -> None:
+        """New hypotheses, taken through all minutes so far."""
+        self._proposal = proposal
+        self._points = proposal.draw(HYPOTHESES)
+        drawn = hypotheses(self._points, self.settings)
+        self._filters = Filters(self.layout, drawn, self.settings, self._minutes[0], self.has_air)
+        self._innovations = [self._filters.step(minute) for minute in self._minutes]
+        self._starts = self._directions()
+
+    def _posterior(self, steps: int) -> Posterior:
+        best = self._weighed(self._starts, steps)
+        others = {}
+        for target, start in self._second_branches(*best).items():
+            starts = tuple(start if i == target else unit for i, unit in enumerate(best[0].units))
+            other = self._weighed(starts, STEPS_AFTER_DRAW)
+            if _mass(other[1]) > _mass(best[1]):
+                best, other = other, best
+            others[target] = other
+        self._starts = best[0].units
+        return Posterior(self._filters, best[1], best[0], others)
+
+    def _weighed(self, starts: tuple[FloatArray, ...], steps: int) -> tuple[UnitNormals, FloatArray]:
+        normals = unit_normals(self._filters, starts, steps)
+        tilts = [
+            tilt_azimuth(unit @ axes.T)[0]
+            for unit, axes in zip(normals.units, self.layout.facing, strict=True)
+        ]
+        too_steep = np.max(tilts, axis=0) > self.settings.tilt_limit_deg + 5.0
+        weights = (
+            self._filters.log_likelihood + normals.log_evidence + self._proposal.log_weight(self._points)
+        )
+        return normals, weights - np.where(too_steep, FAR, 0.0)
+
+    def _directions(self) -> tuple[FloatArray, ...]:
+        """Directions of the filters' own normals, a start that knows no branch."""
+        vectors = [self._filters.mean[:, self.layout.normal(target)] for target in range(self.layout.targets)]
+        return tuple(one / np.linalg.norm(one, axis=1, keepdims=True) for one in vectors)
+
+    def _second_branches(self, normals: UnitNormals, log_weights: FloatArray) -> dict[int, FloatArray]:
+        """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""
+        heaviest = int(np.argmax(log_weights))
+        found = {}
+        for target in range(self.layout.targets):
+            place = self.layout.normal(target)
+            gain, here = normals.gain[heaviest], normals.units[target][heaviest]
+            information = np.linalg.inv(self._filters.covariance[heaviest, place, place]) * gain**2
+            towards = information @ self._filters.mean[heaviest, place] / gain
+            other = _other_minimum(information, towards, here)
+            if (
+                other is not None
+                and tilt_azimuth(self.layout.facing[target] @ other)[0] <= self.settings.tilt_limit_deg
+            ):
+                found[target] = other
+        return found
+
+
+def _mass(log_weights: FloatArray) -> float:
+    """Logarithm of the probability that a branch has."""
+    return float(np.logaddexp.reduce(log_weights))
+
+
+def _other_minimum(information: FloatArray, towards: FloatArray, here: FloatArray) -> FloatArray | None:
+    """The other minimum of ``u'Hu - 2 b'u`` over unit vectors, unless it is `here` or far worse."""
+    if here.size == 2:
+        angles = np.linspace(-np.pi, np.pi, 721)[:-1]
+        grid = np.column_stack([np.sin(angles), np.cos(angles)])
+        misfit = np.sum((grid @ information - 2.0 * towards) * grid, axis=1)
+        low = (misfit < np.roll(misfit, 1)) & (misfit <= np.roll(misfit, -1)) & (grid @ here < np.cos(0.02))
+        candidates, misfits = grid[low], misfit[low]
+    else:
+        summed = Misfit(information, towards, np.asarray(0.0), np.asarray(1))
+        branches = solve(summed)
+        candidates = np.stack([branches.first, branches.second])
+        misfits = summed(candidates)
+        apart = candidates @ here < np.cos(0.02)
+        candidates, misfits = candidates[apart], misfits[apart]
+    least = float((information @ here - 2.0 * towards) @ here)
+    close = misfits < least + FAR
+    return candidates[close][np.argmin(misfits[close])] if close.any() else None

@@ -1,0 +1,171 @@
+"""From a filter's normals times the gain to unit normals: all beds and the gain together.
+
+A filter knows the vectors ``gain * normal`` as a joint normal distribution in which lengths are free. Lengths
+must all equal the gain: a bed whose vector the sun's path pins down tells the gain, and so every other bed.
+The most probable unit normals are found by damped Gauss-Newton steps for all hypotheses at once; around them
+the distribution is taken to be normal in the plane that touches the sphere (Laplace).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.estimation.learned.filters import Filters
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.physics.facet import FloatArray
+
+LONGEST = 0.25
+"""Longest step of the gain or of a turn in radians."""
+LEAST_GAIN = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class UnitNormals:
+    """Unit normals for each of p hypotheses.
+
+    Attributes
+    ----------
+    gain
+        (p,).
+    units
+        For each target its unit vector in the axes of the layout (p, k).
+    tangents
+        For each target (p, k, k - 1): directions in which it may turn.
+    covariance
+        Of gain and turns, in the order of the targets, (p, q, q). [rad2]
+    log_evidence
+        Logarithm of the probability of unit normals given what the filter knows, (p,).
+    pull
+        Gain and normals less the filter's means, in units of information (p, m).
+    jacobian
+        Of gain and normals by gain and turns (p, m, q), in units of information.
+    """
+
+    gain: FloatArray
+    units: tuple[FloatArray, ...]
+    tangents: tuple[FloatArray, ...]
+    covariance: FloatArray
+    log_evidence: FloatArray
+    pull: FloatArray
+    jacobian: FloatArray
+
+    def turn(self, target: int) -> slice:
+        """Places of a target's turns in `covariance`."""
+        first = 1 + sum(one.shape[2] for one in self.tangents[:target])
+        return slice(first, first + self.tangents[target].shape[2])
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Gain and unit normals with what a step from them needs."""
+
+    gain: FloatArray
+    units: list[FloatArray]
+    tangents: list[FloatArray]
+    jacobian: FloatArray
+    residual: FloatArray
+    misfit: FloatArray
+
+    @classmethod
+    def at(cls, mean: FloatArray, information: FloatArray, gain: FloatArray, units: list[FloatArray]) -> _Fit:
+        residual = mean - np.column_stack([gain, *(gain[:, np.newaxis] * unit for unit in units)])
+        tangents = [tangent_basis(unit) for unit in units]
+        jacobian = np.zeros((*mean.shape, 1 + sum(one.shape[2] for one in tangents)))
+        jacobian[:, 0, 0] = 1.0
+        row, column = 1, 1
+        for unit, tangent in zip(units, tangents, strict=True):
+            rows, columns = slice(row, row + unit.shape[1]), slice(column, column + tangent.shape[2])
+            jacobian[:, rows, 0] = unit
+            jacobian[:, rows, columns] = gain[:, np.newaxis, np.newaxis] * tangent
+            row, column = rows.stop, columns.stop
+        weighted = np.matmul(information, residual[..., np.newaxis])[..., 0]
+        return cls(gain, units, tangents, jacobian, residual, (residual * weighted).sum(axis=1))
+
+    def stepped(self, step: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+        """Gain and unit normals after a step of gain and turns (p, q)."""
+        units, column = [], 1
+        for unit, tangent in zip(self.units, self.tangents, strict=True):
+            columns = slice(column, column + tangent.shape[2])
+            moved = unit + np.matmul(tangent, step[:, columns, np.newaxis])[..., 0]
+            units.append(moved / np.linalg.norm(moved, axis=1, keepdims=True))
+            column = columns.stop
+        return np.maximum(self.gain + step[:, 0], LEAST_GAIN), units
+
+
+def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
+    """Most probable unit normals near the starts, one (k,) or (p, k) for each target, after some steps."""
+    mean, information = _known(filters)
+    units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
+    fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units)
+    damping = np.full(len(mean), 1e-6)
+    for _ in range(steps):
+        trial = _Fit.at(mean, information, *fit.stepped(_step(fit, information, damping)))
+        better = trial.misfit <= fit.misfit
+        damping = np.where(better, 0.2 * damping, 10.0 * damping + 1e-3)
+        fit = trial if better.all() else _either(mean, information, better, trial, fit)
+    weighted = np.matmul(information, fit.jacobian)
+    curvature = np.matmul(fit.jacobian.transpose(0, 2, 1), weighted)
+    # the area of a sphere grows with its radius, the gain
+    area = np.log(fit.gain) * (curvature.shape[1] - 1)
+    volume = np.linalg.slogdet(information)[1] - np.linalg.slogdet(curvature)[1]
+    return UnitNormals(
+        fit.gain,
+        tuple(fit.units),
+        tuple(fit.tangents),
+        np.linalg.inv(curvature),
+        0.5 * (volume - fit.misfit) + area,
+        -np.matmul(information, fit.residual[..., np.newaxis])[..., 0],
+        weighted,
+    )
+
+
+def places_of_normals(layout: Layout) -> list[int]:
+    """Gain and normals in the state."""
+    places = [layout.shared("gain")]
+    for target in range(layout.targets):
+        normal = layout.normal(target)
+        places.extend(range(normal.start, normal.stop))
+    return places
+
+
+def _known(filters: Filters) -> tuple[FloatArray, FloatArray]:
+    """The filter's mean (p, m) and information (p, m, m) of gain and normals."""
+    places = places_of_normals(filters.layout)
+    information = np.linalg.inv(filters.covariance[:, places][:, :, places])
+    return filters.mean[:, places], 0.5 * (information + information.transpose(0, 2, 1))
+
+
+def _step(fit: _Fit, information: FloatArray, damping: FloatArray) -> FloatArray:
+    transposed = np.matmul(fit.jacobian.transpose(0, 2, 1), information)
+    slope = np.matmul(transposed, fit.residual[..., np.newaxis])
+    curvature = np.matmul(transposed, fit.jacobian)
+    diagonal = np.arange(curvature.shape[1])
+    curvature[:, diagonal, diagonal] *= 1.0 + damping[:, np.newaxis]
+    step = np.linalg.solve(curvature, slope)[..., 0]
+    return np.asarray(step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / LONGEST))
+
+
+def _either(
+    mean: FloatArray, information: FloatArray, better: NDArray[np.bool_], trial: _Fit, fit: _Fit
+) -> _Fit:
+    """The trial where it is better."""
+    chosen = better[:, np.newaxis]
+    units = [np.where(chosen, new, old) for new, old in zip(trial.units, fit.units, strict=True)]
+    return _Fit.at(mean, information, np.where(better, trial.gain, fit.gain), units)
+
+
+def tangent_basis(unit: FloatArray) -> FloatArray:
+    """Orthonormal directions square to unit vectors (p, k), as (p, k, k - 1); k is 2 or 3."""
+    if unit.shape[1] == 2:
+        return np.stack([unit[:, 1], -unit[:, 0]], axis=1)[..., np.newaxis]
+    # T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6(1), 2017
+    x, y, z = unit.T
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    first = np.stack([1.0 + sign * x**2 * a, sign * b, -sign * x], axis=1)
+    second = np.stack([b, sign + y**2 * a, -y], axis=1)
+    return np.stack([first, second], axis=2)

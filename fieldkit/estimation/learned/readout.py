@@ -1,0 +1,252 @@
+"""From what is known after a minute to numbers for people: slopes with regions, parameters, advice.
+
+The posterior is a mixture: one normal distribution for each hypothesis and branch. It is represented by
+points drawn evenly from each, so that the region of a slope is that of the mixture and not of its best part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from fieldkit.estimation.learned.filters import prior_sds
+from fieldkit.estimation.learned.learner import Learner, Posterior
+from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, tangent_basis
+from fieldkit.estimation.likelihood import LikelihoodRegion, project
+from fieldkit.model.learnt import LearntParameter
+from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
+
+POINTS = 32
+"""Points for each hypothesis and branch."""
+NINETY = 0.90
+NINETY_SDS = 1.645
+LEAST_SHARE = 0.05
+"""Probability from which a second branch is reported."""
+_LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
+_PLANE: FloatArray = ndtri(np.clip(qmc.Sobol(2, rng=np.random.default_rng(1)).random(POINTS), 1e-3, 1 - 1e-3))
+
+
+@dataclass(frozen=True, slots=True)
+class KnownSlope:
+    """Slope of one target: mean normal (3,), 90 % region, second branch (3,) or None, and its share."""
+
+    best: FloatArray
+    region: LikelihoodRegion
+    second: FloatArray | None
+    share: float
+
+
+def known_slope(learner: Learner, target: int) -> KnownSlope:
+    """Slope of a target of the learner's layout."""
+    posterior, facing = learner.posterior, learner.layout.facing[target]
+    points, weights = _points(posterior.normals, posterior.log_weights, target, facing)
+    best = _mean(points, weights)
+    second, share = None, 1.0
+    if target in posterior.others:
+        normals, log_weights = posterior.others[target]
+        both = np.logaddexp.reduce([_total(posterior.log_weights), _total(log_weights)])
+        share = float(np.exp(_total(posterior.log_weights) - both))
+        other = _mean(*_points(normals, log_weights, target, facing))
+        if 1.0 - share >= LEAST_SHARE and angle_between_deg(other, best) > 1.0:
+            second = other
+    limit = learner.settings.tilt_limit_deg
+    bound = _known_region if facing.shape[1] == 2 else _free_region
+    return KnownSlope(best, bound(points, weights, best, facing, limit), second, share)
+
+
+def _total(log_weights: FloatArray) -> float:
+    return float(np.logaddexp.reduce(log_weights))
+
+
+def _points(
+    normals: UnitNormals, log_weights: FloatArray, target: int, facing: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (k, 3) drawn from the mixture, and their weights (k,)."""
+    turn, tangent = normals.turn(target), normals.tangents[target]
+    standard = _LINE if tangent.shape[2] == 1 else _PLANE
+    weights = np.exp(log_weights - _total(log_weights))
+    used = weights > 1e-6
+    root = np.linalg.cholesky(normals.covariance[used][:, turn, turn])
+    turned = np.matmul(standard, root.transpose(0, 2, 1))
+    units = normals.units[target][used][:, np.newaxis] + np.matmul(turned, tangent[used].transpose(0, 2, 1))
+    units /= np.linalg.norm(units, axis=2, keepdims=True)
+    return (units @ facing.T).reshape(-1, 3), np.repeat(weights[used], POINTS) / POINTS / weights[used].sum()
+
+
+def _mean(points: FloatArray, weights: FloatArray) -> FloatArray:
+    mean = weights @ points
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def _known_region(
+    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, limit: float
+) -> LikelihoodRegion:
+    """The middle 90 % of tilts along a known azimuth; tilts to the other side count as negative."""
+    along = facing[:, 0]
+    tilts = np.degrees(np.arctan2(points @ along, points[:, 2]))
+    low, high = quantiles(tilts, weights, (0.5 * (1.0 - NINETY), 0.5 * (1.0 + NINETY)))
+    azimuth = float(tilt_azimuth(along)[1])
+    return LikelihoodRegion(max(low, 0.0), min(max(high, 0.0), limit), azimuth, azimuth, low <= 0.0)
+
+
+def _free_region(
+    points: FloatArray, weights: FloatArray, best: FloatArray, facing: FloatArray, limit: float
+) -> LikelihoodRegion:
+    """The ellipse around the mean normal that holds 90 %, projected on tilt and azimuth."""
+    plane = tangent_basis(best[np.newaxis])[0]
+    away = points @ plane
+    away = away - weights @ away
+    covariance = (weights[:, np.newaxis] * away).T @ away
+    distance = np.sum(away @ np.linalg.inv(covariance) * away, axis=1)
+    bound = quantiles(distance, weights, (NINETY,))[0]
+    angle = np.linspace(0.0, 2.0 * np.pi, 121)
+    rim = np.sqrt(bound) * np.column_stack([np.cos(angle), np.sin(angle)]) @ np.linalg.cholesky(covariance).T
+    outline = best + (rim + weights @ points @ plane - best @ plane) @ plane.T
+    outline /= np.linalg.norm(outline, axis=1, keepdims=True)
+    upright = VERTICAL @ plane - weights @ points @ plane
+    is_flat = bool(upright @ np.linalg.inv(covariance) @ upright <= bound)
+    return project(np.vstack([outline, best]), best, is_flat, limit)
+
+
+def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]) -> list[float]:
+    """Weighted quantiles of values (k,)."""
+    order = np.argsort(values)
+    below = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return [float(np.interp(share, below / weights.sum(), values[order])) for share in shares]
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Mean (m,) and covariance (m, m) of named quantities over the whole mixture; tilts in degrees."""
+
+    names: tuple[str, ...]
+    mean: FloatArray
+    covariance: FloatArray
+
+    def sd(self, name: str) -> float:
+        """Standard deviation of one quantity."""
+        place = self.names.index(name)
+        return float(np.sqrt(self.covariance[place, place]))
+
+    def sd_if_known(self, name: str, other: str, sd: float) -> float:
+        """Standard deviation of one quantity if another were measured with `sd`."""
+        place, place_other = self.names.index(name), self.names.index(other)
+        shared = self.covariance[place, place_other]
+        left = self.covariance[place, place] - shared**2 / (self.covariance[place_other, place_other] + sd**2)
+        return float(np.sqrt(max(left, 0.0)))
+
+
+STATES = ("diffuse", "circumsolar", "longwave", "air")
+LOGARITHMS = ("exchange", "thermal_inertia", "depth", "gusts")
+
+
+def moments(learner: Learner) -> Moments:
+    """Joint mean and covariance of gain, tilts, what else is shared, and logarithms of the hypotheses."""
+    posterior, layout = learner.posterior, learner.layout
+    means, covariances = _within(posterior, learner)
+    drawn = posterior.filters.hypotheses
+    logs = np.log(np.column_stack([drawn.exchange, drawn.inertia, drawn.depth_m, drawn.gust]))
+    means = np.column_stack([means, logs])
+    weights = posterior.weights
+    mean = weights @ means
+    away = means - mean
+    covariance = (weights[:, np.newaxis] * away).T @ away
+    inner = covariances.shape[1]
+    covariance[:inner, :inner] += np.tensordot(weights, covariances, axes=1)
+    tilts = tuple(f"tilt{target}" for target in range(layout.targets))
+    offsets = tuple(f"offset{target}" for target in range(layout.targets))
+    return Moments(("gain", *tilts, *STATES, *offsets, *LOGARITHMS), mean, covariance)
+
+
+def _within(posterior: Posterior, learner: Learner) -> tuple[FloatArray, FloatArray]:
+    """Means (p, m) and covariances (p, m, m) of gain, tilts, shared states and offsets, by hypothesis."""
+    layout, normals, filters = learner.layout, posterior.normals, posterior.filters
+    others = [layout.shared(name) for name in STATES]
+    others += [layout.offset(layout.references + target) for target in range(layout.targets)]
+    constrained = places_of_normals(layout)
+    shared = filters.covariance[:, others][:, :, constrained]
+    steps, tilts = _by_tilt(learner)
+    turned = np.matmul(steps, np.matmul(normals.covariance, steps.transpose(0, 2, 1)))
+    # what the unit lengths teach of the rest: the regression on gain and normals
+    response = np.matmul(shared, np.matmul(normals.jacobian, normals.covariance))
+    crossed = np.matmul(response, steps.transpose(0, 2, 1))
+    own = filters.covariance[:, others][:, :, others]
+    known = filters.covariance[:, constrained][:, :, constrained]
+    regression = np.matmul(shared, np.linalg.inv(known))
+    own = (
+        own
+        - np.matmul(regression, shared.transpose(0, 2, 1))
+        + np.matmul(np.matmul(shared, normals.jacobian), response.transpose(0, 2, 1))
+    )
+    states = filters.mean[:, others] + np.matmul(shared, normals.pull[..., np.newaxis])[..., 0]
+    means = np.column_stack([normals.gain, tilts, states])
+    upper = np.concatenate([turned, crossed.transpose(0, 2, 1)], axis=2)
+    return means, np.concatenate([upper, np.concatenate([crossed, own], axis=2)], axis=1)
+
+
+def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (p, 1 + targets, q) of gain and tilts in degrees by gain and turns; tilts (p, targets)."""
+    normals, layout = learner.posterior.normals, learner.layout
+    count, turns = normals.covariance.shape[:2]
+    steps = np.zeros((count, 1 + layout.targets, turns))
+    steps[:, 0, 0] = 1.0
+    tilts = np.zeros((count, layout.targets))
+    for target, (unit, tangent) in enumerate(zip(normals.units, normals.tangents, strict=True)):
+        best = unit @ layout.facing[target].T
+        tilts[:, target], azimuth = tilt_azimuth(best)
+        steeper = normal(tilts[:, target] + 90.0, azimuth)
+        turn = np.matmul((steeper @ layout.facing[target])[:, np.newaxis], tangent)[:, 0]
+        steps[:, 1 + target, normals.turn(target)] = np.degrees(turn)
+    return steps, tilts
+
+
+def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter, ...]:
+    """What was learnt of every shared parameter, with its prior."""
+    settings, prior = learner.settings, learner.settings.prior
+    sds = prior_sds(settings, learner.has_air)
+    straight = [
+        _straight("gain", "", found, settings.scale, sds["gain"]),
+        _straight("diffuse", "", found, 0.0, sds["diffuse"]),
+        _straight("circumsolar", "", found, prior.circumsolar_share, sds["circumsolar"]),
+        _straight("longwave", "W/m²", found, 0.0, sds["longwave"]),
+        _straight("air", "K", found, 0.0, sds["air"]),
+    ]
+    slab = settings.slab
+    logarithmic = [
+        _logarithmic("exchange", "W m⁻² K⁻¹", found, prior.exchange_w_m2_k, prior.exchange_log_sd),
+        _logarithmic("thermal_inertia", "J m⁻² K⁻¹ s⁻½", found, slab.thermal_inertia, prior.inertia_log_sd),
+        _logarithmic("depth", "cm", found, 100.0 * slab.depth_m, prior.depth_log_sd, scale=100.0),
+        _logarithmic("gusts", "W m⁻² K⁻¹", found, prior.gust_sd_w_m2_k, prior.gust_log_sd),
+    ]
+    return (straight[0], *logarithmic, *straight[1:])
+
+
+def _straight(name: str, unit: str, found: Moments, prior: float, prior_sd: float) -> LearntParameter:
+    value, sd = float(found.mean[found.names.index(name)]), found.sd(name)
+    half, prior_half = NINETY_SDS * sd, NINETY_SDS * prior_sd
+    share = min(sd / prior_sd, 1.0)
+    return LearntParameter(
+        name, unit, prior, prior - prior_half, prior + prior_half, value, value - half, value + half, share
+    )
+
+
+def _logarithmic(
+    name: str, unit: str, found: Moments, prior: float, prior_sd: float, scale: float = 1.0
+) -> LearntParameter:
+    value, sd = scale * float(np.exp(found.mean[found.names.index(name)])), found.sd(name)
+    factor, prior_factor = float(np.exp(NINETY_SDS * sd)), float(np.exp(NINETY_SDS * prior_sd))
+    share = min(sd / prior_sd, 1.0)
+    return LearntParameter(
+        name,
+        unit,
+        prior,
+        prior / prior_factor,
+        prior * prior_factor,
+        value,
+        value / factor,
+        value * factor,
+        share,
+    )
