@@ -6,7 +6,7 @@ on the temperature itself, so it is taken at the measured one and corrected to f
 difference: noise of the camera stays noise and does not turn into heat.
 
 Where two unknowns multiply each other (share of diffuse light and normal), the product is taken to first
-order around the filter's own means. The probability of the data given a hypothesis falls out on the way.
+order around a given state. The probability of the data given a hypothesis falls out on the way.
 """
 
 from __future__ import annotations
@@ -77,7 +77,10 @@ class Innovations:
 
 
 class Filters:
-    """A bank of filters, `mean` (p, n) and `covariance` (p, n, n), with `log_likelihood` (p,)."""
+    """A bank of filters, `mean` (p, n) and `covariance` (p, n, n), with `log_likelihood` (p,).
+
+    Products of two unknowns are linear only near some state (n,): `around`, else the prior's.
+    """
 
     def __init__(
         self,
@@ -86,6 +89,7 @@ class Filters:
         settings: EstimatorSettings,
         first: MinuteInputs,
         has_air: bool,
+        around: FloatArray | None = None,
     ) -> None:
         self.layout, self.hypotheses, self.settings = layout, hypotheses, settings
         modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
@@ -95,7 +99,9 @@ class Filters:
         count = hypotheses.exchange.size
         self.log_likelihood = np.zeros(count)
         self._normals, self._upwards = self._views()
-        self.mean = np.tile(_prior_mean(layout, settings, first), (count, 1))
+        prior_mean = _prior_mean(layout, settings, first)
+        self._around = _possible(layout, prior_mean if around is None else around)
+        self.mean = np.tile(prior_mean, (count, 1))
         self._taken_k = np.tile(first.temperature_k, (count, 1))
         self.covariance = _prior_covariance(layout, settings, hypotheses, has_air)
 
@@ -187,30 +193,29 @@ class Filters:
 
     def _light(self, minute: MinuteInputs, region: int, row: FloatArray, constant: FloatArray) -> None:
         """Absorbed sunlight, (p, n) row and (p,) constant, added in place."""
-        place, mean = self.layout.shared, self.mean
+        place, now = self.layout.shared, self._around
         lit, sky = 1.0 - minute.shaded[region], 1.0 - HIDDEN * minute.shaded[region]
         towards, upwards = self._normals[region] @ minute.sun, self._upwards[region]
-        towards_now, upwards_now = mean @ towards, mean @ upwards
+        towards_now, upwards_now = now @ towards, now @ upwards
         sunlit = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
         height = max(minute.sun[2], LOWEST_SUN)
-        share = np.clip(mean[:, place("circumsolar")], 0.0, 1.0) * minute.circumsolar
-        diffuse = sky * minute.diffuse * np.maximum(1.0 + mean[:, place("diffuse")], 0.2)
+        share = now[place("circumsolar")] * minute.circumsolar
+        diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
         dome, reflected = diffuse * (1.0 - share) / 2.0, sky * minute.reflected / 2.0
-        row += (sunlit * minute.direct + diffuse * share * sunlit / height)[:, np.newaxis] * towards
-        row += (dome - reflected)[:, np.newaxis] * upwards
+        row += (minute.direct + diffuse * share / height) * sunlit * towards + (dome - reflected) * upwards
         row[:, place("gain")] += dome + reflected
-        # products of two unknowns, to first order around the present means
-        around, above = sunlit * towards_now / height, (mean[:, place("gain")] + upwards_now) / 2.0
+        # products of two unknowns, to first order around what was known at the last draw
+        around, above = sunlit * towards_now / height, (now[place("gain")] + upwards_now) / 2.0
         by_name = {
             "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above),
             "circumsolar": diffuse * minute.circumsolar * (around - above),
         }
         for name, slope in by_name.items():
             row[:, place(name)] += slope
-            constant -= slope * mean[:, place(name)]
-        row[:, place("beam")] += sunlit * np.maximum(towards_now, 0.0)
+            constant -= slope * now[place(name)]
+        row[:, place("beam")] += sunlit * max(towards_now, 0.0)
         if minute.is_edge[region]:
-            row[:, place("edge")] += np.maximum(towards_now, 0.0)
+            row[:, place("edge")] += max(towards_now, 0.0)
 
     def _heat(
         self, minute: MinuteInputs, region: int, taken_k: FloatArray, row: FloatArray, constant: FloatArray
@@ -218,11 +223,10 @@ class Filters:
         """Longwave, exchange with the air and the fluxes without a cause, added in place."""
         layout, grey = self.layout, self.settings.surface.emissivity_broadband
         exchange, over_air = self.hypotheses.exchange, taken_k - minute.air_k
-        gain = np.maximum(self.mean[:, layout.shared("gain")], LEAST_GAIN)
         constant += grey * (minute.longwave_down + minute.longwave_ground) / 2.0
         constant -= grey * STEFAN_BOLTZMANN * taken_k**4 + exchange * over_air
         tilted = grey * (minute.longwave_down - minute.longwave_ground) / 2.0
-        row += (tilted / gain)[:, np.newaxis] * self._upwards[region]
+        row += tilted / self._around[layout.shared("gain")] * self._upwards[region]
         for name in (*GUSTS, "slow_gust"):
             row[:, layout.shared(name)] -= over_air
         for name in ("air", "air_change"):
@@ -309,7 +313,6 @@ BOARD_SD_W_M2 = 60.0
 HIDDEN = 0.7
 """Share of the sky that a board hides."""
 LOWEST_SUN = 0.05
-LEAST_GAIN = 0.5
 
 
 def _processes(
@@ -342,6 +345,16 @@ def _prior_mean(layout: Layout, settings: EstimatorSettings, first: MinuteInputs
     for target in range(layout.targets):
         mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
     return mean
+
+
+def _possible(layout: Layout, state: FloatArray) -> FloatArray:
+    """A state whose gain and skylight can be."""
+    possible = state.copy()
+    limits = {"gain": (0.5, 2.0), "circumsolar": (0.0, 1.0), "diffuse": (-0.5, 1.0)}
+    for name, (low, high) in limits.items():
+        place = layout.shared(name)
+        possible[place] = min(max(possible[place], low), high)
+    return possible
 
 
 def prior_sds(settings: EstimatorSettings, has_air: bool) -> dict[str, float]:

@@ -20,7 +20,6 @@ from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import FloatArray
 
-SMOOTHED_AIR_MINUTES = 11
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
 SWINBANK = 5.31e-13
@@ -166,7 +165,6 @@ def _light(
 
 
 def _air_k(history: History, row: int, longwave: float) -> float:
-    """Logged air temperature, smoothed because its noise would pass for exchange; else from the longwave."""
-    lately = history.air_k[max(row + 1 - SMOOTHED_AIR_MINUTES, 0) : row + 1]
-    known = lately[np.isfinite(lately)]
-    return float(known.mean()) if known.size else float((longwave / SWINBANK) ** (1.0 / 6.0))
+    """The last logged air temperature, as it was: smoothing would part it from the sun that warms it."""
+    known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
+    return float(history.air_k[known[-1]]) if known.size else float((longwave / SWINBANK) ** (1.0 / 6.0))

@@ -14,7 +14,7 @@ from fieldkit.estimation.learned.filters import Filters, Innovations
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
 from fieldkit.estimation.learned.inputs import MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
-from fieldkit.estimation.learned.normals import UnitNormals, unit_normals
+from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
@@ -58,6 +58,13 @@ class Posterior:
         """Of the hypotheses (p,), adding up to one."""
         return normalised(self.log_weights)
 
+    @property
+    def state(self) -> FloatArray:
+        """Mean state (n,) over the hypotheses, with unit normals."""
+        constrained = places_of_normals(self.filters.layout)
+        shift = np.matmul(self.filters.covariance[:, :, constrained], self.normals.pull[..., np.newaxis])
+        return np.asarray(self.weights @ (self.filters.mean + shift[..., 0]))
+
 
 class Learner:
     """Learns from minutes about the regions of a layout."""
@@ -68,8 +75,8 @@ class Learner:
         self.layout, self.settings, self.has_air = layout, settings, has_air
         self._minutes = [first]
         self._judged = 0
-        self._proposal = Proposal.prior()
-        self._draw(self._proposal)
+        self._around: FloatArray | None = None
+        self._draw(Proposal.prior())
         self.posterior = self._posterior(STEPS_AFTER_DRAW)
 
     @property
@@ -91,6 +98,7 @@ class Learner:
         if self._is_due():
             rounds = ROUNDS if self._judged else FIRST_ROUNDS
             for _ in range(rounds):
+                self._around = self.posterior.state
                 self._draw(Proposal.fitted(self._points, self.posterior.log_weights))
                 self.posterior = self._posterior(STEPS_AFTER_DRAW)
             self._judged = len(self._minutes)
@@ -114,7 +122,7 @@ class Learner:
         self._proposal = proposal
         self._points = proposal.draw(HYPOTHESES)
         drawn = hypotheses(self._points, self.settings)
-        self._filters = Filters(self.layout, drawn, self.settings, self._minutes[0], self.has_air)
+        self._filters = Filters(self.layout, drawn, self.settings, self._minutes[0], self.has_air, self._around)
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()
 
