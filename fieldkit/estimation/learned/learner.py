@@ -122,7 +122,9 @@ class Learner:
         self._proposal = proposal
         self._points = proposal.draw(HYPOTHESES)
         drawn = hypotheses(self._points, self.settings)
-        self._filters = Filters(self.layout, drawn, self.settings, self._minutes[0], self.has_air, self._around)
+        self._filters = Filters(
+            self.layout, drawn, self.settings, self._minutes[0], self.has_air, self._around
+        )
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()
 
