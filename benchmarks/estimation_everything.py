@@ -118,7 +118,7 @@ def trial(name: str, random: np.random.Generator) -> dict[str, list[float]]:
     unknown = [(float(random.uniform(0, 30)), float(random.uniform(0, 360))) for _ in range(3)]
     beds = [KNOWN_BED, *unknown]
     history = day(name, beds, random)
-    plain = EstimatorSettings(window_s=60.0 * (MINUTES - 1), tilt_limit_deg=30.0)
+    plain = EstimatorSettings(model="paper", window_s=60.0 * (MINUTES - 1), tilt_limit_deg=30.0)
     settings = with_known_bed(history, replace(plain, model="full", slab=LAYER))
     errors: dict[str, list[float]] = {}
     for kind, one in (

@@ -39,7 +39,7 @@ SLAB = Slab(depth_m=0.03)
 
 Bed = tuple[float, float]
 WINDOW_S = 1200.0
-PAPERS = EstimatorSettings(window_s=WINDOW_S, azimuth="known")
+PAPERS = EstimatorSettings(model="paper", window_s=WINDOW_S, azimuth="known")
 
 
 def days() -> Iterator[tuple[str, Weather]]:

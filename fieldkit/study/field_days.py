@@ -89,7 +89,7 @@ def field_days(sessions: Sequence[Path]) -> list[FieldDay]:
     if sessions:
         return [recorded_day(path, f"#{number}") for number, path in enumerate(sessions, 1)]
     # the paper's table ends at 30 degrees; its beds' direction was known
-    settings = EstimatorSettings(window_s=1200.0, azimuth="known", tilt_limit_deg=30.0)  # as in the paper
+    settings = EstimatorSettings(model="paper", window_s=1200.0, azimuth="known", tilt_limit_deg=30.0)
     return [simulated_day(day, PAPER_SITE, settings) for day in PAPER_DAYS]
 
 

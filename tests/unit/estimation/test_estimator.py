@@ -14,7 +14,7 @@ from fieldkit.physics.facet import angle_between_deg, normal
 
 
 def run(yard, samples, settings=None) -> list[Minute]:
-    estimator = Estimator(yard.site, yard.beds, yard.streams, settings or EstimatorSettings())
+    estimator = Estimator(yard.site, yard.beds, yard.streams, settings or EstimatorSettings(model="paper"))
     closed = [minute for sample in samples for minute in estimator.add(sample)]
     return closed + estimator.finish()
 
@@ -25,7 +25,7 @@ def by_name(minute: Minute) -> dict:
 
 @pytest.fixture
 def an_hour(yard):
-    return run(yard, yard.samples(61), EstimatorSettings(window_s=3600.0))
+    return run(yard, yard.samples(61), EstimatorSettings(model="paper", window_s=3600.0))
 
 
 def test_one_hour_of_the_papers_physics_gives_every_slope_back(yard, an_hour):
@@ -72,7 +72,7 @@ def test_interleaving_within_two_seconds_changes_nothing_at_all(yard):
 # contours are the mean over a grid of half a degree; the posterior feels only the counts' steps of 0.01 K
 @pytest.mark.parametrize(("method", "within_deg"), [("contours", 0.4), ("posterior", 0.05)])
 def test_every_method_finds_the_beds_within_its_region(yard, method, within_deg):
-    settings = EstimatorSettings(method=method, window_s=3600.0, tilt_limit_deg=30.0)
+    settings = EstimatorSettings(model="paper", method=method, window_s=3600.0, tilt_limit_deg=30.0)
     minute = run(yard, yard.samples(61), settings)[-1]
     for bed in yard.beds[1:]:
         found = by_name(minute)[bed.name]
@@ -87,7 +87,9 @@ def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
     states = {
         azimuth: [
             minute.estimates[0].state
-            for minute in run(yard, yard.samples(4), EstimatorSettings(azimuth=azimuth, min_minutes=2))
+            for minute in run(
+                yard, yard.samples(4), EstimatorSettings(model="paper", azimuth=azimuth, min_minutes=2)
+            )
         ]
         for azimuth in ("known", "free")
     }
@@ -98,7 +100,7 @@ def test_two_minutes_are_the_fewest_that_can_disagree_about_a_tilt_alone(yard):
 
 
 def test_known_azimuth_needs_few_minutes(yard):
-    minute = run(yard, yard.samples(8), EstimatorSettings(azimuth="known"))[-1]
+    minute = run(yard, yard.samples(8), EstimatorSettings(model="paper", azimuth="known"))[-1]
     for bed in yard.beds[1:]:
         assert by_name(minute)[bed.name].tilt_deg == pytest.approx(bed.tilt_deg, abs=0.1)
         assert by_name(minute)[bed.name].azimuth_deg == pytest.approx(bed.azimuth_deg)
@@ -111,13 +113,13 @@ def test_a_known_azimuth_holds_for_a_bed_found_flat(yard, azimuth):
     samples = flat.samples(8)
     # a little too cold for a flat bed turned towards the sun, too warm for one turned away
     offset_k = 0.3 if azimuth == 100.0 else -0.3
-    settings = EstimatorSettings(azimuth="known", offsets_k={"b08": offset_k})
+    settings = EstimatorSettings(model="paper", azimuth="known", offsets_k={"b08": offset_k})
     found = run(flat, samples, settings)[-1].estimates[0]
     assert found.tilt_deg == 0.0
     assert found.azimuth_deg == found.azimuth_low_deg == found.azimuth_high_deg == azimuth % 360.0
     assert (found.kelvin_per_degree > 0.0) == (azimuth == 100.0)
     slightly = replace(flat, beds=(flat.beds[0], replace(flat.beds[1], tilt_deg=1.0)))
-    warmer = run(slightly, slightly.samples(8), EstimatorSettings(azimuth="known"))[-1]
+    warmer = run(slightly, slightly.samples(8), EstimatorSettings(model="paper", azimuth="known"))[-1]
     kelvin = warmer.temperature_k["b08"] - warmer.temperature_k["flat"]
     assert found.kelvin_per_degree == pytest.approx(kelvin, abs=0.05)
 
@@ -135,7 +137,7 @@ def test_tilted_reference_and_several_references(yard):
         minute = run(
             replace(yard, beds=chosen),
             replace(yard, beds=chosen).samples(61),
-            EstimatorSettings(window_s=None),
+            EstimatorSettings(model="paper", window_s=None),
         )[-1]
         found = by_name(minute)["b08"]
         assert angle_between_deg(normal(found.tilt_deg, found.azimuth_deg), normal(8.0, 140.0)) < 0.3
@@ -144,7 +146,7 @@ def test_tilted_reference_and_several_references(yard):
 def test_flat_target_is_called_flat(yard):
     beds = (*yard.beds[:1], replace(yard.beds[1], tilt_deg=0.0))
     level = replace(yard, beds=beds)
-    found = run(level, level.samples(120), EstimatorSettings(offset_sd_k=0.1))[-1].estimates[0]
+    found = run(level, level.samples(120), EstimatorSettings(model="paper", offset_sd_k=0.1))[-1].estimates[0]
     assert found.state == SlopeState.FLAT
     assert found.tilt_low_deg == 0.0
     assert found.azimuth_high_deg - found.azimuth_low_deg == pytest.approx(360.0)
@@ -152,7 +154,7 @@ def test_flat_target_is_called_flat(yard):
 
 
 def test_a_slope_known_to_a_wide_region_only_is_called_uncertain(yard):
-    uncertain = EstimatorSettings(window_s=3600.0, offset_sd_k=2.0)
+    uncertain = EstimatorSettings(model="paper", window_s=3600.0, offset_sd_k=2.0)
     for found in run(yard, yard.samples(61), uncertain)[-1].estimates:
         assert found.state == SlopeState.UNCERTAIN
         low, high = found.tilt_low_deg, found.tilt_high_deg
@@ -317,7 +319,7 @@ def test_no_reference_is_said_in_words(yard):
 
 
 def test_known_offset_of_a_region_is_taken_out(yard):
-    settings = EstimatorSettings(window_s=3600.0)
+    settings = EstimatorSettings(model="paper", window_s=3600.0)
     warm = [
         s._replace(counts=np.where(yard.beds[1].mask((60, 80)), s.counts + 100, s.counts).astype(np.uint16))
         if isinstance(s, Frame)
@@ -368,7 +370,7 @@ def test_window_is_halved_until_one_slope_explains_it(yard):
     turned = replace(yard, beds=(yard.beds[0], replace(yard.beds[1], tilt_deg=20.0)))
     before = replace(yard, beds=yard.beds[:2]).samples(40)
     after = [sample for sample in turned.samples(80) if sample.time_ns >= yard.start_ns + 40 * MINUTE_NS]
-    last = run(turned, [*before, *after], EstimatorSettings(azimuth="known"))[-1].estimates[0]
+    last = run(turned, [*before, *after], EstimatorSettings(model="paper", azimuth="known"))[-1].estimates[0]
     assert last.tilt_deg == pytest.approx(20.0, abs=0.3)
     assert last.window_start_ns >= yard.start_ns + 40 * MINUTE_NS
 

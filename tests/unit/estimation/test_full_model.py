@@ -27,7 +27,7 @@ REGIONS = (
     Region("flat", RegionKind.REFERENCE, NONE, 0.0, 0.0),
     *(Region(f"b{tilt:.0f}", RegionKind.TARGET, NONE, tilt, azimuth) for tilt, azimuth in BEDS),
 )
-KNOWN = EstimatorSettings(azimuth="known", slab=SLAB)
+KNOWN = EstimatorSettings(model="paper", azimuth="known", slab=SLAB)
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ def slopes(yard, **more):
     """The slopes after an hour, no other systematic uncertainty stated but the paper model's own."""
     settings = EstimatorSettings(
         azimuth="known", exchange_sd=0.0, drift_sd_k_per_h=0.0, conductivity_sd=0.0, capacity_sd=0.0,
-        **{"scale_sd": 0.0, "offset_sd_k": 0.0, **more},
+        **{"model": "paper", "scale_sd": 0.0, "offset_sd_k": 0.0, **more},
     )  # fmt: skip
     estimator = Estimator(yard.site, yard.beds, yard.streams, settings)
     for sample in yard.samples(60):
@@ -108,7 +108,7 @@ def test_a_light_meters_factor_is_as_much_a_scale_as_any(yard):
 
 @pytest.mark.parametrize(("own", "used"), [(float("nan"), 0.90), (0.85, 0.85), (0.98, 0.98)])
 def test_an_offset_of_brightness_leaves_nothing(own, used):
-    settings = EstimatorSettings(offsets_k={"b15": 1.0, "flat": 1.0})
+    settings = EstimatorSettings(model="paper", offsets_k={"b15": 1.0, "flat": 1.0})
     assert settings.surface.emissivity == 0.90
     reflected = settings.reflected_temperature_k
     regions = (

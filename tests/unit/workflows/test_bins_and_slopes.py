@@ -73,7 +73,7 @@ def test_every_setting_is_tried():
 @pytest.mark.parametrize("name", OTHER)
 def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
     path, site, regions, streams, samples = recording
-    settings = replace(EstimatorSettings(), **{name: OTHER[name]})
+    settings = replace(EstimatorSettings(model="paper"), **{name: OTHER[name]})
     if name.startswith("contour"):
         settings = replace(settings, method="contours")
     if name in (
@@ -86,6 +86,8 @@ def test_slopes_from_kept_minutes_are_the_estimators(recording, name):
         "diffuse_fraction",
     ):
         settings = replace(settings, model="full")
+    if name == "prior":
+        settings = replace(settings, model="learned")
     estimator = Estimator(site, regions, streams, settings)
     minutes = [minute for sample in samples for minute in estimator.add(sample)] + estimator.finish()
     (history,) = read_minutes(path, regions, [(site, bin_settings(settings))])

@@ -40,7 +40,7 @@ def test_exchange_of_heat_is_not_told_from_minutes_in_own_shade():
         Region("flat", RegionKind.REFERENCE, CORNERS),
         Region("bed", RegionKind.TARGET, CORNERS, *BED),
     )
-    estimator = SimpleNamespace(regions=regions, settings=EstimatorSettings(surface=SURFACE))
+    estimator = SimpleNamespace(regions=regions, settings=EstimatorSettings(model="paper", surface=SURFACE))
     found = identified(estimator, history, {"bed": KnownSlope(0, *BED)})
     lit = sunlight[:, 1] > 0.03
     expected = float(irradiance_per_kelvin(kelvin[lit, 0].mean(), SURFACE))

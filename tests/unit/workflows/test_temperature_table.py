@@ -17,7 +17,7 @@ def slopes_of(path, site, settings, **more):
 
 
 SITE = Site(35.558675, 139.395232, 9.0)
-WHOLE = EstimatorSettings(window_s=None)
+WHOLE = EstimatorSettings(model="paper", window_s=None)
 CASE_1 = """time,reference_k,bed_k,irradiance_w_m2
 2017-08-30T12:00:00+09:00,323.60330,325.23205,800
 2017-08-30T13:00:00+09:00,322.50984,324.02574,800
@@ -77,7 +77,7 @@ def test_lux_on_the_horizontal_is_as_good(table):
     lines = [first.replace("irradiance_w_m2", "illuminance_lx")]
     for row, up in zip(rows, sun_up, strict=True):
         lines.append(row.rsplit(",", 1)[0] + f",{800 * up * 0.44 * 246.78:.3f}")
-    settings = EstimatorSettings(window_s=None, irradiance=IrradianceModel(diffuse="none"))
+    settings = EstimatorSettings(model="paper", window_s=None, irradiance=IrradianceModel(diffuse="none"))
     (bed,) = slopes_of(table("\n".join(lines)), SITE, settings)
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.01)
 
@@ -118,7 +118,7 @@ def test_global_irradiance_is_as_good_with_the_sky_measured_or_assumed(table):
     ],
 )
 def test_light_that_the_model_does_not_take_is_refused(table, columns, model, complaint):
-    settings = EstimatorSettings(window_s=None, irradiance=model)
+    settings = EstimatorSettings(model="paper", window_s=None, irradiance=model)
     with pytest.raises(ConfigError, match=complaint):
         slopes_of(table(with_light(columns, ["500"] * 4)), SITE, settings)
 
@@ -127,7 +127,7 @@ def test_leaning_reference_and_known_azimuth(table):
     swapped = CASE_1.replace("reference_k,bed_k", "bed_k,reference_k")
     (bed,) = slopes_of(table(swapped), SITE, WHOLE, reference_slope_deg=(10.0, 180.0))
     assert bed.tilt_deg == pytest.approx(0.0, abs=0.01)
-    settings = EstimatorSettings(window_s=None, azimuth="known")
+    settings = EstimatorSettings(model="paper", window_s=None, azimuth="known")
     (bed,) = slopes_of(table(CASE_1), SITE, settings, azimuths_deg={"bed": 180.0})
     assert bed.tilt_deg == pytest.approx(10.0, abs=0.001)
 

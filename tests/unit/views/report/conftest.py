@@ -57,7 +57,9 @@ def streams() -> tuple[StreamInfo, ...]:
 @pytest.fixture(scope="package")
 def settings() -> EstimatorSettings:
     doubts = {"noise_k": 0.05, "offset_sd_k": 0.25, "scale_sd": 0.08, "exchange_sd": 0.15}
-    return EstimatorSettings(irradiance=IrradianceModel(diffuse="none"), azimuth="known", **doubts)
+    return EstimatorSettings(
+        model="paper", irradiance=IrradianceModel(diffuse="none"), azimuth="known", **doubts
+    )
 
 
 def direct_on(region, sun) -> float:

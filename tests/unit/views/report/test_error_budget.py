@@ -27,7 +27,7 @@ SIGMA = 5.670374419e-8
 ALBEDO, EMISSIVITY, EXCHANGE = 0.20, 0.90, 18.15  # the paper's Table 1
 DIRECT, SHARE, DOWN, AIR_K = 850.0, 0.15, 300.0, 283.15
 NO_STORAGE = Slab(depth_m=1e-6)
-SETTINGS = EstimatorSettings(slab=NO_STORAGE, diffuse_fraction=SHARE, longwave_down_w_m2=DOWN)
+SETTINGS = EstimatorSettings(model="paper", slab=NO_STORAGE, diffuse_fraction=SHARE, longwave_down_w_m2=DOWN)
 
 
 def facet_k(tilt_deg, cos_incidence, cos_zenith, circumsolar, flat_k=None):
