@@ -1,0 +1,309 @@
+"""The learned estimator in worlds it is not told: errors, regions, silence and cost, beside the other models.
+
+`WORLDS` worlds a row (``FIELDKIT_WORLDS`` for another number) of `benchmarks.drawn_worlds`, seeds from
+`FIRST_SEED` on, which no setting was chosen with. All rows of one scenario come from the same runs. A bound
+is 0.8 times the mean posterior standard deviation that the data allow at best, the mean error of a perfect
+estimator. `paper` and `full` estimate from the identical minutes. Files of other days are read from a
+`shared` folder beside the project where there is one.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+
+from benchmarks.drawn_worlds import AUGUST, BROKEN_CLOUD, CLEAR, RANDOM, SOUTH, World, drawn_world
+from benchmarks.estimation_outdoors import BROKEN, holds
+from benchmarks.result import Result
+from fieldkit.estimation.bins import History, MinuteBin
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.slopes import slopes
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SOLVED, SlopeEstimate, is_certain
+from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
+
+WORLDS = int(os.environ.get("FIELDKIT_WORLDS", "200"))
+FIRST_SEED = 1000
+FIRST_MINUTE = 5
+"""Silence counts from here on: no estimate is due before."""
+STATIONS = {"Boulder, overcast": BROKEN.with_name("tbl17005.dat")}
+BOARDS = "with the shade test, clear, south, known"
+TEN_HOURS, THREE_HOURS, LAST = 600, 180, 20
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """The estimate after some minutes of a session, and the goals for its mean error, degrees."""
+
+    minutes: int
+    must_deg: float = float("nan")
+    bound_deg: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """Sessions of one kind: the options of `drawn_world`, and whether air temperature is logged."""
+
+    name: str
+    cells: tuple[Cell, ...]
+    world: dict[str, Any]
+    air: bool = True
+    with_others: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One estimate of one bed against its truth; errors are NaN without a tilt.
+
+    Silent is one whose state rejects the minutes, though it may show a tilt.
+    """
+
+    tilt_error_deg: float
+    angle_deg: float
+    is_silent: bool
+    is_inside: bool
+    is_certain: bool
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What one world gave: estimates by minutes for each model, and the share of minutes without one."""
+
+    by_model: dict[str, dict[int, list[Found]]] = field(default_factory=dict)
+    silent_share: float = 0.0
+
+
+def scenarios() -> Iterator[Scenario]:
+    """All rows; those of days whose file is not here are left out."""
+    south: dict[str, Any] = {"day": CLEAR, "beds": SOUTH}
+    name = "clear, south, known"
+    without = (Cell(20, 3.3, 3.0), Cell(60, 3.0, 2.9), Cell(180, 2.2, 1.9))
+    yield Scenario(f"{name}, no air temperature", without, south, air=False)
+    yield Scenario(name, (Cell(20, 1.7, 1.5), Cell(60, 1.5, 1.4), Cell(180, 1.0, 0.9)), south)
+    known = {**south, "known_bed": True, "offset_sd_k": 0.1}
+    yield Scenario(
+        f"{name}, one known bed, offsets 0.1 K", (Cell(20, 1.0), Cell(60, 0.7), Cell(180, 0.5)), known
+    )
+    yield Scenario(BOARDS, (Cell(60),), {**south, "shade_test": True}, with_others=False)
+    yield Scenario("the world as told", (Cell(20, 0.7), Cell(180, 0.5)), {**south, "told": True})
+    free = {"day": CLEAR, "beds": RANDOM}
+    yield Scenario("clear, random beds, free", (Cell(60, 1.6), Cell(180, 1.2)), free)
+    yield Scenario("August by formula, random beds, free", (Cell(180),), {**free, "day": AUGUST})
+    ground = {**south, "measured_ground": True}
+    yield Scenario(f"{name}, fields as on measured ground", (Cell(20), Cell(180)), ground)
+    if BROKEN.exists():
+        broken = (Cell(20, 2.0, 1.3), Cell(60, 0.8, 0.7), Cell(180, 0.7, 0.6))
+        yield Scenario("broken, south, known", broken, {**south, "day": BROKEN_CLOUD})
+        yield Scenario("broken, random beds, free", (Cell(180, 0.5),), {**free, "day": BROKEN_CLOUD})
+    for station, path in STATIONS.items():
+        if path.exists():
+            # 1.5 times what is asked of the clear day
+            cells = (Cell(20, 2.55), Cell(60, 2.25), Cell(180, 1.5))
+            yield Scenario(f"{station}, south, known", cells, {**south, "day": str(path)})
+
+
+# --- one world
+
+
+def outcome(scenario: Scenario, seed: int) -> Outcome:
+    """Run the models through one world."""
+    world = drawn_world(seed, **scenario.world)
+    history = world.history.until(max(cell.minutes for cell in scenario.cells))
+    if not scenario.air:
+        history = replace(history, air_k=np.full(len(history), np.nan))
+    settings = replace(world.settings, model="learned")
+    run = SlopeChain(world.regions, settings).after_all(history)
+    silent = [[one.state not in SOLVED for one in estimates] for estimates in run[FIRST_MINUTE - 1 :]]
+    learned = {cell.minutes: _found(run[cell.minutes - 1], world) for cell in scenario.cells}
+    result = Outcome({"learned": learned}, float(np.mean(silent)))
+    if scenario.with_others:
+        for model in ("paper", "full"):
+            result.by_model[model] = {
+                cell.minutes: _found(_whole_window(world, history, model, cell.minutes), world)
+                for cell in scenario.cells
+            }
+    return result
+
+
+def _whole_window(world: World, history: History, model: Any, minutes: int) -> tuple[SlopeEstimate, ...]:
+    """What another model estimates from all of the first minutes."""
+    settings = replace(world.settings, model=model, window_s=60.0 * (minutes - 1))
+    return slopes(history.until(minutes), world.regions, settings)
+
+
+def _found(estimates: Sequence[SlopeEstimate], world: World) -> list[Found]:
+    truths = {region.name: region for region in world.regions}
+    return [_against(one, truths[one.region], world.settings) for one in estimates]
+
+
+def _against(one: SlopeEstimate, truth: Region, settings: EstimatorSettings) -> Found:
+    silent = one.state not in SOLVED
+    if np.isnan(one.tilt_deg):
+        return Found(float("nan"), float("nan"), silent, False, False)
+    bed = (truth.tilt_deg, truth.azimuth_deg)
+    angle = float(angle_between_deg(normal(one.tilt_deg, one.azimuth_deg), normal(*bed)))
+    is_known = settings.azimuth == "known"
+    inside = one.tilt_low_deg <= bed[0] <= one.tilt_high_deg if is_known else holds(one, bed)
+    return Found(abs(one.tilt_deg - bed[0]), angle, silent, inside, is_certain(one))
+
+
+# --- all worlds
+
+
+def outcomes(asked: Sequence[Scenario]) -> Iterator[tuple[Scenario, list[Outcome]]]:
+    """Every scenario with the outcomes of its worlds, two processes of one thread each at least."""
+    # read by the arithmetic libraries when a process imports them
+    os.environ.update({"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"})
+    seeds = range(FIRST_SEED, FIRST_SEED + WORLDS)
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+        waiting = [(one, [pool.submit(outcome, one, seed) for seed in seeds]) for one in asked]
+        for scenario, futures in waiting:
+            yield scenario, [future.result() for future in futures]
+
+
+def rows(scenario: Scenario, worlds: Sequence[Outcome]) -> Iterator[Result]:
+    """Error, coverage and silence of one scenario."""
+    for cell in scenario.cells:
+        name = f"{scenario.name}, {cell.minutes} min"
+        found = _all(worlds, "learned", cell)
+        answered = [one for one in found if not one.is_silent]
+        must = "reported" if np.isnan(cell.must_deg) else f"≤ {cell.must_deg:g}"
+        error = _mean_error(found)
+        yield Result(f"{name}: mean tilt error", error, "°", must, _beside(worlds, cell))
+        inside = 100.0 * float(np.mean([one.is_inside for one in answered])) if answered else float("nan")
+        certain = 100.0 * float(np.mean([one.is_certain for one in found]))
+        note = f"{len(answered)} of {len(found)} estimates, {certain:.0f} % certain"
+        yield Result(f"{name}: regions hold the truth", inside, "%", "85-95", note)
+    silent = 100.0 * float(np.mean([one.silent_share for one in worlds]))
+    yield Result(f"{scenario.name}: minutes without a slope", silent, "%", "≤ 10")
+
+
+def _all(worlds: Sequence[Outcome], model: str, cell: Cell) -> list[Found]:
+    return [one for world in worlds for one in world.by_model.get(model, {}).get(cell.minutes, [])]
+
+
+def _mean_error(found: Sequence[Found]) -> float:
+    errors = [one.tilt_error_deg for one in found if not np.isnan(one.tilt_error_deg)]
+    return float(np.mean(errors)) if errors else float("nan")
+
+
+def _beside(worlds: Sequence[Outcome], cell: Cell) -> str:
+    """90th percentile, mean angle between normals, bound; the other models and how often they are silent."""
+    answered = [one for one in _all(worlds, "learned", cell) if not np.isnan(one.tilt_error_deg)]
+    parts = []
+    if answered:
+        p90 = np.percentile([one.tilt_error_deg for one in answered], 90)
+        parts = [f"p90 {p90:.2f}°", f"normals {np.mean([one.angle_deg for one in answered]):.2f}°"]
+    if not np.isnan(cell.bound_deg):
+        parts.append(f"bound {cell.bound_deg:g}°")
+    for model in ("paper", "full"):
+        if found := _all(worlds, model, cell):
+            silent = 100.0 * float(np.mean([one.is_silent for one in found]))
+            parts.append(f"{model} {_mean_error(found):.2f}° ({silent:.0f} % silent)")
+    return ", ".join([*parts, f"{len(worlds)} worlds from seed {FIRST_SEED}"])
+
+
+def accuracy() -> list[Result]:
+    """Every scenario, and what the boards bring."""
+    found: list[Result] = []
+    errors: dict[str, float] = {}
+    for scenario, worlds in outcomes(list(scenarios())):
+        found += rows(scenario, worlds)
+        errors[scenario.name] = _mean_error(_all(worlds, "learned", Cell(60)))
+    share = errors[BOARDS] / errors["clear, south, known"]
+    return [*found, Result("shade test: error over that without, 60 min", share, "", "≤ 0.6")]
+
+
+# --- cost
+
+
+def bins_of(history: History) -> list[MinuteBin]:
+    """The rows of a history as closed bins."""
+    regions = history.temperature_k.shape[1]
+    unknown = np.full(regions, np.nan)
+    return [
+        MinuteBin(
+            minute=int(history.minute[row]),
+            time_ns=int(history.time_ns[row]),
+            sun=history.sun[row],
+            temperature_k=history.temperature_k[row],
+            spread_k=unknown,
+            jitter_k=unknown,
+            pixels=np.ones(regions, np.int64),
+            frames=1,
+            dni_w_m2=float(history.dni_w_m2[row]),
+            dhi_w_m2=float(history.dhi_w_m2[row]),
+            longwave_down_w_m2=float(history.longwave_down_w_m2[row]),
+            flags=Quality(int(history.flags[row])),
+            region_flags=tuple(Quality(int(flag)) for flag in history.region_flags[row]),
+            air_k=float(history.air_k[row]),
+            wind_m_s=float(history.wind_m_s[row]),
+        )
+        for row in range(len(history))
+    ]
+
+
+def with_targets(world: World, count: int) -> World:
+    """The same world with its beds repeated, each with noise of its own."""
+    targets = [i for i, region in enumerate(world.regions) if region.kind is RegionKind.TARGET]
+    columns = [i for i in range(len(world.regions)) if i not in targets]
+    columns += [targets[i % len(targets)] for i in range(count)]
+    temperature = world.history.temperature_k[:, columns]
+    noise = world.settings.noise_k * np.random.default_rng(count).standard_normal(temperature.shape)
+    history = replace(
+        world.history,
+        temperature_k=temperature + noise,
+        region_flags=world.history.region_flags[:, columns],
+        probe_k=world.history.probe_k[:, columns],
+    )
+    regions = tuple(replace(world.regions[i], name=f"{place}") for place, i in enumerate(columns))
+    return replace(world, history=history, regions=regions)
+
+
+def minute_costs(world: World) -> tuple[FloatArray, list[int]]:
+    """Seconds of each minute, and the size of the chain after it where it is looked at, bytes."""
+    chain = SlopeChain(world.regions, replace(world.settings, model="learned"))
+    took, sizes = [], []
+    for number, one in enumerate(bins_of(world.history), start=1):
+        begin = time.perf_counter()
+        chain.after(one)
+        took.append(time.perf_counter() - begin)
+        if number in (THREE_HOURS, TEN_HOURS):
+            sizes.append(len(pickle.dumps(chain)))
+    return np.array(took), sizes
+
+
+def cost() -> list[Result]:
+    """A minute of three and of thirty regions, and ten hours."""
+    seed = FIRST_SEED
+    short = drawn_world(seed, CLEAR, RANDOM)
+    three, _ = minute_costs(short)
+    thirty, _ = minute_costs(with_targets(short, 30))
+    ten, sizes = minute_costs(drawn_world(seed, AUGUST, RANDOM, start_h=7.0, minutes=TEN_HOURS))
+    late, early = np.median(ten[-LAST:]), np.median(ten[THREE_HOURS - LAST : THREE_HOURS])
+    note = f"whole run of 3 h {np.sum(three):.1f} s, slowest minute {1e3 * np.max(three):.0f} ms"
+    return [
+        Result("minute of three beds after 3 h (p50)", 1e3 * _p50(three), "ms", "≤ 25", note),
+        Result("minute of thirty regions after 3 h (p50)", 1e3 * _p50(thirty), "ms", "≤ 60"),
+        Result("minute after 10 h over one after 3 h (p50)", late / early, "", "about 1"),
+        Result("state kept after 10 h over that after 3 h", sizes[1] / sizes[0], "", "about 1"),
+    ]
+
+
+def _p50(took: FloatArray) -> float:
+    return float(np.median(took[-LAST:]))
+
+
+def run() -> list[Result]:
+    """All rows; ``FIELDKIT_WORLDS=10`` takes minutes, the default hours."""
+    return [*cost(), *accuracy()]
