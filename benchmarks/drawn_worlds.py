@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.estimation_outdoors import BROKEN, NOISE_K, STILL, Bed, minute_means, regions
+from benchmarks.estimation_outdoors import BROKEN, NOISE_K, STILL, Bed, regions
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
@@ -26,6 +24,7 @@ from fieldkit.simulation.boards import Board
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged, read_station_file
+from fieldkit.workflows.field_history import field_history
 
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
 TOLD_SLAB = Slab(depth_m=0.03)
@@ -116,10 +115,8 @@ def drawn_world(
     outline = regions(slopes)
     model, noon_ns = _model(day, outline, field, shade_test)
     begin_ns = noon_ns + (round(60.0 * (start_h - NOON_H)) - LEAD_MIN) * MINUTE_NS
-    history = minute_means(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
+    history = field_history(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
     measured = _measured(history, field, errors, random)
-    if shade_test:
-        measured = replace(measured, region_flags=_flags_of(model.boards, outline, minutes))
     settings = EstimatorSettings(
         azimuth="known" if beds == SOUTH else "free", slab=TOLD_SLAB, offset_sd_k=offset_sd_k, noise_k=NOISE_K
     )
@@ -180,16 +177,6 @@ def _boards(outline: tuple[Region, ...]) -> tuple[Board, ...]:
         Board(bed.name, 60.0 * start, 60.0 * (start + BOARD_MIN))
         for bed, start in zip(outline[1:], starts, strict=True)
     )
-
-
-def _flags_of(boards: tuple[Board, ...], outline: tuple[Region, ...], minutes: int) -> NDArray[np.int64]:
-    """Flags of minutes and regions: shaded under the boards."""
-    flags = np.zeros((minutes, len(outline)), np.int64)
-    names = [region.name for region in outline]
-    for board in boards:
-        first, last = (round(time_s / 60.0) - LEAD_MIN for time_s in (board.begin_s, board.end_s))
-        flags[first:last, names.index(board.bed)] = int(Quality.SHADED)
-    return flags
 
 
 def _measured(history: History, field: DrawnField, errors: BedErrors, random: np.random.Generator) -> History:

@@ -24,10 +24,10 @@ from fieldkit.model.slope import SlopeEstimate
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray, angle_between_deg, normal
 from fieldkit.physics.slab import Slab
-from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation import Exchange, Facet, MeasuredSky
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import Weather, packaged, read_surfrad
+from fieldkit.workflows.field_history import field_history
 
 BROKEN = Path(__file__).parents[1].parent / "shared" / "data" / "weather" / "slv15365.dat"
 STILL = Exchange(18.15, 0.0)
@@ -57,33 +57,7 @@ def field_day(weather: Weather, beds: Sequence[Bed], sand: Facet, exchange: Exch
     # flat ground around the beds is of the same sand, as in the difference equation
     ground = replace(sand, tilt_deg=0.0, azimuth_deg=0.0)
     model = SceneModel(weather.site, MeasuredSky(weather), facets, ground, exchange, (), 1.0)
-    return minute_means(model, start_ns, minutes)
-
-
-def minute_means(model: SceneModel, start_ns: int, minutes: int) -> History:
-    """Means over each minute of what a scene's instruments see, without their errors."""
-    series = model.series(start_ns, minutes * 60.0)
-    edges_s = 60.0 * np.arange(minutes + 1)
-    steps_s = np.diff(series.time_s)
-    below = np.cumsum(0.5 * (series.rows[:, 1:] + series.rows[:, :-1]) * steps_s, axis=1)
-    below = np.hstack([np.zeros((len(below), 1)), below])
-    columns = np.diff(below[:, np.searchsorted(series.time_s, edges_s)], axis=1) / 60.0
-    time_ns = start_ns + np.arange(minutes) * MINUTE_NS + MINUTE_NS // 2
-    dni_w_m2, dhi_w_m2, longwave, air_k, wind_m_s, _ = columns[:6]
-    surface = columns[6 : 6 + len(model.beds)].T
-    return History(
-        time_ns // MINUTE_NS,
-        time_ns,
-        sun_vectors(time_ns, model.site),
-        surface,
-        dni_w_m2,
-        dhi_w_m2,
-        longwave,
-        np.zeros(minutes, np.int64),
-        np.zeros(surface.shape, np.int64),
-        air_k,
-        wind_m_s,
-    )
+    return field_history(model, start_ns, minutes)
 
 
 def noisy(history: History, random: np.random.Generator, offsets_k: FloatArray | float = 0.0) -> History:

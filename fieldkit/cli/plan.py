@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from fieldkit.cli.common import Command, campaign, options, print_json, print_table, say
+from fieldkit.cli.common import Command, campaign, options, print_json, print_table, progress, say
 from fieldkit.cli.types import DAY, FACET, SITE, ZONE
 from fieldkit.model.site import Site, with_zone
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
+    from fieldkit.workflows.experiments import Experiments
     from fieldkit.workflows.plan import MeasuringPlan
 
 
@@ -45,6 +46,11 @@ if TYPE_CHECKING:
 @click.option(
     "--step", "step_min", type=click.IntRange(1), default=30, show_default=True, help="Minutes between rows."
 )
+@click.option("--experiments", "predicts", is_flag=True, help="Predict what a shade test and others bring.")
+@click.option(
+    "--minutes", type=click.IntRange(20, 360), default=60, show_default=True,
+    help="Length of the session for --experiments.",
+)  # fmt: skip
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Page to write.")
 @click.pass_context
 def command(
@@ -54,16 +60,20 @@ def command(
     zone: str | None,
     day: date,
     facets: tuple[tuple[float, float], ...],
+    predicts: bool,
+    minutes: int,
     out: Path | None,
     **assumed: Any,
 ) -> None:
     r"""Sun, kelvin per degree and the best possible accuracy over a day.
 
     The Cramér–Rao bound needs no measurement: only sun, irradiance and noise. A page to
-    print goes to the campaign's reports/, or where --out says.
+    print goes to the campaign's reports/, or where --out says. --experiments simulates the
+    best hour with the learned model, as it is and with each experiment: half a minute.
 
     \b
     fieldkit plan --site 35.558675,139.395232,9 --on 2026-12-11 --facet 5,180 --facet 15,180
+    fieldkit plan --on 2026-12-11 --clear-sky 3 --experiments
     """
     from fieldkit.workflows.plan import PlanOptions, plan, target_facets
 
@@ -75,13 +85,26 @@ def command(
         PlanOptions(**assumed),
         estimator=config.estimator_settings() if config else None,
     )
+    found = _predicted(made, minutes, config) if predicts else None
     path = out or (config.reports / f"plan-{day}.html" if config else None)
     if path:
-        made.write(path)
+        made.write(path, found)
     if options(ctx).json:
-        print_json({**made.document, "page": path})
+        print_json({**made.document, "experiments": found and found.document, "page": path})
     else:
-        _print(made, path)
+        _print(made, found, path)
+
+
+def _predicted(made: MeasuringPlan, minutes: int, config: Config | None) -> Experiments:
+    from fieldkit.workflows.plan import logs_air
+
+    with progress() as bar:
+        task = bar.add_task("experiments", total=None)
+        return made.experiments(
+            minutes,
+            air_logged=config is not None and logs_air(config),
+            on_experiment=lambda one: bar.update(task, description=one.name),
+        )
 
 
 def _loaded(config: Config | None) -> Config:
@@ -95,7 +118,7 @@ def _campaign_site(config: Config | None, zone: str | None) -> Site:
     return replace(site, timezone=zone or site.timezone)
 
 
-def _print(made: MeasuringPlan, path: Path | None) -> None:
+def _print(made: MeasuringPlan, found: Experiments | None, path: Path | None) -> None:
     from fieldkit.views import plan_page
 
     plan, site = made.day_plan, made.site
@@ -111,4 +134,7 @@ def _print(made: MeasuringPlan, path: Path | None) -> None:
         click.echo(line)
     for warning in made.warnings:
         click.echo(f"beware: {warning}")
+    if found:
+        print_table(found.table.columns, found.table.rows)
+        click.echo(found.table.caption)
     say(f"page {path}" if path else "for a page to print: --out plan.html")

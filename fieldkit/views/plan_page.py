@@ -165,8 +165,8 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
     ]
 
 
-def page(plan: DayPlan, site: Site, title: str, light: str) -> str:
-    """The whole page: where and when, in short, warnings, chart, table, checklist."""
+def page(plan: DayPlan, site: Site, title: str, light: str, experiments: Table | None = None) -> str:
+    """The whole page: where and when, in short, warnings, chart, table, experiments if given, checklist."""
     beds = ", ".join(label(facet) for facet in plan.facets)
     return render(
         "plan.html",
@@ -176,6 +176,7 @@ def page(plan: DayPlan, site: Site, title: str, light: str) -> str:
         warnings=warnings(plan, site),
         chart=_chart(plan, site) if plotting.available() else None,
         over_day=Table(COLUMNS, rows(plan, site), f"Beds side by side: {beds}."),
+        experiments=experiments,
     )
 
 

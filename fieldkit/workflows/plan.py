@@ -6,8 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from datetime import date, datetime, timedelta
 from math import isfinite
 from pathlib import Path
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.config import Config
-from fieldkit.estimation.day_plan import DayPlan, PlanSettings, label, plan_day
+from fieldkit.estimation.day_plan import RISING_DEG, DayPlan, PlanSettings, label, plan_day
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.air import is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.site import RegionKind, Site, zone_by_longitude
@@ -26,7 +27,9 @@ from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
 from fieldkit.physics.daylight import clear_sky
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
+from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
+from fieldkit.workflows.experiments import Experiment, Experiments, PlannedSession, experiments
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,6 +70,7 @@ class MeasuringPlan:
     day: date
     options: PlanOptions
     day_plan: DayPlan
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
 
     @property
     def warnings(self) -> list[str]:
@@ -135,10 +139,71 @@ class MeasuringPlan:
             ]
         )
 
-    def write(self, path: str | Path) -> Path:
-        """Write the plan as a page to print; raises `StorageError`."""
+    def experiments(
+        self,
+        minutes: int = 60,
+        *,
+        air_logged: bool = False,
+        on_experiment: Callable[[Experiment], None] | None = None,
+    ) -> Experiments:
+        """Predict what a shade test, the hour after sunset, a known bed or a thermometer would bring.
+
+        Simulates the session around the best window, and estimates it with the learned model: about half a
+        minute for three beds.
+
+        Parameters
+        ----------
+        minutes
+            Length of the session. [min]
+        air_logged
+            Whether an air temperature will be recorded.
+        on_experiment
+            Receives each experiment when it is there.
+
+        Raises
+        ------
+        NoAnswerError
+            If the day has no usable window.
+        """
+        session = self._session(minutes, air_logged)
+        found = []
+        for one in experiments(session):
+            found.append(one)
+            if on_experiment:
+                on_experiment(one)
+        return Experiments(session, tuple(found))
+
+    def _session(self, minutes: int, air_logged: bool) -> PlannedSession:
+        """The session of that length around the middle of the best window."""
+        found, options = self.day_plan, self.options
+        if found.best_row is None:
+            raise NoAnswerError(
+                f"no window of {options.window_min} min on {self.day} is usable",
+                fix="choose another day, or a shorter window",
+            )
+        first = int(found.time_ns[found.rows[found.best_row]])
+        sky = ClearSky(air_temperature_k=options.air_c + CELSIUS_ZERO_K)
+        return PlannedSession(
+            self.site,
+            found.facets,
+            first + (options.window_min - minutes) // 2 * MINUTE_NS,
+            minutes,
+            replace(sky, linke_turbidity=options.turbidity) if options.turbidity else sky,
+            replace(self.estimator, model="learned", noise_k=options.noise_k),
+            _sunset_ns(found),
+            air_logged,
+        )
+
+    def write(self, path: str | Path, experiments: Experiments | None = None) -> Path:
+        """Write the plan as a page to print, with the experiments if given; raises `StorageError`."""
         path = Path(path)
-        content = plan_page.page(self.day_plan, self.site, f"Plan for {self.day}", self.options.irradiance)
+        content = plan_page.page(
+            self.day_plan,
+            self.site,
+            f"Plan for {self.day}",
+            self.options.irradiance,
+            experiments.table if experiments else None,
+        )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(content, encoding="utf-8")
@@ -203,7 +268,7 @@ def plan(
     )
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
-    return MeasuringPlan(site, day, options, found)
+    return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())
 
 
 def _site(site: Site | Sequence[float]) -> Site:
@@ -237,6 +302,19 @@ def target_facets(config: Config) -> tuple[tuple[float, float], ...]:
             "no target in fieldkit.toml has a tilt and an azimuth to plan for", fix="add --facet TILT,AZIMUTH"
         )
     return known
+
+
+def logs_air(config: Config) -> bool:
+    """Whether an instrument of a campaign has a channel that is labelled as air temperature."""
+    labels = (label for device in config.devices for label in device.options.get("labels", ()))
+    return any(is_air_temperature(str(label)) for label in labels)
+
+
+def _sunset_ns(plan: DayPlan) -> int | None:
+    """The first minute after noon without sun, None if there is none."""
+    noon = int(np.argmax(plan.elevation_deg))
+    down = np.flatnonzero(plan.elevation_deg[noon:] <= RISING_DEG)
+    return int(plan.time_ns[noon + down[0]]) if down.size else None
 
 
 def _ends_ns(site: Site, day: date) -> tuple[int, int]:

@@ -1,4 +1,5 @@
 import json
+import math
 import re
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from click.testing import CliRunner
 from fieldkit.cli import main
 from fieldkit.cli.plan import command
 from fieldkit.views import plotting
+from fieldkit.workflows import plan as planning
+from fieldkit.workflows.experiments import Experiment
 
 PAPER = ["--site", "35.558675,139.395232,9"]
 WINTER = ["--on", "2026-12-11", "--facet", "5,180", "--facet", "15,180", "--facet", "25,180"]
@@ -172,6 +175,8 @@ found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, package=None: None if name == "matplotlib" else found(name, package)
 from fieldkit.cli.plan import command
 from fieldkit.views import plotting
+from fieldkit.workflows import plan as planning
+from fieldkit.workflows.experiments import Experiment
 command(sys.argv[1:])
 """
 
@@ -210,3 +215,26 @@ def test_the_suns_azimuth_over_the_day_is_nrels():
     times = pandas.DatetimeIndex([f"2017-08-30T{at}" for at in shown], tz="Asia/Tokyo")
     expected = solarposition.get_solarposition(times, 35.558675, 139.395232, altitude=9.0)["azimuth"]
     assert [int(one) for one in shown.values()] == pytest.approx(expected.to_numpy(), abs=0.6)
+
+
+def test_experiments_are_predicted_only_when_asked(monkeypatch, tmp_path):
+    asked = []
+
+    def two(session):
+        asked.append(session)
+        yield Experiment("as planned", session.minutes, (1.96, 4.0), (False,) * 2, (False,) * 2)
+        yield Experiment("with 25°/180° known", 60, (1.0, math.nan), (False, True), (False,) * 2)
+
+    monkeypatch.setattr(planning, "experiments", two)
+    assert document(*AUGUST)["experiments"] is None
+    assert not asked
+    page = tmp_path / "plan.html"
+    lines = run(*AUGUST, "--experiments", "--minutes", "45", "--out", str(page)).stdout.splitlines()
+    assert [line.split() for line in lines[-3:-1]] == [
+        ["as", "planned", "45", "min", "±2.0°", "±4.0°"],
+        ["with", "25°/180°", "known", "60", "min", "±1.0°", "known"],
+    ]
+    assert "±4.0°" in page.read_text(encoding="utf-8")
+    found = document(*AUGUST, "--experiments")["experiments"]
+    assert found[1]["half_region_deg"] == [1.0, None]
+    assert not asked[-1].air_logged
