@@ -43,7 +43,7 @@ def field_minutes(model: SceneModel, start_ns: int, minutes: int) -> FieldMinute
         How many.
     """
     series = model.series(start_ns, minutes * 60.0)
-    edges_s = 60.0 * np.arange(minutes + 1)
+    edges_s = np.arange(0.0, 60.0 * minutes + 1.0, 60.0)
     below = np.cumsum(0.5 * (series.rows[:, 1:] + series.rows[:, :-1]) * np.diff(series.time_s), axis=1)
     below = np.hstack([np.zeros((len(below), 1)), below])
     columns = np.diff(below[:, np.searchsorted(series.time_s, edges_s)], axis=1) / 60.0
