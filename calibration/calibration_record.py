@@ -223,6 +223,14 @@ def expiry_warnings(record: CalibrationRecord, now: datetime) -> list[str]:
     return warnings
 
 
+def model_warnings(record: CalibrationRecord, model: str) -> list[str]:
+    """A warning if a scale was found with another surface model than it is used with."""
+    made_with = record.details.get("model", model)
+    if made_with == model:
+        return []
+    return [f"{record.name} is the scale of the {made_with} model, not of {model}: calibrate surface again"]
+
+
 def _other_instrument(record: CalibrationRecord, streams: Sequence[StreamInfo]) -> list[str]:
     made_with = record.instrument
     if not made_with.model and not made_with.serial_number:

@@ -1,4 +1,4 @@
-"""``fieldkit calibrate surface``: the scale kappa from beds of known slope."""
+"""``fieldkit calibrate surface``: kappa from beds of known slope, or what was learnt of the sand."""
 
 from __future__ import annotations
 
@@ -32,9 +32,12 @@ def command(
     r"""Find the scale kappa of a SESSION from its beds of known tilt and azimuth.
 
     kappa is for this model of the surface and this irradiance: change neither after calibrating.
+    With the learned model, what the session taught of gain, thermal inertia and depth is the next
+    session's prior; beds of known slope sharpen it and are not needed.
 
     \b
     fieldkit calibrate surface recordings/X.h5 --bed b15
+    fieldkit calibrate surface recordings/X.h5 --set estimator.model=learned --name this-sand
     """
     from fieldkit.cli.calibration_output import save_and_print
     from fieldkit.sessions.reader import open_session

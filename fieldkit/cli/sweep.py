@@ -47,6 +47,12 @@ def command(
 
     \b
     fieldkit sweep recordings/ --set surface.albedo=0.15:0.35:0.05 --set surface.emissivity=0.88,0.90
+
+    With the learned model, prior=configured,others compares the prior as configured with what all
+    other sessions taught of sand and light meter.
+
+    \b
+    fieldkit sweep recordings/ --set estimator.model=learned --set prior=configured,others
     """
     from fieldkit.cli import batch
     from fieldkit.workflows.sweep import read_grid, sweep

@@ -1,7 +1,8 @@
 """References to calibration records: ``surface.emissivity = "@dry-silica-sand"``.
 
 A reference is looked up in the campaign's ``calibration/`` folder and replaced by the record's value and
-standard uncertainty. The record itself is kept under ``[calibration]`` of the configuration, so that a
+standard uncertainty; what was learnt of the sand brings a prior's standard deviations instead. The record
+itself is kept under ``[calibration]`` of the configuration, so that a
 session holds both value and origin and does not depend on the folder.
 """
 
@@ -21,20 +22,27 @@ CAMPAIGN_FILE = "fieldkit.toml"
 
 
 class _Key(NamedTuple):
-    """A key that takes references: the kind of record, and the key that gets its uncertainty."""
+    """A key that takes references: the kind of record, the keys that it brings, and which of its `values`
+    it takes; "" for the `value`, whose standard uncertainty it brings.
+    """
 
     kind: str
-    uncertainty: KeyPath
+    brings: tuple[KeyPath, ...]
+    part: str = ""
 
 
 KEYS: Mapping[KeyPath, _Key] = {
-    ("surface", "emissivity"): _Key("emissivity", ("surface", "emissivity_sd")),
-    ("irradiance", "factor"): _Key("irradiance", ("irradiance", "factor_sd")),
-    ("estimator", "scale"): _Key("surface", ("estimator", "scale_sd")),
+    ("surface", "emissivity"): _Key("emissivity", (("surface", "emissivity_sd"),)),
+    ("irradiance", "factor"): _Key("irradiance", (("irradiance", "factor_sd"),)),
+    ("estimator", "scale"): _Key("surface", (("estimator", "scale_sd"), ("prior", "gain_sd"))),
+    ("slab", "conductivity_w_m_k"): _Key(
+        "surface", (("slab", "conductivity_sd"), ("prior", "inertia_log_sd")), "conductivity_w_m_k"
+    ),
+    ("slab", "depth_m"): _Key("surface", (("prior", "depth_log_sd"), ("prior", "deep_share")), "depth_m"),
 }
 REGION_KEYS: Mapping[str, _Key] = {
-    "emissivity": _Key("emissivity", ("region", "emissivity_sd")),
-    "offset_k": _Key("uniformity", ("estimator", "offset_sd_k")),
+    "emissivity": _Key("emissivity", (("region", "emissivity_sd"),)),
+    "offset_k": _Key("uniformity", (("estimator", "offset_sd_k"),)),
 }
 
 
@@ -50,19 +58,20 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
     carried = values.pop("calibration", {})
     mistakes = [Mistake(("calibration", name), TYPED) for name in _typed(carried)]
     used = _still_used(values, {} if mistakes else carried)
-    for place, key, region in _places(values):
+    for place, key in _places(values):
         given = _get(values, place)
         if not (isinstance(given, str) and given.startswith("@")):
             continue
         try:
             record, file = find(given[1:], calibration_folder(path))
-            value, uncertainty = _value(record, key, region)
+            value = _value(record, key)
         except ConfigError as error:
             mistakes.append(Mistake(place, f"{error.message}; {error.fix}" if error.fix else error.message))
             continue
-        _put(values, place, value)
-        _put(values, key.uncertainty, uncertainty)
-        used[_name(values, place)] = {"reference": given, "file": file.name, **as_document(record)}
+        document = as_document(record)
+        for brought, number in ((place, value), *_brought(document, key).items()):
+            _put(values, brought, number)
+        used[_name(values, place)] = {"reference": given, "file": file.name, **document}
     if used:
         values["calibration"] = used
     return values, mistakes
@@ -77,29 +86,42 @@ def calibration_folder(path: Path) -> Path:
     return next(campaigns, above[0]) / FOLDER
 
 
-def _value(record: CalibrationRecord, key: _Key, region: str) -> tuple[float, float]:
+def _value(record: CalibrationRecord, key: _Key) -> float:
     if record.kind != key.kind:
         raise ConfigError(f"@{record.name} is a calibration of kind {record.kind}, not {key.kind}")
-    if key.kind != "uniformity":
-        return float(record.value), record.standard_uncertainty
-    if region not in record.values:
+    if not key.part:
+        return float(record.value)
+    if key.part in record.values:
+        return float(record.values[key.part])
+    if key.kind == "surface":
         raise ConfigError(
-            f"@{record.name} has no value for region {region!r}; it has {', '.join(record.values)}"
+            f"@{record.name} has no value for {key.part}",
+            fix='learn it: estimator.model = "learned", then fieldkit calibrate surface',
         )
-    return float(record.values[region]), record.standard_uncertainty
+    raise ConfigError(
+        f"@{record.name} has no value for region {key.part!r}; it has {', '.join(record.values)}"
+    )
 
 
-def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key, str]]:
-    """Every key that takes a reference, with the name of its region."""
-    yield from ((place, key, "") for place, key in KEYS.items())
+def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
+    """What a record, as a document, puts beside the key that names it."""
+    learnt = record.get("details", {}).get("brings", {})
+    uncertainty = record.get("standard_uncertainty")
+    found = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
+    return {place: value for place, value in found.items() if value is not None}
+
+
+def _places(values: Mapping[str, Any]) -> Iterator[tuple[KeyPath, _Key]]:
+    """Every key that takes references."""
+    yield from KEYS.items()
     regions = values.get("region")
     for index, region in enumerate(regions if isinstance(regions, list) else ()):
         if isinstance(region, dict):
-            name = str(region.get("name", ""))
-            for key, kind in REGION_KEYS.items():
-                table, sd = kind.uncertainty
-                sd_place = (table, index, sd) if table == "region" else kind.uncertainty
-                yield ("region", index, key), kind._replace(uncertainty=sd_place), name
+            for name, key in REGION_KEYS.items():
+                ((table, sd),) = key.brings
+                place = (table, index, sd) if table == "region" else (table, sd)
+                part = str(region.get("name", "")) if key.kind == "uniformity" else ""
+                yield ("region", index, name), key._replace(brings=(place,), part=part)
 
 
 def _typed(carried: Any) -> list[str]:
@@ -112,19 +134,20 @@ def _typed(carried: Any) -> list[str]:
 def _still_used(values: dict[str, Any], carried: Mapping[str, Any]) -> dict[str, Any]:
     """Records already in the document, except those whose value has been overridden.
 
-    The uncertainty of a record that is not kept is removed from `values` too.
+    What a record that is not kept has brought is removed from `values` too.
     """
-    by_name = {_name(values, place): (place, key, region) for place, key, region in _places(values)}
+    by_name = {_name(values, place): (place, key) for place, key in _places(values)}
     known = {name: (record, *by_name[name]) for name, record in carried.items() if name in by_name}
     kept = {
         name: record
-        for name, (record, place, _, region) in known.items()
-        if _get(values, place) == record.get("values", {}).get(region, record.get("value"))
+        for name, (record, place, key) in known.items()
+        if _get(values, place) == record.get("values", {}).get(key.part, record.get("value"))
     }
-    in_use = {by_name[name][1].uncertainty for name in kept}
-    for name, (record, _, key, _) in known.items():
-        if name not in kept and key.uncertainty not in in_use:
-            _forget(values, key.uncertainty, record.get("standard_uncertainty"))
+    in_use = {brought for name in kept for brought in by_name[name][1].brings}
+    for name, (record, _, key) in known.items():
+        for place, number in _brought(record, key).items():
+            if name not in kept and place not in in_use:
+                _forget(values, place, number)
     return kept
 
 

@@ -228,9 +228,11 @@ class SlabTable(Table):
     """Heat storage of the sand, for the full model."""
 
     depth_m: float = Field(
-        default=0.03, gt=0, le=2, description="depth of the sand above the insulating sheet"
+        default=0.03, gt=0, le=2, description='depth of the sand above the insulating sheet; or "@name"'
     )
-    conductivity_w_m_k: float = Field(default=0.25, gt=0, description="0.2 to 0.35 for dry loose sand")
+    conductivity_w_m_k: float = Field(
+        default=0.25, gt=0, description='0.2 to 0.35 for dry loose sand; or "@name"'
+    )
     heat_capacity_j_m3_k: float = Field(default=1.3e6, gt=0, description="density times specific heat")
     conductivity_sd: float = Field(default=0.2, ge=0, description="relative standard uncertainty")
     capacity_sd: float = Field(default=0.1, ge=0, description="relative standard uncertainty")

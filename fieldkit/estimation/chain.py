@@ -27,6 +27,7 @@ from fieldkit.estimation.learned.layout import Indices, Layout
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.readout import KnownSlope, Moments, known_slope, learnt_parameters, moments
 from fieldkit.estimation.methods import kelvin_per_degree
+from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.learnt import Learnt
@@ -75,6 +76,7 @@ class SlopeChain:
         """Slopes at the last minute; the history must begin with the minutes given before."""
         if self._settings.model != "learned":
             return Estimated(slopes(history, self._regions, self._settings))
+        history = remove_offsets(history, self._regions, self._settings)
         for group in self._groups:
             group.take(history)
         if not self._groups:

@@ -73,6 +73,10 @@ class Outcome:
     cached: bool = False
 
 
+Estimate = Callable[[Sequence[Run]], Iterable[Outcome]]
+"""Carries out runs."""
+
+
 @dataclass(frozen=True)
 class Failure:
     """Why a run has no estimates."""

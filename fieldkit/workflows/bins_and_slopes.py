@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,21 +19,21 @@ from fieldkit.estimation.chain import slope_series
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, Site
 from fieldkit.workflows.session_estimates import Estimates
-from fieldkit.workflows.sources import marks_of, reading
+from fieldkit.workflows.sources import SessionOrFile, marks_of, reading
 
 
 def read_minutes(
-    path: Path, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
+    session: SessionOrFile, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
 ) -> list[History]:
     """The minute bins of a session for each site and `batch.bin_settings`, in one pass over its samples.
 
     Raises `SessionError`.
     """
-    with reading(path) as session:
-        streams = tuple(session.streams.values())
+    with reading(session) as opened:
+        streams = tuple(opened.streams.values())
         binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
         closed: list[list[MinuteBin]] = [[] for _ in binners]
-        for sample in chain(marks_of(session), session.samples()):
+        for sample in chain(marks_of(opened), opened.samples()):
             for binner, bins in zip(binners, closed, strict=True):
                 bins.extend(entry for entry, _ in binner.add(sample))
     for binner, bins in zip(binners, closed, strict=True):

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
-from fieldkit.calibration.calibration_record import record_warnings
+from fieldkit.calibration.calibration_record import model_warnings, record_warnings
 from fieldkit.config import Config
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
 from fieldkit.model.device import StreamInfo
@@ -50,7 +50,8 @@ def preflight(
     sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():
-        for warning in record_warnings(calibration, streams, now):
+        other = model_warnings(calibration, config.tables.estimator.model) if key == "estimator.scale" else []
+        for warning in (*record_warnings(calibration, streams, now), *other):
             notify(f"{key}: {warning}")
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from fieldkit.model.errors import ConfigError, FieldkitError
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SOLVED, SlopeState
 from fieldkit.workflows.batch import (
+    Estimate,
     Outcome,
     Progress,
     Run,
@@ -116,7 +118,9 @@ def sweep(
         Session files.
     parameters
         Values to try by key of ``fieldkit.toml``, or their grid:
-        ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``.
+        ``{"albedo": [0.15, 0.20, 0.25], "estimator.model": ["paper", "full"]}``. Besides, with the learned
+        model, ``"prior": ["configured", "others"]``: each session with the prior as configured, and with
+        what all other sessions taught of sand and light meter.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
     workers
@@ -134,11 +138,11 @@ def sweep(
     Raises
     ------
     ConfigError
-        For a key or value that no estimate has.
+        For a key or value that no estimate has, and for the prior from others of a single session.
     """
     grid = parameters if isinstance(parameters, Grid) else grid_of(parameters)
     sources, failures = readable_sources(map(Path, sessions), present=present)
-    runs = runs_of(sources, grid)
+    runs = runs_of(sources, grid, partial(estimated, failures=failures, workers=workers))
     notify(f"{len(runs)} runs: {len(grid.sets)} sets of parameters, {len(sources)} sessions")
     table = SweepTable(grid, session_names(sources))
     for outcome in estimated(runs, failures, workers, on_progress):
@@ -146,15 +150,42 @@ def sweep(
     return Sweep(grid, table.columns(), table.ranking(), failures, tuple(sources), len(runs), table.cached)
 
 
-def runs_of(sources: Sequence[Source], grid: Grid) -> list[Run]:
-    """Every session with every set; raises `ConfigError`, also for a key of no effect."""
-    runs = [run_of(source, one, number) for source in sources for number, one in enumerate(grid.sets)]
+def runs_of(sources: Sequence[Source], grid: Grid, estimate: Estimate) -> list[Run]:
+    """Every session with every set, learning from the other sessions first where a set asks for it.
+
+    Raises `ConfigError`, also for a key of no effect.
+    """
+    runs = [
+        run_of(source, _configured(one), number) for source in sources for number, one in enumerate(grid.sets)
+    ]
     for parameter in grid.varied if sources else ():
+        if parameter.key == PRIOR:
+            continue
         tried = [run_of(sources[0], [f"{parameter.key}={value}"]) for value in parameter.values[:2]]
         if tried[0].key == tried[1].key:
             tables = "surface, air, irradiance, estimator, slab, site"
             raise ConfigError(f"{parameter.key} does not enter an estimate", fix=f"keys that do: of {tables}")
-    return runs
+    others = [run for run in runs if f"{PRIOR}={OTHERS}" in grid.sets[run.number]]
+    taught = {(run.source.path, run.number): run for run in _taught(others, grid, estimate)} if others else {}
+    return [taught.get((run.source.path, run.number), run) for run in runs]
+
+
+PRIOR, CONFIGURED, OTHERS = "prior", "configured", "others"
+"""What a set says of the prior of the learned model: as configured, or as the other sessions taught."""
+
+
+def _configured(setting: Sequence[str]) -> list[str]:
+    """The ``KEY=VALUE`` of a set that are keys of ``fieldkit.toml``."""
+    return [one for one in setting if not one.startswith(f"{PRIOR}=")]
+
+
+def _taught(runs: Sequence[Run], grid: Grid, estimate: Estimate) -> Iterator[Run]:
+    """The runs with what the other sessions taught."""
+    # the estimator takes a second to import
+    from fieldkit.workflows.prior_of_others import prior_of_others
+
+    for run, prior in prior_of_others(runs, estimate):
+        yield run_of(run.source, [*_configured(grid.sets[run.number]), *prior], run.number)
 
 
 # Grids of parameters
@@ -203,12 +234,24 @@ def read_grid(settings: Sequence[str]) -> Grid:
     for key in keys:
         if keys.count(key) > 1:
             raise ConfigError(f"--set {key} is given more than once", fix=f"write one list: {key}=A,B,C")
-    return Grid(tuple(parameters))
+    return _grid(parameters)
 
 
 def grid_of(parameters: Mapping[str, Sequence[Any]]) -> Grid:
     """The grid of Python values by key; raises `ConfigError`."""
-    return Grid(tuple(_parameter(qualified_key(name), values) for name, values in parameters.items()))
+    names = {name: name if name == PRIOR else qualified_key(name) for name in parameters}
+    return _grid([_parameter(names[name], values) for name, values in parameters.items()])
+
+
+def _grid(parameters: Sequence[Parameter]) -> Grid:
+    for parameter in parameters:
+        unknown = set(parameter.values) - {CONFIGURED, OTHERS}
+        if parameter.key == PRIOR and unknown:
+            raise ConfigError(
+                f"{PRIOR}={sorted(unknown)[0]}: a prior is {CONFIGURED} or taken from {OTHERS}",
+                fix=f"write {PRIOR}={CONFIGURED},{OTHERS}",
+            )
+    return Grid(tuple(parameters))
 
 
 def _parameter(key: str, values: Sequence[Any]) -> Parameter:

@@ -1,4 +1,7 @@
-"""The scale kappa of the surface from target regions of known slope, and what they show of eq. (6)."""
+"""The scale kappa of the surface from target regions of known slope, and what they show of eq. (6).
+
+With the learned model: everything that the session taught of its sand (`fieldkit.workflows.calibrate.sand`).
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,11 @@ from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.scale import ExchangeFit, identify, scale_from_known_bed
 from fieldkit.model.errors import CalibrationError, ConfigError
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import RegionKind
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
 from fieldkit.workflows.calibrate.result import Calibration, stamped
+from fieldkit.workflows.calibrate.sand import sand
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.sources import (
     SessionOrFile,
@@ -32,6 +36,7 @@ from fieldkit.workflows.sources import (
     log_warning,
     notify_damage,
     reading,
+    regions_for,
     settings_from,
 )
 
@@ -64,7 +69,9 @@ def surface(
 ) -> Calibration:
     """Find the scale kappa of a session from its target regions of known tilt and azimuth.
 
-    kappa belongs to one surface model and one irradiance source: change neither after calibrating.
+    kappa belongs to one surface model and one irradiance source: change neither after calibrating. With the
+    learned model, the session's gain, thermal inertia and depth are the next session's prior ("this sand");
+    regions of known slope sharpen them and are not needed.
 
     Parameters
     ----------
@@ -86,16 +93,28 @@ def surface(
     ConfigError
         If a region of `beds` has no known slope.
     CalibrationError
-        If no region has, if there are too few clear minutes, or if the regions disagree.
+        If no region has, if there are too few clear minutes, or if the regions disagree. With the learned
+        model: if the session teaches nothing.
     """
     with reading(session) as opened:
+        config = config_for(opened, settings)
+        if config.tables.estimator.model == "learned":
+            given = known_slopes(regions_for(opened, config), beds, opened.path)
+            learnt = sand(opened, config, given, tilt_sd_deg, name)
+            notify_damage(opened, notify)
+            return learnt
         # kappa is measured relative to one, whatever was configured
         config = config_for(opened, (*settings_from(settings), "estimator.scale=1.0"))
         estimator = estimator_for(opened, config)
         for _ in minutes_of(opened, estimator):
             pass
         notify_damage(opened, notify)
-        known = known_slopes(estimator, beds, opened.path)
+        known = known_slopes(estimator.regions, beds, opened.path)
+        if not known:
+            raise CalibrationError(
+                f"{opened.path} has no region of known slope",
+                fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
+            )
         history = History.of(estimator.bins)
         rows = clear_rows(estimator, history)
         scales = {bed: _scale_of(rows, slope, tilt_sd_deg) for bed, slope in known.items()}
@@ -114,7 +133,7 @@ def surface(
             values={bed: scale.kappa for bed, scale in scales.items()},
             uncertainties={bed: scale.kappa_sd for bed, scale in scales.items()},
             sources=(record_source(opened.path),),
-            details=_details(model, estimator.irradiance_model),
+            details=_details(model, estimator),
             settings={"name": name, "beds": list(known), "tilt_sd": tilt_sd_deg},
             remarks=(model.summary,),
         )
@@ -122,12 +141,12 @@ def surface(
         return Calibration(stamped(record), summary, f'estimator.scale = "@{name}"', config.calibration)
 
 
-def known_slopes(estimator: Estimator, beds: Sequence[str], path: Path) -> dict[str, KnownSlope]:
+def known_slopes(regions: Sequence[Region], beds: Sequence[str], path: Path) -> dict[str, KnownSlope]:
     """Target regions of known slope by name, or those of `beds`.
 
-    Raises `ConfigError` if a region of `beds` is not one of them, `CalibrationError` if there are none.
+    Raises `ConfigError` if a region of `beds` is not one of them.
     """
-    targets = [region for region in estimator.regions if region.kind is RegionKind.TARGET]
+    targets = [region for region in regions if region.kind is RegionKind.TARGET]
     known = {
         region.name: KnownSlope(column, region.tilt_deg, region.azimuth_deg)
         for column, region in enumerate(targets)
@@ -139,11 +158,6 @@ def known_slopes(estimator: Estimator, beds: Sequence[str], path: Path) -> dict[
                 f"{path}: region {bed} has no known slope",
                 fix=f"known are {', '.join(known) or 'none'}; give tilt_deg",
             )
-    if not known:
-        raise CalibrationError(
-            f"{path} has no region of known slope",
-            fix="give tilt_deg and azimuth_deg of one bed of 10 to 25 degrees",
-        )
     return {name: slope for name, slope in known.items() if not beds or name in beds}
 
 
@@ -202,9 +216,10 @@ def _excess_dni(history: History, target: FloatArray, reference: FloatArray) -> 
     return np.where(is_lit, history.dni_w_m2 * (on_target - on_reference), np.nan)
 
 
-def _details(model: ExchangeFit, irradiance: str) -> dict[str, Any]:
+def _details(model: ExchangeFit, estimator: Estimator) -> dict[str, Any]:
     return {
-        "irradiance": irradiance,
+        "model": estimator.settings.model,
+        "irradiance": estimator.irradiance_model,
         "steepness_w_m2_k": model.steepness_w_m2_k,
         "steepness_sd": model.steepness_sd,
         "alpha": model.alpha,

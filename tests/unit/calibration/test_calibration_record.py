@@ -14,6 +14,7 @@ from fieldkit.calibration.calibration_record import (
     find,
     from_toml,
     instrument_of,
+    model_warnings,
     record_warnings,
     save,
     to_toml,
@@ -158,6 +159,14 @@ def test_a_fresh_record_of_this_camera_is_not_doubted():
 def test_age_and_mismatch_are_warnings(streams, days, said):
     (told,) = record_warnings(OF_CAMERA, streams, EARLIER + timedelta(days=days))
     assert said in told
+
+
+def test_a_scale_of_another_surface_model_is_a_warning():
+    scale = CalibrationRecord("surface", "beds", EARLIER, 1.1, 0.02, "1", "test", details={"model": "paper"})
+    (told,) = model_warnings(scale, "learned")
+    assert told == "beds is the scale of the paper model, not of learned: calibrate surface again"
+    assert model_warnings(scale, "paper") == []
+    assert model_warnings(replace(scale, details={}), "learned") == []  # older records do not state it
 
 
 def test_a_record_without_an_instrument_fits_any():

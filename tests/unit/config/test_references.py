@@ -88,6 +88,36 @@ def test_a_session_is_read_again_under_another_record_or_number(folder):
     assert changed_config(other, ["surface.albedo=0.3"]).calibrations() == other.calibrations()
 
 
+SAND = {"conductivity_w_m_k": 0.31, "depth_m": 0.042}
+BRINGS = {
+    "estimator.scale_sd": 0.05, "prior.gain_sd": 0.05,
+    "slab.conductivity_sd": 0.2, "prior.inertia_log_sd": 0.1,
+    "prior.depth_log_sd": 0.15, "prior.deep_share": 0.0,
+}  # fmt: skip
+
+
+def test_learnt_sand_is_a_prior_key_by_key(folder):
+    save(
+        record("surface", "this-sand", 0.97, 0.05, values=SAND, details={"brings": BRINGS}),
+        folder / "calibration",
+    )
+    config = load(folder, '[slab]\ndepth_m = "@this-sand"\nconductivity_w_m_k = "@this-sand"\n')
+    settings = config.estimator_settings()
+    assert (settings.slab.depth_m, settings.slab.conductivity_w_m_k) == (0.042, 0.31)
+    assert (settings.prior.depth_log_sd, settings.prior.deep_share) == (0.15, 0.0)
+    assert (settings.prior.inertia_log_sd, settings.conductivity_sd) == (0.1, 0.2)
+    assert (settings.scale, settings.prior.gain_sd) == (1.0, 0.09)  # not named: another light meter
+    refilled = changed_config(config, ["slab.depth_m=0.05"])
+    assert set(refilled.calibrations()) == {"slab.conductivity_w_m_k"}
+    assert refilled.estimator_settings().prior.depth_log_sd == 0.5
+    assert refilled.estimator_settings().prior.inertia_log_sd == 0.1
+
+
+def test_a_scales_uncertainty_is_the_learned_models_prior_too(folder):
+    settings = load(folder, '[estimator]\nscale = "@beds"\n').estimator_settings()
+    assert (settings.scale, settings.prior.gain_sd) == (1.12, 0.02)
+
+
 def test_a_region_with_a_record_of_its_own_has_its_own_uncertainty(folder):
     own = REGIONS.replace('offset_k = "@cardboard"', 'emissivity = "@sand"')
     settings = load(folder, own).estimator_settings()
@@ -108,6 +138,7 @@ def test_a_light_meters_uncertainty_counts_only_where_its_factor_does(folder):
         ('[surface]\nemissivity = "@beds"\n', "of kind surface, not emissivity"),
         ('[surface]\nemissivity = "sand"\n', "expected a number"),
         (REGIONS.replace("b15", "b16"), "has no value for region 'b16'; it has b15"),
+        ('[slab]\ndepth_m = "@beds"\n', "@beds has no value for depth_m; learn it: estimator.model"),
         ("[calibration]\nsand = 0.9\n", "fieldkit stores records here"),
     ],
 )  # fmt: skip

@@ -1,0 +1,114 @@
+"""What one session taught and another one of the same sand and light meter may assume.
+
+Exchange, gusts, sky and air are weather and stay with their session. Gain, thermal inertia and depth last;
+between days they change a little, so that even a perfectly known session leaves the next one a doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from fieldkit.estimation.learned.filters import prior_sds
+from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
+from fieldkit.estimation.learned.readout import NINETY_SDS
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.learnt import Learnt, LearntParameter
+
+DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
+"""Relative changes from one day to the next, as standard deviations.
+
+The light meter's response to another sun and to dust; the air's moisture in dry sand; raking and settling of
+some 2 mm in 3 cm.
+"""
+LEAST_LEARNT = 0.02
+"""Information of a session over that of its prior, below which it taught nothing."""
+_DEPTH = 2
+_QUANTILES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """Median of a parameter, in the unit of `LearntParameter`, and standard deviation of its logarithm."""
+
+    value: float
+    log_sd: float
+
+
+def carried(
+    settings: EstimatorSettings, sessions: Iterable[tuple[EstimatorSettings, Learnt]]
+) -> dict[str, Carried]:
+    """What sessions tell of a further one of the same sand, by parameter.
+
+    The parameter of each session is that of the campaign and a change from day to day. What a session adds
+    is its posterior without its prior, so that a prior is not counted once for each session.
+
+    Parameters
+    ----------
+    settings
+        Of the further session: its priors without the others.
+    sessions
+        Settings with which each was learnt from, and what was learnt at its end.
+    """
+    start = _priors(settings)
+    precision = {name: one.log_sd**-2 for name, one in start.items()}
+    weighted = {name: math.log(one.value) * precision[name] for name, one in start.items()}
+    for used, learnt in sessions:
+        before = _priors(used)
+        for parameter in learnt.parameters:
+            name = parameter.name
+            if name in before and (added := _added(before[name], _posterior(parameter))) is not None:
+                centre, weight = added.value, 1.0 / (added.log_sd**2 + DAY_TO_DAY[name] ** 2)
+                precision[name] += weight
+                weighted[name] += weight * centre
+    return {
+        name: Carried(math.exp(weighted[name] / total), math.hypot(total**-0.5, DAY_TO_DAY[name]))
+        for name, total in precision.items()
+    }
+
+
+def keys(known: Mapping[str, Carried], settings: EstimatorSettings) -> dict[str, float]:
+    """Keys of ``fieldkit.toml`` that make it the prior; `settings` as of `carried`, for the heat capacity."""
+    gain, inertia, depth = (known[name] for name in DAY_TO_DAY)
+    return {
+        "estimator.scale": gain.value,
+        "estimator.scale_sd": gain.value * gain.log_sd,
+        "prior.gain_sd": gain.value * gain.log_sd,
+        "slab.conductivity_w_m_k": inertia.value**2 / settings.slab.heat_capacity_j_m3_k,
+        "slab.conductivity_sd": 2.0 * inertia.log_sd,
+        "prior.inertia_log_sd": inertia.log_sd,
+        "slab.depth_m": depth.value / 100.0,
+        "prior.depth_log_sd": depth.log_sd,
+        "prior.deep_share": 0.0,
+    }
+
+
+def _priors(settings: EstimatorSettings) -> dict[str, Carried]:
+    """Priors of what lasts; depth over sand with and without a bottom."""
+    points = np.zeros((_QUANTILES, UNKNOWNS))
+    points[:, _DEPTH] = ndtri((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
+    depths = np.log(100.0 * hypotheses(points, settings).depth_m)
+    gain_sd = prior_sds(settings, has_air=False)["gain"] / settings.scale
+    return {
+        "gain": Carried(settings.scale, gain_sd),
+        "thermal_inertia": Carried(settings.slab.thermal_inertia, settings.prior.inertia_log_sd),
+        "depth": Carried(float(np.exp(depths.mean())), float(depths.std())),
+    }
+
+
+def _posterior(parameter: LearntParameter) -> Carried:
+    return Carried(parameter.value, math.log(parameter.high / parameter.low) / (2.0 * NINETY_SDS))
+
+
+def _added(before: Carried, after: Carried) -> Carried | None:
+    """Logarithm of the value, and its standard deviation, that a session's data alone would give."""
+    prior, posterior = before.log_sd**-2, after.log_sd**-2
+    added = posterior - prior
+    if added < LEAST_LEARNT * prior:
+        return None
+    centre = (math.log(after.value) * posterior - math.log(before.value) * prior) / added
+    return Carried(centre, added**-0.5)
