@@ -12,7 +12,7 @@ import click
 
 from fieldkit.cli import common
 from fieldkit.cli.recording import live_views, run_until_stopped
-from fieldkit.cli.slope_table import explain_slopes, print_slopes
+from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.config import Config
 from fieldkit.model.site import Region
 from fieldkit.model.slope import final_estimates
@@ -22,7 +22,7 @@ from fieldkit.views import formatting
 from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.record import prepare
 from fieldkit.workflows.report import report as write_report
-from fieldkit.workflows.simulate import demo_campaign, mean_tilt_error_deg
+from fieldkit.workflows.simulate import demo_campaign, judged_against_truth, mean_tilt_error_deg
 
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
@@ -47,6 +47,7 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     _introduce(config, fault)
     with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
         path = run_until_stopped(prepared, live_views(prepared)).path
+    common.say("estimating once more from the session, then writing the report")
     with open_session(path) as session:
         estimator = estimator_for(session, config)
         minutes = list(minutes_of(session, estimator))
@@ -85,10 +86,10 @@ def _conclude(
         return
     common.say(f"done in {took_s:.0f} s")
     print_slopes(slopes, regions)
+    print_learnt(minutes[-1].learnt if minutes else None)
     explain_slopes(slopes.values())
-    click.echo(
-        f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (paper model; the report says why)"
-    )
+    click.echo(f"mean error of tilt, all beds, all afternoon: {mean_error:.1f}° (the report compares models)")
+    click.echo(judged_against_truth(minutes, regions))
     click.echo(f"session  {path}\nreport   {report}")
     named = shlex.quote(str(path))
     common.say(f"next: fieldkit show {named}  |  fieldkit replay {named}  |  fieldkit init my-campaign")

@@ -172,15 +172,17 @@ class EstimatorTable(Table):
     """How slopes are estimated."""
 
     method: Literal["unit-norm", "contours", "posterior"] = Field(
-        default="unit-norm", description="contours: the paper's contour score"
+        default="unit-norm", description="contours: the paper's contour score; for the models paper and full"
     )
     model: Literal["paper", "full", "learned"] = Field(
-        default="paper",
-        description="full: adds diffuse light, longwave radiation and heat storage in the sand",
+        default="learned",
+        description="learned: finds sand, air and sky from the data; paper: eq. (6), direct light only; "
+        "full: with diffuse light, longwave and stored heat as configured",
     )
     window_s: Annotated[float, Field(ge=60)] | Literal["weather"] = Field(
         default="weather",
-        description='length of the window; "weather": as long as one slope explains the minutes',
+        description='length of the window, for paper and full; "weather": as long as one slope explains the '
+        "minutes; learned uses all minutes",
     )
     azimuth: Literal["free", "known"] = Field(
         default="free", description="known: uses each region's azimuth_deg"
@@ -211,21 +213,23 @@ class EstimatorTable(Table):
         default=0.1, ge=0, description="drift between regions in the camera, one sigma"
     )
     sky: Literal["isotropic", "hay-davies"] = Field(
-        default="hay-davies", description="full model: distribution of diffuse light over the sky"
+        default="hay-davies", description="distribution of diffuse light over the sky; not for paper"
     )
     ground_albedo: float = Field(
-        default=0.20, ge=0, lt=1, description="full model: albedo of the surroundings"
+        default=0.20, ge=0, lt=1, description="albedo of the surroundings; not for paper"
     )
     longwave_down_w_m2: float = Field(
-        default=300.0, ge=0, description="full model: downward longwave radiation, if not measured"
+        default=300.0,
+        ge=0,
+        description="downward longwave radiation, if not measured; learned: if the air is not either",
     )
     diffuse_fraction: float = Field(
-        default=0.15, ge=0, lt=1, description="full model: diffuse fraction, if not measured"
+        default=0.15, ge=0, lt=1, description="diffuse fraction, if not measured; not for paper"
     )
 
 
 class SlabTable(Table):
-    """Heat storage of the sand, for the full model."""
+    """Heat storage of the sand, for full; the learned model starts from it."""
 
     depth_m: float = Field(
         default=0.03, gt=0, le=2, description='depth of the sand above the insulating sheet; or "@name"'

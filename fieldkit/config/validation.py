@@ -149,7 +149,7 @@ def _without_unit(key: str) -> str:
 
 
 def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
-    """Mistakes between keys: time zone, names, probes, reference, regions outside the frame, pairs."""
+    """Mistakes between keys: time zone, names, probes, reference, outlines, method, irradiance, pairs."""
     checks = (
         _timezone,
         _device_names,
@@ -157,6 +157,7 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
         _shared_probes,
         _reference,
         _outside_the_frame,
+        _method,
         _irradiance,
         _incomplete_pairs,
     )
@@ -259,6 +260,14 @@ def _outside_the_frame(document: Mapping[str, Any]) -> Iterator[Mistake]:
                 where = f"corner ({x:g}, {y:g}) is outside the frame of {width} x {height} pixels"
                 yield Mistake((*path, "points_px"), where)
                 break
+
+
+def _method(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    table = _table(document, "estimator")
+    method, model = table.get("method", "unit-norm"), table.get("model", "learned")
+    if method != "unit-norm" and model == "learned":
+        message = f'method = "{method}" needs model = "paper" or "full"; the learned model has its own'
+        yield Mistake(("estimator", "method"), message)
 
 
 def _irradiance(document: Mapping[str, Any]) -> Iterator[Mistake]:

@@ -1,4 +1,4 @@
-"""Settings of the estimator; every default is the paper's or stated in the decision records."""
+"""Settings of the estimator; every default is stated in the decision records."""
 
 from __future__ import annotations
 
@@ -35,9 +35,11 @@ class EstimatorSettings:
         Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
     probes
         Contact thermometers in each region, by its name: ``STREAM:CHANNEL``, the channel by name or number.
+    method, model
+        How rows are solved, with the models ``paper`` and ``full``; what is assumed of surface, air and sky.
     window_s
-        Length of the window; None for "since the last change of weather", that is as far back as one slope
-        explains the bins. [s]
+        Length of the window of ``paper`` and ``full``; None for "since the last change of weather", that is
+        as far back as one slope explains the bins. ``learned`` uses all bins. [s]
     azimuth
         Whether the azimuths of the regions are known or estimated.
     tilt_limit_deg
@@ -74,7 +76,8 @@ class EstimatorSettings:
     sky, ground_albedo
         Model of diffuse light; albedo of the ground around.
     longwave_down_w_m2, diffuse_fraction
-        Used where longwave or diffuse light is not measured. [W/m2], [-]
+        Used where longwave or diffuse light is not measured; with the learned model and a logged air
+        temperature longwave is that of a clear sky over this air. [W/m2], [-]
     prior
         Physical priors of the learned model.
     """
@@ -85,7 +88,7 @@ class EstimatorSettings:
     measures: Mapping[str, str] = field(default_factory=dict)
     probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     method: Method = "unit-norm"
-    model: Model = "paper"
+    model: Model = "learned"
     window_s: float | None = None
     azimuth: Literal["free", "known"] = "free"
     tilt_limit_deg: float = 45.0

@@ -111,8 +111,9 @@ def minute_inputs(
             direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
             change = UNKNOWN_CHANGE * before.direct
     is_shaded, is_edge = shade(history, row, layout)
+    logged_k = _logged_air_k(history, row)
     longwave = float(history.longwave_down_w_m2[row])
-    longwave = settings.longwave_down_w_m2 if np.isnan(longwave) else longwave
+    longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
     grey = surface.emissivity_broadband
     ground_k = kelvin[: layout.references].mean()
     top = float(extraterrestrial(history.time_ns[row]))
@@ -128,7 +129,7 @@ def minute_inputs(
         absorptance * settings.ground_albedo * (direct * cos_zenith + diffuse),
         longwave,
         float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
-        _air_k(history, row, longwave),
+        logged_k if np.isfinite(logged_k) else float((longwave / SWINBANK) ** (1.0 / 6.0)),
         np.where(is_edge, 0.5, is_shaded.astype(np.float64)),
         is_edge,
     )
@@ -164,7 +165,15 @@ def _light(
     return direct, share * direct * cos_zenith if np.isnan(diffuse) else max(diffuse, 0.0), True
 
 
-def _air_k(history: History, row: int, longwave: float) -> float:
+def _logged_air_k(history: History, row: int) -> float:
     """The last logged air temperature, as it was: smoothing would part it from the sun that warms it."""
     known = np.flatnonzero(np.isfinite(history.air_k[: row + 1]))
-    return float(history.air_k[known[-1]]) if known.size else float((longwave / SWINBANK) ** (1.0 / 6.0))
+    return float(history.air_k[known[-1]]) if known.size else float("nan")
+
+
+def sky_longwave(air_k: float, settings: EstimatorSettings) -> float:
+    """Longwave where it is not measured, W/m2: of a clear sky over logged air, else as configured.
+
+    One fixed number is 100 W/m2 too much over a high plateau in winter.
+    """
+    return SWINBANK * air_k**6 if np.isfinite(air_k) else settings.longwave_down_w_m2

@@ -50,6 +50,13 @@ def mean_error(columns: Series) -> float:
     return float(np.mean(errors)) if errors else float("nan")
 
 
+def truths_held(columns: Series) -> str:
+    """How many of the final 90 % regions hold the given tilt, in words; empty where none was given."""
+    finals = [(bed.final_estimate, bed.region.tilt_deg) for bed in columns.beds]
+    held = [one.tilt_low_deg <= truth <= one.tilt_high_deg for one, truth in finals if one and truth == truth]
+    return f"The given tilt is within the 90 % region on {_of(sum(held), len(held))}." if held else ""
+
+
 def _headline(columns: Series) -> str:
     estimated = [bed for bed in columns.beds if bed.final_estimate is not None]
     certain = [bed for bed in estimated if bed.final_estimate and is_certain(bed.final_estimate)]
@@ -65,7 +72,8 @@ def _headline(columns: Series) -> str:
         return f"{found} No true tilts were given to compare with."
     worst = max(errors, key=lambda name: errors[name])
     mean = float(np.mean(list(errors.values())))
-    return f"{found} Mean tilt error {mean:.1f}°; worst bed {worst} with {errors[worst]:.1f}°."
+    worst_bed = f"worst bed {worst} with {errors[worst]:.1f}°"
+    return f"{found} Mean tilt error {mean:.1f}°; {worst_bed}. {truths_held(columns)}"
 
 
 def _found(certain: int, total: int) -> str:
@@ -83,7 +91,7 @@ def _with_second_branch(bed: TargetSeries) -> str:
 
 def _of(some: int, total: int) -> str:
     if total == 1:
-        return "the bed"
+        return "the bed" if some else "0 of 1 beds"
     return f"all {total} beds" if some == total else f"{some} of {total} beds"
 
 

@@ -212,7 +212,8 @@ def test_verdict_names_the_worst_bed(make_minute, regions):
     found = assess(series([make_minute(0, tilt_deg=19.0)], regions), [], "sealed")
     assert found.headline == (
         "Slopes were found on 1 of 2 beds. Uncertain: b25 24.0 ±1.0° or 43.3°/181°. "
-        "Mean tilt error 2.5°; worst bed b15 with 4.0°."
+        "Mean tilt error 2.5°; worst bed b15 with 4.0°. "
+        "The given tilt is within the 90 % region on 1 of 2 beds."
     )
     assert found.warnings == ("b25 ended as: not resolved, or 43.3°/181°.",)
 
