@@ -29,11 +29,14 @@ def table_of(hour, target, reference, header="time,reference_k,bed_k,irradiance_
     return "\n".join([header, *rows]) + "\n"
 
 
+PAPER = ("--set", "estimator.model=paper")
+
+
 @pytest.mark.parametrize("slope", CASES)
 def test_golden_tables_give_their_slope(tmp_path, slope):
     path = tmp_path / "table.csv"
     path.write_text(table_of(*CASES[slope]))
-    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--json"])
+    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--json", *PAPER])
     assert done.exit_code == 0, done.output
     (bed,) = json.loads(done.stdout)["slopes"]
     assert (bed["tilt_deg"], bed["azimuth_deg"]) == pytest.approx(slope, abs=0.005)
@@ -46,7 +49,7 @@ def test_the_reference_may_slope(tmp_path):
     hour, target, reference = CASES[10.0, 180.0]
     path = tmp_path / "table.csv"
     path.write_text(table_of(hour, reference, target))
-    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--reference", "10,180", "--json"])
+    done = CliRunner().invoke(command, [str(path), "--site", SITE, "--reference", "10,180", "--json", *PAPER])
     assert json.loads(done.stdout)["slopes"][0]["tilt_deg"] == pytest.approx(0.0, abs=0.01)
 
 

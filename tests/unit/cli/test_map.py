@@ -31,7 +31,10 @@ def fieldkit(*words):
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     assert fieldkit("init", "--simulated", folder).exit_code == 0
-    made = fieldkit("record", "-C", folder, "--for", "25m", "-q", "--set", "simulation.speed=max")
+    made = fieldkit(
+        "record", "-C", folder, "--for", "25m", "-q",
+        "--set", "simulation.speed=max", "--set", "estimator.model=paper",
+    )  # fmt: skip
     assert made.exit_code == 0, made.output
     (path,) = (folder / "recordings").glob("*.h5")
     return path

@@ -135,7 +135,7 @@ def test_what_the_data_taught_comes_with_the_slopes_and_from_the_cache(sessions,
 
 
 def test_other_models_learn_nothing_and_write_no_table_of_it(sessions, tmp_path):
-    found = estimate_sessions([sessions[0]])
+    found = estimate_sessions([sessions[0]], ["estimator.model=full"])
     assert found.estimates[sessions[0].stem].learnt.final is None
     assert [path.suffixes for path in found.write(tmp_path / "base")][-1] == [".json"]
     assert not list(tmp_path.glob("base-learnt*"))
