@@ -112,7 +112,7 @@ class MappedSession:
     def notes(self) -> list[str]:
         """What was configured for regions and does not apply to pixels, and what spoils the map."""
         holds = {
-            "the map is by the paper's model: the full one is for regions": self.settings.model == "full",
+            "the map is by the paper's model: the others are for regions": self.settings.model != "paper",
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
             "the frame moved within the window: edges are smeared; choose another --window": bool(
