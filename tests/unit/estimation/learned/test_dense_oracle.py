@@ -1,0 +1,276 @@
+"""The filters against one dense system: all minutes, stores and noises of a short window solved at once.
+
+The dense solution knows neither stores nor recursion. Temperatures are convolutions of net fluxes with the
+layer's response, processes are their covariances over the minutes, and the whole is one call of
+`np.linalg.solve` (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, eqs. 2.25 and 2.30).
+Products of unknowns are taken to first order around the same fixed state on both sides.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from fieldkit.estimation.bins import RegionColumns
+from fieldkit.estimation.learned import filters as constants
+from fieldkit.estimation.learned.filters import Filters, Hypotheses, prior_sds
+from fieldkit.estimation.learned.inputs import minute_inputs
+from fieldkit.estimation.learned.layout import GUSTS, Layout
+from fieldkit.model.samples import Quality
+from fieldkit.physics.facet import tilt_azimuth
+from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
+
+MINUTES = 30
+BOARD = slice(12, 16)
+DRAWN = Hypotheses(*(np.array([one]) for one in (17.0, 640.0, 0.04, 1.4, 1.2)))
+SHARED_CONSTANTS = ("gain", "diffuse", "circumsolar", "longwave", "air")
+
+
+class FrozenFilters(Filters):
+    """Filters that take products of unknowns around a fixed state and fluxes at fixed temperatures."""
+
+    fixed: np.ndarray
+
+    def _terms(self, minute, taken_k):
+        mean, self.mean = self.mean, self.fixed
+        try:
+            return super()._terms(minute, minute.temperature_k + np.zeros_like(taken_k))
+        finally:
+            self.mean = mean
+
+    def flux(self, minute, region):
+        """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
+        mean, self.mean = self.mean, self.fixed
+        row, constant = np.zeros((1, self.layout.size)), np.zeros(1)
+        self._light(minute, region, row, constant)
+        self._heat(minute, region, minute.temperature_k[np.newaxis, region], row, constant)
+        self.mean = mean
+        return row[0], constant[0]
+
+
+def response(modes, time_s):
+    """Integral over time of the warming after a unit step, K s per W/m2; 0 before the step."""
+    t = np.maximum(time_s, 0.0)
+    total = modes.resistance[0] * t
+    for rate, weight in zip(RATES_PER_S, modes.weights[0], strict=True):
+        total = total + weight * (
+            0.5 * t**2 if rate == 0.0 else t / rate - (1.0 - np.exp(-rate * t)) / rate**2
+        )
+    return total
+
+
+def by_minute(modes, begin_s, end_s, minutes):
+    """Mean warming of each minute after 1 W/m2 from `begin_s` to `end_s`; without the resistance's spike."""
+    edges = 60.0 * np.arange(minutes + 1)
+    return np.diff(response(modes, edges - begin_s) - response(modes, edges - end_s)) / 60.0
+
+
+def relaxing(sd, time_min, minutes):
+    """Covariance of an Ornstein-Uhlenbeck process over minutes."""
+    apart = np.abs(np.subtract.outer(np.arange(minutes), np.arange(minutes)))
+    return sd**2 * np.exp(-apart / time_min)
+
+
+def following(sd, time_min, minutes):
+    """Covariance of what follows such a process with the same time constant, started as the prior is."""
+    left = np.exp(-1.0 / time_min)
+    drive = relaxing(sd, time_min, minutes)
+    path = np.zeros((minutes, minutes + 1))  # by its own start and the drive of each minute
+    path[0, 0] = 1.0
+    for minute in range(1, minutes):
+        path[minute] = left * path[minute - 1]
+        path[minute, minute] += 1.0 - left
+    joint = np.zeros((minutes + 1, minutes + 1))
+    joint[1:, 1:] = drive
+    joint[0, 0] = sd**2 / 2.0
+    joint[0, 1:] = joint[1:, 0] = sd**2 / 2.0 * left ** np.arange(minutes)
+    return path @ joint @ path.T
+
+
+class Dense:
+    """Unknowns as named blocks with a prior, their effect on fluxes, temperatures and readings."""
+
+    def __init__(self, filters, minutes, settings, has_air):
+        self.filters, self.minutes, self.settings = filters, minutes, settings
+        self.layout, self.count = filters.layout, len(minutes)
+        self.blocks = {}
+        self.size = 0
+        self.means, self.covariances = [], []
+        self._constants(has_air)
+        self._changing(has_air)
+
+    def block(self, name, mean, covariance):
+        covariance = np.atleast_2d(covariance)
+        self.blocks[name] = slice(self.size, self.size + len(covariance))
+        self.size += len(covariance)
+        self.means.append(np.broadcast_to(mean, len(covariance)))
+        self.covariances.append(covariance)
+
+    def _constants(self, has_air):
+        layout, settings, prior = self.layout, self.settings, self.settings.prior
+        means = {"gain": settings.scale, "circumsolar": prior.circumsolar_share}
+        for name, sd in prior_sds(settings, has_air).items():
+            self.block(name, means.get(name, 0.0), sd**2)
+        self.block("board", 0.0, constants.BOARD_SD_W_M2**2)
+        for target, axes in enumerate(layout.facing):
+            up = axes[2] > 0.0
+            sd = np.where(up, constants.NORMAL_UP_SD, prior.normal_horizontal_sd)
+            self.block(f"normal{target}", np.where(up, constants.NORMAL_UP, 0.0), np.diag(sd**2))
+        for region in range(layout.regions):
+            first_k = self.minutes[0].temperature_k[region]
+            self.block(f"level{region}", first_k, constants.LEVEL_SD_K**2)
+            past = len(constants.PAST_MINUTES) - 1
+            self.block(f"past{region}", 0.0, prior.bed_past_flux_sd_w_m2**2 * np.eye(past))
+            if region:
+                self.block(f"offset{region}", 0.0, settings.offset_sd_k**2)
+                self.block(f"drift{region}", 0.0, settings.drift_sd_k_per_h**2)
+        self.block("past", 0.0, prior.past_flux_sd_w_m2**2 * np.eye(past))
+
+    def _changing(self, has_air):
+        prior, n, drawn = self.settings.prior, self.count, self.filters.hypotheses
+        gust, unrest = drawn.gust[0], np.sqrt(2.0) * drawn.unrest[0]
+        strengths = constants.GUST_MINUTES ** (1.0 / 3.0)
+        for name, minutes, share in zip(GUSTS, constants.GUST_MINUTES, strengths, strict=True):
+            sd = gust * share / np.sqrt((strengths**2).sum())
+            self.block(name, 0.0, relaxing(sd, minutes, n))
+        air_k = constants.AIR_NOISE_K if has_air else constants.AIR_CHANGE_K
+        slow = {
+            "slow_gust": (prior.slow_gust_sd * drawn.exchange[0], constants.SLOW_MINUTES),
+            "common_flux": (prior.common_flux_sd_w_m2, constants.COMMON_MINUTES),
+            "air_change": (air_k, constants.AIR_MINUTES),
+        }
+        for target in range(self.layout.targets):
+            slow[f"bed_flux{target}"] = (prior.bed_flux_sd_w_m2, constants.SLOW_MINUTES)
+        for name, (sd, minutes) in slow.items():
+            self.block(name, 0.0, following(unrest * sd, minutes, n))
+        change = np.array([minute.direct_change for minute in self.minutes])
+        direct = np.array([minute.direct for minute in self.minutes])
+        self.block("beam", 0.0, np.diag((prior.beam_change_share * change) ** 2))
+        self.block("moment", 0.0, np.diag((constants.MOMENT_SHARE * change) ** 2))
+        self.block("edge", 0.0, np.diag((constants.EDGE_SHARE * direct) ** 2))
+
+    def _places(self, minute):
+        """Which unknown stands at which place of the filter's state, as pairs."""
+        layout = self.layout
+        for name in (*SHARED_CONSTANTS, "board"):
+            yield layout.shared(name), self.blocks[name].start
+        for name in (*GUSTS, "slow_gust", "common_flux", "air_change", "beam", "edge"):
+            yield layout.shared(name), self.blocks[name].start + minute
+        for target in range(layout.targets):
+            yield layout.bed_flux(target), self.blocks[f"bed_flux{target}"].start + minute
+            normal, block = layout.normal(target), self.blocks[f"normal{target}"]
+            yield from zip(range(normal.start, normal.stop), range(block.start, block.stop), strict=True)
+
+    def _without_losses(self, region):
+        """Net flux (minutes, unknowns) and (minutes,) at the measured temperature."""
+        rows, constant = np.zeros((self.count, self.size)), np.zeros(self.count)
+        for number, minute in enumerate(self.minutes):
+            flux, constant[number] = self.filters.flux(minute, region)
+            for place, unknown in self._places(number):
+                rows[number, unknown] = flux[place]
+        return rows, constant
+
+    def temperatures(self, region):
+        """Mean temperature of each minute by the unknowns, (minutes, unknowns) and (minutes,)."""
+        n, drawn = self.count, self.filters.hypotheses
+        modes = layer_modes(drawn.inertia, drawn.depth_m, self.settings.slab.heat_capacity_j_m3_k)
+        kernel = by_minute(modes, 0.0, 60.0, n)
+        # the resistance acts at once: its share in the minute after is nothing
+        conducted = sum(np.diag(np.full(n - lag, kernel[lag]), -lag) for lag in range(n))
+        rows, constant = self._without_losses(region)
+        taken_k = np.array([minute.temperature_k[region] for minute in self.minutes])
+        surface = self.settings.surface
+        steepness = 4.0 * surface.emissivity_broadband * constants.STEFAN_BOLTZMANN * taken_k**3
+        losses = np.diag(steepness + drawn.exchange[0])
+        free = conducted @ rows
+        free[:, self.blocks[f"level{region}"]] += 1.0
+        ends = 60.0 * constants.PAST_MINUTES
+        for number, (late, early) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+            past = by_minute(modes, -early, -late, n)
+            free[:, self.blocks["past"].start + number] += past
+            free[:, self.blocks[f"past{region}"].start + number] += past
+        moment, beam = self.blocks["moment"].start, self.blocks["beam"].start
+        each = np.arange(n)
+        free[each, moment + each] += kernel[0] * rows[each, beam + each]
+        # T = free + R (c - L (T - taken))
+        known = conducted @ (constant + losses @ taken_k)
+        both = np.linalg.solve(np.eye(n) + conducted @ losses, np.column_stack([free, known]))
+        return both[:, :-1], both[:, -1]
+
+    def solved(self):
+        """Posterior mean (unknowns,), covariance, and log-likelihood of all readings."""
+        design, residual = [], []
+        for region in range(self.layout.regions):
+            rows, constant = self.temperatures(region)
+            if region:
+                rows[:, self.blocks[f"offset{region}"].start] += 1.0
+                rows[:, self.blocks[f"drift{region}"].start] += [minute.hours for minute in self.minutes]
+            read = np.array([minute.measured[region] for minute in self.minutes])
+            kelvin = np.array([minute.temperature_k[region] for minute in self.minutes])
+            design.append(rows[read])
+            residual.append((kelvin - constant)[read])
+        design, mean = np.concatenate(design), np.concatenate(self.means)
+        residual = np.concatenate(residual) - design @ mean
+        covariance = np.zeros((self.size, self.size))
+        for block, one in zip(self.blocks.values(), self.covariances, strict=True):
+            covariance[block, block] = one
+        shared = design @ covariance
+        spread = shared @ design.T + self.settings.noise_k**2 * np.eye(residual.size)
+        solved = np.linalg.solve(spread, np.column_stack([residual, shared]))
+        log_likelihood = -0.5 * (residual @ solved[:, 0] + np.linalg.slogdet(2.0 * np.pi * spread)[1])
+        return mean + shared.T @ solved[:, 0], covariance - shared.T @ solved[:, 1:], log_likelihood
+
+
+def window(seed, day, azimuth, has_air):
+    """Minutes of two beds and the reference with a board over one and frames missing; layout, settings."""
+    world = drawn_world(seed, day, minutes=MINUTES)
+    regions = world.regions[:3]
+    history = world.history
+    flags = np.zeros((MINUTES, 4), np.int64)
+    flags[BOARD, 2] = int(Quality.SHADED)
+    kelvin = history.temperature_k.copy()
+    kelvin[20:23, 1] = np.nan
+    history = replace(history, region_flags=flags, temperature_k=kelvin)
+    settings = replace(world.settings, azimuth=azimuth, model="learned")
+    columns = RegionColumns(regions)
+    layout = Layout.of(columns, columns.targets, azimuth == "known")
+    minutes = []
+    for row in range(MINUTES):
+        before = minutes[-1] if minutes else None
+        minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
+    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], has_air)
+    filters.fixed = filters.mean.copy()
+    for target in range(layout.targets):  # leaning towards the sun, so that all terms count
+        filters.fixed[0, layout.normal(target)] += 0.1 * layout.facing[target][1] * -1.0
+    return filters, minutes, settings
+
+
+@pytest.mark.parametrize(
+    ("seed", "day", "azimuth", "has_air"),
+    [
+        (1, CLEAR, "known", True),
+        (2, CLEAR, "free", False),
+        (3, BROKEN_CLOUD, "known", False),
+        (4, BROKEN_CLOUD, "free", True),
+    ],
+)
+def test_filter_is_the_dense_solution(seed, day, azimuth, has_air):
+    filters, minutes, settings = window(seed, day, azimuth, has_air)
+    dense = Dense(filters, minutes, settings, has_air)
+    mean, covariance, log_likelihood = dense.solved()
+    for minute in minutes:
+        filters.step(minute)
+    assert filters.log_likelihood[0] == pytest.approx(log_likelihood, rel=1e-6)
+    layout = filters.layout
+    for target, axes in enumerate(layout.facing):
+        place, block = layout.normal(target), dense.blocks[f"normal{target}"]
+        found, expected = (tilt_azimuth(axes @ one) for one in (filters.mean[0, place], mean[block]))
+        assert found[0] == pytest.approx(expected[0], abs=1e-6)
+        spread, wanted = filters.covariance[0, place, place], covariance[block, block]
+        np.testing.assert_allclose(spread, wanted, rtol=1e-5, atol=1e-6 * np.trace(wanted))
+    for name in SHARED_CONSTANTS:
+        place, block = layout.shared(name), dense.blocks[name].start
+        sd = np.sqrt(covariance[block, block])
+        assert filters.mean[0, place] == pytest.approx(mean[block], abs=1e-5 * sd)
+        assert np.sqrt(filters.covariance[0, place, place]) == pytest.approx(sd, rel=1e-5)
