@@ -7,6 +7,7 @@ Products of unknowns are taken to first order around the same fixed state on bot
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ class Dense:
         free = conducted @ rows
         free[:, self.blocks[f"level{region}"]] += 1.0
         ends = 60.0 * constants.PAST_MINUTES
-        for number, (late, early) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        for number, (late, early) in enumerate(pairwise(ends)):
             past = by_minute(modes, -early, -late, n)
             free[:, self.blocks["past"].start + number] += past
             free[:, self.blocks[f"past{region}"].start + number] += past
