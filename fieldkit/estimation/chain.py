@@ -43,6 +43,7 @@ KNOWN_BED_SD_DEG = 0.2
 AIR_LOGGED_SD_K = 0.5
 LONGWAVE_MEASURED_SD_W_M2 = 10.0
 DEPTH_MEASURED_SD = 0.1
+FAILED = "the estimate failed numerically; it starts anew with the next minute"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +96,16 @@ class _Group:
         self._moments: Moments | None = None
         self._taken = self._first = 0
         self._shades: list[NDArray[np.bool_]] = []
+        self._has_failed = False
 
     def take(self, history: History) -> None:
         """Take the minutes not taken yet, each with the shade as known then."""
         for last in range(self._taken + 1, len(history) + 1):
-            self._take_last(history.until(last))
+            try:
+                self._take_last(history.until(last))
+                self._has_failed = False
+            except np.linalg.LinAlgError:  # recording and other regions go on
+                self._learner, self._has_failed = None, True
             self._taken = last
 
     def _take_last(self, history: History) -> None:
@@ -155,7 +161,8 @@ class _Group:
             flags=Quality(int(history.flags[-1] | history.region_flags[-1, column])),
         )
         if self._learner is None:
-            return replace(blank, reason=_missing(history, self._layout, region))
+            reason = FAILED if self._has_failed else _missing(history, self._layout, region)
+            return replace(blank, reason=reason)
         used = int(np.isfinite(history.temperature_k[self._first :, column]).sum())
         if used < self._settings.min_minutes:
             reason = f"{used} of {self._settings.min_minutes} minutes so far"
@@ -194,6 +201,11 @@ class _Group:
                 second_azimuth_deg=azimuth,
                 flags=filled.flags | Quality.UNRESOLVED,
                 reason=f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well ({1.0 - found.share:.0%})",
+            )
+        limit = self._settings.tilt_limit_deg
+        if filled.tilt_deg > limit:
+            return replace(
+                filled, state=SlopeState.NO_INTERSECTION, reason=f"no tilt up to {limit:.0f}° fits"
             )
         low, high = filled.tilt_low_deg, filled.tilt_high_deg
         if is_too_wide(filled.tilt_deg, low, high):

@@ -23,6 +23,8 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
 
 UNKNOWNS = 5
+MOST_SDS = 5.0
+"""Farthest from the prior's centre; beyond, fluxes of any size explain anything and numbers overflow."""
 FROM_PRIOR = 0.15
 """Share of the proposal that is the prior."""
 WIDER = 1.4
@@ -64,7 +66,7 @@ class Proposal:
         points = self.centre + standard @ self.root.T
         every = round(1.0 / FROM_PRIOR)
         points[::every] = standard[::every]
-        return np.asarray(points)
+        return np.asarray(np.clip(points, -MOST_SDS, MOST_SDS))
 
     def log_weight(self, points: FloatArray) -> FloatArray:
         """Logarithm of prior over proposal at points (p, 5), (p,)."""

@@ -108,7 +108,8 @@ def _free_region(
     outline /= np.linalg.norm(outline, axis=1, keepdims=True)
     upright = VERTICAL @ plane - weights @ points @ plane
     is_flat = bool(upright @ np.linalg.inv(covariance) @ upright <= bound)
-    return project(np.vstack([outline, best]), best, is_flat, limit)
+    # a normal beyond the limit bounds itself
+    return project(np.vstack([outline, best]), best, is_flat, max(limit, float(tilt_azimuth(best)[0])))
 
 
 def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]) -> list[float]:

@@ -29,6 +29,7 @@ def from_modes(inertia, depth_m, time_s):
 
 def test_stores_warm_a_surface_within_the_stated_share_of_the_series():
     """`ierfc` images of 2.9 (a mirror at the bottom): a series of its own, not that of the code."""
+
     def ierfc(x):
         return np.exp(-(x**2)) / np.sqrt(np.pi) - x * erfc(x)
 

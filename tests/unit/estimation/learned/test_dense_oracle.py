@@ -42,11 +42,9 @@ class FrozenFilters(Filters):
 
     def flux(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        mean, self.mean = self.mean, self.fixed
         row, constant = np.zeros((1, self.layout.size)), np.zeros(1)
         self._light(minute, region, row, constant)
         self._heat(minute, region, minute.temperature_k[np.newaxis, region], row, constant)
-        self.mean = mean
         return row[0], constant[0]
 
 
@@ -240,10 +238,11 @@ def window(seed, day, azimuth, has_air):
     for row in range(MINUTES):
         before = minutes[-1] if minutes else None
         minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
-    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], has_air)
-    filters.fixed = filters.mean.copy()
-    for target in range(layout.targets):  # leaning towards the sun, so that all terms count
-        filters.fixed[0, layout.normal(target)] += 0.1 * layout.facing[target][1] * -1.0
+    around = Filters(layout, DRAWN, settings, minutes[0], has_air).mean[0]
+    for target, axes in enumerate(layout.facing):  # leaning towards the sun, so that all terms count
+        around[layout.normal(target)] -= 0.1 * axes[1]
+    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], has_air, around)
+    filters.fixed = around[np.newaxis]
     return filters, minutes, settings
 
 

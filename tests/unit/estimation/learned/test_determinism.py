@@ -1,0 +1,85 @@
+"""The same minutes give the same slopes: however often asked, shared or copied, by any way of a sample."""
+
+import copy
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from fieldkit.estimation.bins import History
+from fieldkit.estimation.chain import SlopeChain, slope_series
+from fieldkit.estimation.estimator import Estimator, EstimatorSettings
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.physics.facet import normal
+
+ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
+
+
+def assert_equal(ones, others):
+    """Slopes and what was learnt, to 1e-9 degrees."""
+    for one, other in zip(ones.slopes, others.slopes, strict=True):
+        assert (one.region, one.state, one.reason, one.n_bins) == (
+            other.region,
+            other.state,
+            other.reason,
+            other.n_bins,
+        )
+        for field in fields(SlopeEstimate):
+            if isinstance(value := getattr(one, field.name), float):
+                expected = getattr(other, field.name)
+                assert value == pytest.approx(expected, abs=1e-9, rel=1e-12, nan_ok=True), field.name
+    learnt = [[(p.name, p.value, p.low) for p in each.learnt.parameters] for each in (ones, others)]
+    for found, expected in zip(*learnt, strict=True):
+        assert found[0] == expected[0]
+        assert found[1:] == pytest.approx(expected[1:], rel=1e-9)
+
+
+@pytest.mark.parametrize(("day", "azimuth"), [(CLEAR, "free"), (BROKEN_CLOUD, "known")])
+def test_it_does_not_matter_when_or_how_often_the_chain_is_asked(day, azimuth):
+    world = drawn_world(5, day, minutes=18, shade_test=True)
+    settings = replace(world.settings, model="learned", azimuth=azimuth)
+    *_, every_minute = slope_series(world.history, world.regions, settings)
+    at_the_end = SlopeChain(world.regions, settings)
+    assert_equal(at_the_end.at(world.history), every_minute)
+    assert_equal(at_the_end.at(world.history), every_minute)
+    copied = SlopeChain(world.regions, settings)
+    for rows in (7, 11, 18):
+        twice = [copied.at(copy.deepcopy(world.history.until(rows))) for _ in range(2)]
+    assert_equal(twice[1], every_minute)
+
+
+def test_the_chain_leaves_histories_as_they_are():
+    world = drawn_world(5, CLEAR, minutes=8)
+    before = copy.deepcopy(world.history)
+    SlopeChain(world.regions, replace(world.settings, model="learned")).at(world.history)
+    for field in fields(History):
+        np.testing.assert_array_equal(getattr(world.history, field.name), getattr(before, field.name))
+
+
+LEARNED = EstimatorSettings(model="learned", azimuth="known")
+
+
+def minutes_of(yard, samples):
+    estimator = Estimator(yard.site, yard.beds, yard.streams, LEARNED)
+    closed = [minute for sample in samples for minute in estimator.add(sample)]
+    return closed + estimator.finish()
+
+
+def test_interleaving_within_two_seconds_changes_nothing(yard):
+    noisy = replace(yard, noise_k=0.05)
+    samples = noisy.samples(12)
+    late = [one.time_ns + int(np.random.default_rng(i).uniform(0, 0.99e9)) for i, one in enumerate(samples)]
+    shuffled = [samples[index] for index in np.argsort(late, kind="stable")]
+    assert [one.time_ns for one in shuffled] != [one.time_ns for one in samples]
+    in_order, mixed = minutes_of(noisy, samples), minutes_of(noisy, shuffled)
+    assert repr(in_order) == repr(mixed)
+    assert np.isfinite([one.tilt_deg for one in in_order[-1].estimates]).all()
+
+
+def test_the_papers_own_beds_are_found(yard):
+    """Beds of 8, 17 and 25 degrees by the paper's eq. (7), which has no stored heat: within a wide region."""
+    settled = replace(yard, noise_k=0.05)
+    for found, bed in zip(minutes_of(settled, settled.samples(40))[-1].estimates, yard.beds[1:], strict=True):
+        towards = normal(found.tilt_deg, found.azimuth_deg) @ normal(bed.tilt_deg, bed.azimuth_deg)
+        assert np.degrees(np.arccos(towards)) < 10.0

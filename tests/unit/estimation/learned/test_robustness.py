@@ -1,0 +1,317 @@
+"""What a field does to a recording must end in a state with a reason, never in an exception or a NaN."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, RANDOM, drawn_world
+from benchmarks.estimation_outdoors import regions
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.learned.learner import Learner
+from fieldkit.model.samples import Quality
+from fieldkit.model.site import RegionKind
+from fieldkit.model.slope import SlopeState, is_too_wide
+
+AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
+WITH_A_SLOPE = {SlopeState.OK, SlopeState.UNCERTAIN, SlopeState.FLAT, SlopeState.NOT_RESOLVED}
+
+
+def world(minutes=20, day=CLEAR, seed=1, **options):
+    drawn = drawn_world(seed, day, minutes=minutes, **options)
+    return replace(drawn, settings=replace(drawn.settings, model="learned"))
+
+
+def last(history, beds, settings):
+    return SlopeChain(beds, settings).at(history)
+
+
+def with_nan(history, rows, *names, columns=slice(None)):
+    changed = {}
+    for name in names:
+        values = getattr(history, name).copy()
+        values[(rows, columns) if values.ndim == 2 else rows] = np.nan
+        changed[name] = values
+    return replace(history, **changed)
+
+
+def without(history, rows):
+    """A history in which some minutes have no bin."""
+    kept = np.setdiff1d(np.arange(len(history)), rows)
+    return type(history)(*(getattr(history, name)[kept] for name in history.__slots__))
+
+
+def assert_sound(estimated, tilt_limit_deg=45.0):
+    """Every slope has numbers that belong together, or a state with a reason."""
+    for one in estimated.slopes:
+        if one.state not in WITH_A_SLOPE:
+            assert one.reason
+            continue
+        numbers = (one.tilt_deg, one.azimuth_deg, one.tilt_low_deg, one.tilt_high_deg)
+        assert all(math.isfinite(number) for number in numbers), one
+        assert 0.0 <= one.tilt_low_deg <= one.tilt_deg <= one.tilt_high_deg
+        assert one.tilt_high_deg <= max(tilt_limit_deg, one.tilt_deg)
+        if one.state == SlopeState.OK:
+            assert not is_too_wide(one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg)
+            assert not one.reason
+        else:
+            assert one.reason
+        assert math.isnan(one.second_tilt_deg) == (one.state != SlopeState.NOT_RESOLVED)
+    if estimated.learnt is not None:
+        for parameter in estimated.learnt.parameters:
+            assert math.isfinite(parameter.value), parameter
+            assert 0.0 <= parameter.share_of_prior <= 1.0
+
+
+def assert_has_slopes(estimated, **options):
+    assert {one.state for one in estimated.slopes} <= WITH_A_SLOPE
+    assert_sound(estimated, **options)
+
+
+HURTS = {
+    "frames of a target": lambda h: with_nan(h, slice(8, 14), "temperature_k", columns=2),
+    "frames of the reference": lambda h: with_nan(h, slice(8, 14), "temperature_k", columns=0),
+    "all frames at the end": lambda h: with_nan(h, slice(15, None), "temperature_k"),
+    "all light for ten minutes": lambda h: with_nan(h, slice(6, 16), "dni_w_m2", "dhi_w_m2"),
+    "diffuse light": lambda h: with_nan(h, slice(None), "dhi_w_m2"),
+    "longwave": lambda h: with_nan(h, slice(None), "longwave_down_w_m2"),
+    "air at first": lambda h: with_nan(h, slice(0, 9), "air_k"),
+    "air": lambda h: with_nan(h, slice(None), "air_k"),
+    "half an hour": lambda h: without(h, range(8, 38)),
+    "five hours": lambda h: replace(
+        h, **{name: getattr(h, name) + (np.arange(len(h)) >= 30) * step for name, step in FIVE_HOURS.items()}
+    ),
+}
+FIVE_HOURS = {"minute": 300, "time_ns": 300 * 60 * 10**9}
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+@pytest.mark.parametrize("missing", HURTS)
+def test_what_is_missing_leaves_slopes(missing, azimuth):
+    drawn = world(42 if missing in ("half an hour", "five hours") else 20)
+    settings = replace(drawn.settings, azimuth=azimuth)
+    hurt = HURTS[missing](drawn.history)
+    chain = SlopeChain(drawn.regions, settings)
+    for row in (4, 10, 14):
+        assert_sound(chain.at(hurt.until(row)))
+    assert_has_slopes(chain.at(hurt))
+
+
+def test_after_a_gap_of_more_than_two_hours_the_chain_begins_anew():
+    drawn = world(42)
+    gap = HURTS["five hours"](drawn.history)
+    as_alone = last(gap.since(30), drawn.regions, drawn.settings)
+    for one, alone in zip(last(gap, drawn.regions, drawn.settings).slopes, as_alone.slopes, strict=True):
+        assert one.tilt_deg == pytest.approx(alone.tilt_deg, abs=1e-9)
+        assert one.window_start_ns == gap.time_ns[30]
+
+
+@pytest.mark.parametrize(
+    ("names", "reason"),
+    [
+        (("dni_w_m2", "dhi_w_m2"), "no irradiance yet"),
+        (("temperature_k",), "no frames of the reference yet"),
+    ],
+)
+def test_what_never_comes_is_named(names, reason):
+    drawn = world(8)
+    found = last(with_nan(drawn.history, slice(None), *names), drawn.regions, drawn.settings)
+    assert {(one.state, one.reason) for one in found.slopes} == {(SlopeState.NO_DATA, reason)}
+    assert found.learnt is None
+
+
+def test_a_region_that_never_comes_is_named():
+    drawn = world(8)
+    never = with_nan(drawn.history, slice(None), "temperature_k", columns=3)
+    found = last(never, drawn.regions, drawn.settings).slopes
+    assert {one.reason for one in found} == {"no minute yet with frames of all regions"}
+
+
+def test_light_that_comes_late_starts_the_chain_then():
+    drawn = world(16)
+    late = with_nan(drawn.history, slice(0, 6), "dni_w_m2", "dhi_w_m2")
+    found = last(late, drawn.regions, drawn.settings)
+    assert_has_slopes(found)
+    assert {one.window_start_ns for one in found.slopes} == {int(late.time_ns[6])}
+    assert {one.n_bins for one in found.slopes} == {10}
+
+
+def test_before_any_minute_and_with_few():
+    drawn = world(6)
+    none = last(drawn.history.until(0), drawn.regions, drawn.settings)
+    assert {(one.state, one.reason) for one in none.slopes} == {(SlopeState.NO_DATA, "no minutes yet")}
+    few = last(drawn.history.until(4), drawn.regions, drawn.settings)
+    assert {(one.state, one.reason) for one in few.slopes} == {(SlopeState.TOO_FEW, "4 of 5 minutes so far")}
+
+
+def test_no_reference_no_target_one_target():
+    drawn = world(8)
+    flat, bed, *_ = drawn.regions
+    bare = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, 1:2], region_flags=ZEROS)
+    assert last(bare, [bed], drawn.settings).slopes[0].reason == "no reference region"
+    alone = replace(drawn.history, temperature_k=drawn.history.temperature_k[:, :1], region_flags=ZEROS)
+    assert last(alone, [flat], drawn.settings).slopes == ()
+    two = replace(
+        drawn.history,
+        temperature_k=drawn.history.temperature_k[:, :2],
+        region_flags=drawn.history.region_flags[:, :2],
+    )
+    assert_has_slopes(last(two, [flat, bed], drawn.settings))
+
+
+ZEROS = np.zeros((8, 1), np.int64)
+
+
+def test_a_known_bed_as_second_reference_narrows_the_others():
+    drawn = world(20)
+    told = [replace(bed, kind=RegionKind.REFERENCE) if i == 1 else bed for i, bed in enumerate(drawn.regions)]
+    widths = {}
+    for name, beds in (("one", drawn.regions), ("two", told)):
+        found = last(drawn.history, beds, drawn.settings)
+        assert_has_slopes(found)
+        widths[name] = {one.region: one.tilt_high_deg - one.tilt_low_deg for one in found.slopes}
+    assert widths["two"].keys() == {"bed1", "bed2"}
+    for bed, width in widths["two"].items():
+        assert width < widths["one"][bed]
+
+
+def test_thirty_regions():
+    drawn = world(8, beds=RANDOM)
+    copies = np.r_[0, np.tile([1, 2, 3], 10)][:30]
+    beds = regions([(bed.tilt_deg, bed.azimuth_deg) for bed in np.array(drawn.regions)[copies[1:]]])
+    many = replace(
+        drawn.history,
+        temperature_k=drawn.history.temperature_k[:, copies],
+        region_flags=drawn.history.region_flags[:, copies],
+    )
+    found = last(many, beds, drawn.settings)
+    assert [one.region for one in found.slopes] == [bed.name for bed in beds[1:]]
+    assert_has_slopes(found)
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+def test_sunset_within_the_session(azimuth):
+    """Into the dusk of the packaged winter day, which ends at 16:58."""
+    drawn = world(60, start_h=15.9)
+    settings = replace(drawn.settings, azimuth=azimuth)
+    chain = SlopeChain(drawn.regions, settings)
+    for row in (30, 45, 60):
+        found = chain.at(drawn.history.until(row))
+        assert_has_slopes(found)
+    assert drawn.history.sun[-1, 2] < 0.0
+    assert all(math.isnan(one.kelvin_per_degree) for one in found.slopes)
+
+
+def test_a_night_alone_has_slopes_without_end():
+    """Without any light nothing is known of slopes but their prior: not `ok`, not NaN."""
+    drawn = world(20)
+    night = replace(drawn.history, sun=drawn.history.sun * [1.0, 1.0, -1.0])
+    found = last(night, drawn.regions, drawn.settings)
+    assert_has_slopes(found)
+    assert SlopeState.OK not in {one.state for one in found.slopes}
+
+
+def test_clouds_the_whole_time():
+    drawn = world(30, BROKEN_CLOUD)
+    dull = replace(drawn.history, dni_w_m2=np.zeros(30), dhi_w_m2=0.2 * drawn.history.dhi_w_m2)
+    assert_has_slopes(last(dull, drawn.regions, drawn.settings))
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+def test_beds_in_their_own_shade(azimuth):
+    """30 degrees north in the evening of a low sun: no direct light on the beds, sun on the reference."""
+    drawn = world(20)
+    beds = regions([(30.0, 0.0), (30.0, 10.0), (30.0, 350.0)])
+    height = np.radians(12.0)
+    sun = np.tile([0.0, -np.cos(height), np.sin(height)], (20, 1))
+    cold = drawn.history.temperature_k.copy()
+    cold[:, 1:] = cold[:, :1] - 12.0 + 0.05 * np.random.default_rng(1).standard_normal((20, 3))
+    shaded = replace(drawn.history, sun=sun, temperature_k=cold)
+    assert_has_slopes(last(shaded, beds, replace(drawn.settings, azimuth=azimuth)))
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+def test_a_slope_beyond_the_tilt_limit_is_not_relied_on(azimuth):
+    """Beds of 5, 15 and 25 degrees where only up to 10 is possible."""
+    drawn = world(20)
+    settings = replace(drawn.settings, azimuth=azimuth, tilt_limit_deg=10.0)
+    found = last(drawn.history, drawn.regions, settings)
+    assert_sound(found, tilt_limit_deg=10.0)
+    assert found.slopes[0].state in WITH_A_SLOPE
+    steep = found.slopes[2]
+    assert (steep.state, steep.reason) == (SlopeState.NO_INTERSECTION, "no tilt up to 10° fits")
+
+
+def test_temperatures_of_another_world_are_survived():
+    """A lens cap on and off, a camera in degrees Celsius: 60 K up and down at once."""
+    drawn = world(20)
+    mad = drawn.history.temperature_k.copy()
+    mad[8:12] -= 60.0
+    mad[14, 1] += 80.0
+    assert_sound(last(replace(drawn.history, temperature_k=mad), drawn.regions, drawn.settings))
+
+
+def shaded(history, columns, rows, found_at=None):
+    """With a board over beds, told at once or found at a later minute."""
+    flags, since = history.region_flags.copy(), np.full(history.region_flags.shape, 2**62)
+    until = since.copy()
+    if found_at is None:
+        flags[rows, columns] |= int(Quality.SHADED)
+    else:
+        since[rows, columns] = history.minute[found_at]
+    return replace(history, region_flags=flags, shaded_from=since, shaded_until=until)
+
+
+def test_shade_found_afterwards_counts_as_if_flagged_from_the_start():
+    """The chain takes its minutes anew, before the first draw with the same hypotheses."""
+    drawn = world(12, shade_test=False)
+    rows = slice(1, 3)
+    afterwards = SlopeChain(drawn.regions, drawn.settings)
+    later = shaded(drawn.history, 2, rows, found_at=4)
+    at_once = SlopeChain(drawn.regions, drawn.settings)
+    flagged = shaded(drawn.history, 2, rows)
+    for row in range(1, 13):
+        one, other = afterwards.at(later.until(row)), at_once.at(flagged.until(row))
+        if row in (3, 4):  # not found yet
+            continue
+        for found, told in zip(one.slopes, other.slopes, strict=True):
+            if row >= 5:  # normals are found from other starts
+                assert found.tilt_deg == pytest.approx(told.tilt_deg, abs=1e-6)
+                assert found.tilt_high_deg == pytest.approx(told.tilt_high_deg, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_shade_found_after_a_draw_gives_nearly_what_a_flag_would_have():
+    """Hypotheses drawn before differ, so the slopes do by a part of the region's width."""
+    drawn = world(40, shade_test=True)
+    flags = (drawn.history.region_flags & int(Quality.SHADED)) != 0
+    late = np.where(flags, drawn.history.minute[30], 2**62)
+    later = replace(drawn.history, region_flags=0 * drawn.history.region_flags, shaded_from=late)
+    chain = SlopeChain(drawn.regions, drawn.settings)
+    for row in (20, 29, 31, 40):
+        estimated = chain.at(later.until(row))
+        assert_sound(estimated)
+    told = last(drawn.history, drawn.regions, drawn.settings)
+    for found, other in zip(estimated.slopes, told.slopes, strict=True):
+        width = other.tilt_high_deg - other.tilt_low_deg
+        assert found.tilt_deg == pytest.approx(other.tilt_deg, abs=0.5 * width)
+
+
+def test_a_failing_solution_is_a_state_not_an_exception(monkeypatch):
+    """A matrix that is not positive definite must not end the slopes of a recording."""
+    drawn = world(9)
+    chain = SlopeChain(drawn.regions, drawn.settings)
+    chain.at(drawn.history.until(6))
+
+    def fails(*_):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Learner, "add", fails)
+        found = chain.at(drawn.history.until(7))
+    assert {one.state for one in found.slopes} == {SlopeState.NO_DATA}
+    assert {one.reason for one in found.slopes} == {
+        "the estimate failed numerically; it starts anew with the next minute"
+    }
+    assert_sound(chain.at(drawn.history))

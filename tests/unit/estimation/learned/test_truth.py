@@ -1,0 +1,187 @@
+"""Slopes of drawn worlds against the truths that made them; normals, advice and what was learnt."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from fieldkit.estimation.bins import RegionColumns
+from fieldkit.estimation.chain import SlopeChain
+from fieldkit.estimation.learned.filters import Filters, Hypotheses
+from fieldkit.estimation.learned.inputs import minute_inputs
+from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.learned.learner import Learner
+from fieldkit.estimation.learned.normals import places_of_normals, unit_normals
+from fieldkit.estimation.learned.readout import Moments, learnt_parameters, moments
+from fieldkit.physics.facet import angle_between_deg, normal
+
+ONE = Hypotheses(*(np.array([value]) for value in (16.0, 570.0, 0.03, 0.5, 1.0)))
+
+
+@lru_cache
+def world(seed, day, **options):
+    drawn = drawn_world(seed, day, **options)
+    return replace(drawn, settings=replace(drawn.settings, model="learned"))
+
+
+def inputs(drawn, regions, settings):
+    columns = RegionColumns(regions)
+    layout = Layout.of(columns, columns.targets, settings.azimuth == "known")
+    made = []
+    for row in range(len(drawn.history)):
+        before = made[-1] if made else None
+        made.append(minute_inputs(drawn.history, row, layout, settings, before, int(drawn.history.minute[0])))
+    return layout, made
+
+
+@pytest.mark.parametrize(("day", "told", "within_deg"), [(CLEAR, True, 2.0), (BROKEN_CLOUD, False, 5.0)])
+def test_drawn_worlds_give_their_slopes_back(day, told, within_deg):
+    """Bounds are twice what two worlds of an hour show; those told hold the truth in every region."""
+    errors = []
+    for seed in (1, 3):
+        drawn = world(seed, day, told=told, minutes=40)
+        for found, bed in zip(
+            SlopeChain(drawn.regions, drawn.settings).at(drawn.history).slopes, drawn.regions[1:], strict=True
+        ):
+            errors.append(abs(found.tilt_deg - bed.tilt_deg))
+            if told:
+                assert found.tilt_low_deg < bed.tilt_deg < found.tilt_high_deg
+    assert np.mean(errors) < within_deg
+
+
+def filtered(azimuth, hypotheses=ONE, minutes=25):
+    """Filters after some minutes over one bed."""
+    drawn = world(2, CLEAR, minutes=minutes)
+    settings = replace(drawn.settings, azimuth=azimuth)
+    layout, made = inputs(drawn, drawn.regions[:2], settings)
+    filters = Filters(layout, hypotheses, settings, made[0], True)
+    for minute in made:
+        filters.step(minute)
+    return filters
+
+
+@pytest.mark.parametrize("azimuth", ["known", "free"])
+def test_unit_normals_are_the_mean_and_evidence_of_the_normal_distribution_on_the_sphere(azimuth):
+    """Sums over a grid of the density times the area of a sphere of that gain, gain**(k - 1)."""
+    filters = filtered(azimuth)
+    layout, places = filters.layout, places_of_normals(filters.layout)
+    mean, covariance = filters.mean[0, places], filters.covariance[0][np.ix_(places, places)]
+    start = filters.mean[:, layout.normal(0)]
+    found = unit_normals(filters, (start / np.linalg.norm(start, axis=1, keepdims=True),), 40)
+    unit, tangent = found.units[0][0], found.tangents[0][0]
+    sds = np.sqrt(np.diagonal(found.covariance[0]))
+    grids = [np.linspace(-6.0, 6.0, 61) * sd for sd in sds]
+    gain, *turns = np.meshgrid(*grids, indexing="ij")
+    turned = unit + np.stack([one.ravel() for one in turns], axis=1) @ tangent.T
+    length = np.linalg.norm(turned, axis=1)
+    units, gains = turned / length[:, np.newaxis], found.gain[0] + gain.ravel()
+    away = np.column_stack([gains, gains[:, np.newaxis] * units]) - mean
+    density = np.exp(-0.5 * np.sum(away @ np.linalg.inv(covariance) * away, axis=1))
+    # of the plane that touches the sphere only a part is the sphere: cos(angle)**k, k its dimensions
+    cell = np.prod([grid[1] - grid[0] for grid in grids])
+    k = unit.size
+    whole = density * gains ** (k - 1) * length**-k * cell
+    _, log_size = np.linalg.slogdet(2.0 * np.pi * covariance)
+    expected = np.log(whole.sum()) - 0.5 * log_size
+    # without the constants that all hypotheses share
+    q = found.covariance.shape[1]
+    found_log = found.log_evidence[0] + 0.5 * (q - mean.size) * np.log(2.0 * np.pi)
+    assert found_log == pytest.approx(expected, abs=0.05)
+    centre = whole @ units
+    centre = centre / np.linalg.norm(centre)
+    apart = angle_between_deg(layout.facing[0] @ centre, layout.facing[0] @ unit)
+    assert apart < 0.3 * np.degrees(sds[1:].max())
+    variance = whole @ (gains - whole @ gains / whole.sum()) ** 2 / whole.sum()
+    assert np.sqrt(variance) == pytest.approx(sds[0], rel=0.05)
+
+
+def test_unit_normals_have_unit_length_and_any_start_leads_to_them():
+    filters = filtered("free")
+    starts = [normal(tilt, azimuth) for tilt, azimuth in ((5.0, 180.0), (25.0, 90.0), (15.0, 200.0))]
+    ends = [unit_normals(filters, (start,), 60).units[0][0] for start in starts]
+    for end in ends:
+        assert np.linalg.norm(end) == pytest.approx(1.0)
+        assert angle_between_deg(end, ends[0]) < 1e-4
+
+
+def learner(minutes, settings=None, drawn=None):
+    drawn = drawn or world(2, CLEAR, minutes=30)
+    settings = settings or drawn.settings
+    layout, made = inputs(drawn, drawn.regions, settings)
+    learnt = Learner(layout, settings, made[0], True)
+    for minute in made[1:minutes]:
+        learnt.add(minute)
+    return learnt
+
+
+def test_shares_of_the_prior_lie_between_zero_and_one_and_shrink():
+    shares = []
+    for minutes in (1, 30):
+        learnt = learner(minutes)
+        parameters = learnt_parameters(learnt, moments(learnt))
+        assert all(0.0 <= one.share_of_prior <= 1.0 for one in parameters)
+        assert all(one.low <= one.value <= one.high for one in parameters)
+        shares.append({one.name: one.share_of_prior for one in parameters})
+    assert shares[1]["exchange"] < shares[0]["exchange"]
+    assert shares[1]["gusts"] < shares[0]["gusts"]
+
+
+def test_without_data_the_posterior_is_the_prior():
+    """Noise of 10 MK says nothing; hypotheses are a sample, so their moments are near the prior only."""
+    drawn = world(2, CLEAR, minutes=30)
+    learnt = learner(3, replace(drawn.settings, noise_k=1e7))
+    for one in learnt_parameters(learnt, moments(learnt)):
+        width, prior_width = one.high - one.low, one.prior_high - one.prior_low
+        if one.name in ("exchange", "thermal_inertia", "gusts"):
+            assert one.share_of_prior == pytest.approx(1.0, abs=0.15)
+            assert np.log(one.value / one.prior) == pytest.approx(0.0, abs=0.15)
+        elif one.name in ("diffuse", "circumsolar", "longwave", "air"):
+            assert one.value == pytest.approx(one.prior, abs=1e-3 * prior_width)
+            assert width == pytest.approx(prior_width, rel=0.02)
+
+
+def test_a_state_known_better_narrows_a_tilt_as_the_joint_distribution_says():
+    """Given one more reading of a state, by Gaussian conditioning on the whole covariance."""
+    learnt = learner(20)
+    found = moments(learnt)
+    for other, sd in (("air", 0.5), ("longwave", 10.0), ("exchange", 0.1)):
+        place, known = found.names.index("tilt1"), found.names.index(other)
+        information = np.linalg.inv(found.covariance)
+        information[known, known] += sd**-2
+        expected = np.sqrt(np.linalg.inv(information)[place, place])
+        assert found.sd_if_known("tilt1", other, sd) == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_a_reading_would_bring_is_what_it_brings():
+    """One hypothesis, estimated again with longwave and air measured: the spread that was promised."""
+    drawn = world(2, CLEAR, minutes=30)
+    layout, made = inputs(drawn, drawn.regions, drawn.settings)
+
+    def spread(settings):
+        filters = Filters(layout, ONE, settings, made[0], True)
+        for minute in made:
+            filters.step(minute)
+        starts = tuple(filters.mean[:, layout.normal(i)] for i in range(layout.targets))
+        starts = tuple(one / np.linalg.norm(one, axis=1, keepdims=True) for one in starts)
+        return filters, unit_normals(filters, starts, 60)
+
+    class OneHypothesis:
+        def __init__(self, settings):
+            filters, normals = spread(settings)
+            self.layout, self.settings = layout, settings
+            weights = np.zeros(1)
+            self.posterior = type("P", (), {})()
+            self.posterior.filters, self.posterior.normals = filters, normals
+            self.posterior.weights = weights + 1.0
+
+    before: Moments = moments(OneHypothesis(drawn.settings))
+    prior, sd = drawn.settings.prior, 5.0
+    # a prior and a reading together: variances add by their inverses
+    told_sd = (prior.longwave_sd_w_m2**-2 + sd**-2) ** -0.5
+    told = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=told_sd))
+    after = moments(OneHypothesis(told))
+    for target in range(3):
+        promised = before.sd_if_known(f"tilt{target}", "longwave", sd)
+        assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
