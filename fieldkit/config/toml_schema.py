@@ -304,7 +304,7 @@ class PriorTable(Table):
         default=0.1, description="error of direct light while it changes, as a share of the change"
     )
     camera_offset_sd_k: Positive = Field(
-        default=0.5, description="error of the camera that all regions share"
+        default=1.0, description="error of the camera that all regions share"
     )
     probe_sd_k: Positive = Field(
         default=0.5, description="of a contact probe as the temperature of the bed's surface"

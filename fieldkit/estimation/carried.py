@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from fieldkit.estimation.learned.filters import prior_sds
+from fieldkit.estimation.learned.filters import gain_sd
 from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
 from fieldkit.estimation.learned.readout import NINETY_SDS
 from fieldkit.estimation.settings import EstimatorSettings
@@ -92,9 +92,8 @@ def _priors(settings: EstimatorSettings) -> dict[str, Carried]:
     points = np.zeros((_QUANTILES, UNKNOWNS))
     points[:, _DEPTH] = ndtri((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
     depths = np.log(100.0 * hypotheses(points, settings).depth_m)
-    gain_sd = prior_sds(settings, has_air=False)["gain"] / settings.scale
     return {
-        "gain": Carried(settings.scale, gain_sd),
+        "gain": Carried(settings.scale, gain_sd(settings) / settings.scale),
         "thermal_inertia": Carried(settings.slab.thermal_inertia, settings.prior.inertia_log_sd),
         "depth": Carried(float(np.exp(depths.mean())), float(depths.std())),
     }

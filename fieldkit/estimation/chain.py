@@ -20,6 +20,7 @@ from fieldkit.estimation.learned.inputs import (
     MinuteInputs,
     bridge,
     can_start,
+    logged,
     minute_inputs,
     shade,
 )
@@ -129,8 +130,8 @@ class _Group:
     def _start(self, history: History, row: int) -> None:
         if can_start(history, row, self._layout):
             self._first = row
-            has_air = bool(np.isfinite(history.air_k[row]))
-            self._learner = Learner(self._layout, self._settings, self._input(history, row, None), has_air)
+            known = logged(history, row, self._layout, self._settings)
+            self._learner = Learner(self._layout, self._settings, self._input(history, row, None), known)
 
     def _input(self, history: History, row: int, before: MinuteInputs | None) -> MinuteInputs:
         start = int(history.minute[self._first])

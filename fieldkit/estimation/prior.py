@@ -87,7 +87,7 @@ class Prior:
     bed_past_flux_sd_w_m2: float = 20.0
     normal_horizontal_sd: float = 0.25
     beam_change_share: float = 0.1
-    camera_offset_sd_k: float = 0.5
+    camera_offset_sd_k: float = 1.0
     probe_sd_k: float = 0.5
 
     def __post_init__(self) -> None:

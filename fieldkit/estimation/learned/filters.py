@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldkit.estimation.learned.inputs import MinuteInputs
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.estimation.prior import Prior
 from fieldkit.estimation.settings import EstimatorSettings
@@ -88,22 +88,22 @@ class Filters:
         hypotheses: Hypotheses,
         settings: EstimatorSettings,
         first: MinuteInputs,
-        has_air: bool,
+        logged: Logged,
         around: FloatArray | None = None,
     ) -> None:
         self.layout, self.hypotheses, self.settings = layout, hypotheses, settings
         modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
         self._resistance = modes.resistance
         self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
-        self._has_air = has_air
+        self._logged = logged
         count = hypotheses.exchange.size
         self.log_likelihood = np.zeros(count)
         self._normals, self._upwards = self._views()
-        prior_mean = _prior_mean(layout, settings, first)
+        prior_mean = _prior_mean(layout, settings, first, logged)
         self._around = _possible(layout, prior_mean if around is None else around)
         self.mean = np.tile(prior_mean, (count, 1))
         self._taken_k = np.tile(first.temperature_k, (count, 1))
-        self.covariance = _prior_covariance(layout, settings, hypotheses, has_air)
+        self.covariance = _prior_covariance(layout, settings, hypotheses, logged)
 
     @cached_property
     def _decay(self) -> FloatArray:
@@ -116,13 +116,13 @@ class Filters:
             decay[place] = np.exp(-1.0 / minutes)
         for place, drive in layout.smooth.items():
             decay[place] = decay[drive]
-        for name in ("beam", "moment", "edge"):
+        for name in ("beam", "moment", "edge", "camera"):
             decay[layout.shared(name)] = 0.0
         return decay
 
     @cached_property
     def _processes(self) -> dict[int, tuple[FloatArray, float]]:
-        return _processes(self.layout, self.settings.prior, self.hypotheses, self._has_air)
+        return _processes(self.layout, self.settings.prior, self.hypotheses, self._logged)
 
     def step(self, minute: MinuteInputs) -> Innovations:
         """One minute: its noise enters, its measurements correct, its fluxes fill the stores."""
@@ -143,6 +143,8 @@ class Filters:
             "beam": prior.beam_change_share * change,
             "moment": MOMENT_SHARE * change,
             "edge": EDGE_SHARE * minute.direct,
+            # a shutter or the housing's warmth moves all regions together
+            "camera": self.settings.noise_k,
         }
         for name, sd in fresh.items():
             place = self.layout.shared(name)
@@ -249,6 +251,7 @@ class Filters:
         seen = np.flatnonzero(minute.measured)
         standardised, kelvin = np.full((2, *at_zero.shape), np.nan)
         rows = temperature.copy()
+        rows[:, :, layout.shared("camera")] += 1.0
         for region in range(1, layout.regions):
             rows[:, region, layout.offset(region)] += 1.0
             rows[:, region, layout.drift(region)] += minute.hours
@@ -306,6 +309,12 @@ class Filters:
 
 MOMENT_SHARE = 0.2
 """The surface's mean over a minute depends on when the light changed; as a share of the change."""
+DIRECT_SD = 0.07
+"""Relative, of direct light that is a reading less an assumed share of diffuse light."""
+ALBEDO_SD = 0.0625
+"""Relative, of the absorptance of sand whose albedo is 0.20 within 0.05."""
+GUESSED = 2.0
+"""How much less certain longwave is where neither it nor the air was measured."""
 EDGE_SHARE = 0.3
 """Direct light of a minute in which a board came or went, as a standard deviation around one half."""
 BOARD_SD_W_M2 = 60.0
@@ -316,7 +325,7 @@ LOWEST_SUN = 0.05
 
 
 def _processes(
-    layout: Layout, prior: Prior, hypotheses: Hypotheses, has_air: bool
+    layout: Layout, prior: Prior, hypotheses: Hypotheses, logged: Logged
 ) -> dict[int, tuple[FloatArray, float]]:
     """Standard deviation (p,) and time constant in minutes of what relaxes and is driven by chance, by place.
 
@@ -327,7 +336,10 @@ def _processes(
     processes = {
         layout.shared("slow_gust_drive"): (unrest * prior.slow_gust_sd * hypotheses.exchange, SLOW_MINUTES),
         layout.shared("common_flux_drive"): (unrest * prior.common_flux_sd_w_m2, COMMON_MINUTES),
-        layout.shared("air_change_drive"): (unrest * (AIR_NOISE_K if has_air else AIR_CHANGE_K), AIR_MINUTES),
+        layout.shared("air_change_drive"): (
+            unrest * (AIR_NOISE_K if logged.air else AIR_CHANGE_K),
+            AIR_MINUTES,
+        ),
     }
     for name, share, minutes in zip(GUSTS, GUST_SHARES, GUST_MINUTES, strict=True):
         processes[layout.shared(name)] = (share * hypotheses.gust, float(minutes))
@@ -336,11 +348,15 @@ def _processes(
     return processes
 
 
-def _prior_mean(layout: Layout, settings: EstimatorSettings, first: MinuteInputs) -> FloatArray:
+def _prior_mean(
+    layout: Layout, settings: EstimatorSettings, first: MinuteInputs, logged: Logged
+) -> FloatArray:
     mean = np.zeros(layout.size)
     for region in range(layout.regions):
         mean[layout.stores(region).start] = first.temperature_k[region]
     mean[layout.shared("gain")] = settings.scale
+    # to a camera that reads high the air would be warmer by as much
+    mean[layout.shared("air")] = logged.camera_k
     mean[layout.shared("circumsolar")] = settings.prior.circumsolar_share
     for target in range(layout.targets):
         mean[layout.normal(target)] = settings.scale * NORMAL_UP * layout.facing[target][2]
@@ -357,29 +373,35 @@ def _possible(layout: Layout, state: FloatArray) -> FloatArray:
     return possible
 
 
-def prior_sds(settings: EstimatorSettings, has_air: bool) -> dict[str, float]:
+def prior_sds(settings: EstimatorSettings, logged: Logged) -> dict[str, float]:
     """Prior standard deviations of the constants that all regions share, by name."""
     prior = settings.prior
+    air_sd_k = prior.air_sd_k if logged.air else prior.air_unlogged_sd_k
+    is_guessed = not (logged.longwave or logged.air)
     return {
-        "gain": float(np.hypot(prior.gain_sd, settings.factor_sd)),
-        "diffuse": prior.diffuse_sd,
+        "gain": float(np.hypot(gain_sd(settings), 0.0 if logged.diffuse else DIRECT_SD)),
+        "diffuse": prior.diffuse_sd if logged.diffuse else prior.diffuse_unmeasured_sd,
         "circumsolar": prior.circumsolar_sd,
-        "longwave": prior.longwave_sd_w_m2,
-        "air": float(
-            np.hypot(prior.air_sd_k if has_air else prior.air_unlogged_sd_k, prior.camera_offset_sd_k)
-        ),
+        "longwave": prior.longwave_sd_w_m2 * (GUESSED if is_guessed else 1.0),
+        "air": float(np.hypot(air_sd_k, logged.camera_sd_k)),
     }
 
 
+def gain_sd(settings: EstimatorSettings) -> float:
+    """Prior standard deviation of the gain: as stated, or a calibrated meter's factor and the albedo."""
+    calibrated = float(np.hypot(settings.factor_sd, ALBEDO_SD))
+    return min(settings.prior.gain_sd, calibrated) if settings.factor_sd > 0.0 else settings.prior.gain_sd
+
+
 def _prior_covariance(
-    layout: Layout, settings: EstimatorSettings, hypotheses: Hypotheses, has_air: bool
+    layout: Layout, settings: EstimatorSettings, hypotheses: Hypotheses, logged: Logged
 ) -> FloatArray:
     """Prior covariance (p, n, n), the stores by past fluxes and an unknown level."""
     prior = settings.prior
     variance = np.zeros((hypotheses.exchange.size, layout.size))
-    for name, sd in prior_sds(settings, has_air).items():
+    for name, sd in prior_sds(settings, logged).items():
         variance[:, layout.shared(name)] = sd**2
-    processes = _processes(layout, prior, hypotheses, has_air)
+    processes = _processes(layout, prior, hypotheses, logged)
     for place, (spread, _) in processes.items():
         variance[:, place] = spread**2
     for target in range(layout.targets):

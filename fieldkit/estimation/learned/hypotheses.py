@@ -104,13 +104,13 @@ def hypotheses(points: FloatArray, settings: EstimatorSettings) -> Hypotheses:
     return Hypotheses(
         prior.exchange_w_m2_k * np.exp(prior.exchange_log_sd * exchange),
         settings.slab.thermal_inertia * np.exp(prior.inertia_log_sd * inertia),
-        _depths_m(ndtr(depth), settings),
+        depths_m(ndtr(depth), settings),
         prior.gust_sd_w_m2_k * np.exp(prior.gust_log_sd * gust),
         np.exp(prior.unrest_log_sd * unrest),
     )
 
 
-def _depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
+def depths_m(share: FloatArray, settings: EstimatorSettings) -> FloatArray:
     """Depths below which these shares of the prior lie: around the slab's, or practically bottomless."""
     prior = settings.prior
     depths = np.geomspace(0.004, 0.6, 400)

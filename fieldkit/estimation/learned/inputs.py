@@ -80,6 +80,38 @@ class MinuteInputs:
         return MinuteInputs(**values)
 
 
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """Which quantities a chain's first minute has, and so which priors hold.
+
+    `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
+    regions show it, and its standard deviation. [K]
+    """
+
+    air: bool
+    longwave: bool
+    diffuse: bool
+    camera_k: float
+    camera_sd_k: float
+
+
+def logged(history: History, row: int, layout: Layout, settings: EstimatorSettings) -> Logged:
+    """What the minute bin in a row has."""
+    prior = settings.prior
+    over_probe = history.temperature_k[row, layout.columns] - history.probe_k[row, layout.columns]
+    known = over_probe[np.isfinite(over_probe)]
+    # each probe is off by its own constant, so the mean of many is a measurement of the camera
+    weight = known.size / prior.probe_sd_k**2
+    information = weight + 1.0 / prior.camera_offset_sd_k**2
+    return Logged(
+        bool(np.isfinite(history.air_k[row])),
+        bool(np.isfinite(history.longwave_down_w_m2[row])),
+        bool(np.isfinite(history.dhi_w_m2[row])),
+        float(weight * known.mean() / information) if known.size else 0.0,
+        float(information**-0.5),
+    )
+
+
 def can_start(history: History, row: int, layout: Layout) -> bool:
     """Whether all regions, and light or a sun that is down, are there to start with."""
     is_lit = history.sun[row, 2] > 0.0
@@ -121,7 +153,8 @@ def minute_inputs(
         float(history.minute[row] - start) / 60.0,
         history.sun[row],
         kelvin,
-        measured,
+        # a mean over a minute in which a board moved depends on when it did
+        measured & ~is_edge,
         absorptance * direct,
         change,
         absorptance * diffuse,

@@ -25,7 +25,7 @@ STORES = 1 + MODES
 """Places of a layer: its level before the first minute, and what flowed in since."""
 SHARED = (
     *("gust", "longer_gust", "longest_gust", "slow_gust", "common_flux", "air_change"),
-    *("beam", "moment", "edge", "board"),
+    *("beam", "moment", "edge", "board", "camera"),
     *("slow_gust_drive", "common_flux_drive", "air_change_drive"),
     *("gain", "diffuse", "circumsolar", "longwave", "air"),
 )

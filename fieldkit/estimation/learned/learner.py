@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldkit.estimation.learned.filters import Filters, Innovations
 from fieldkit.estimation.learned.hypotheses import Proposal, effective, hypotheses, normalised
-from fieldkit.estimation.learned.inputs import MinuteInputs, bridge
+from fieldkit.estimation.learned.inputs import Logged, MinuteInputs, bridge
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, unit_normals
 from fieldkit.estimation.normal import Misfit, solve
@@ -70,9 +70,9 @@ class Learner:
     """Learns from minutes about the regions of a layout."""
 
     def __init__(
-        self, layout: Layout, settings: EstimatorSettings, first: MinuteInputs, has_air: bool
+        self, layout: Layout, settings: EstimatorSettings, first: MinuteInputs, logged: Logged
     ) -> None:
-        self.layout, self.settings, self.has_air = layout, settings, has_air
+        self.layout, self.settings, self.logged = layout, settings, logged
         self._minutes = [first]
         self._judged = 0
         self._around: FloatArray | None = None
@@ -123,7 +123,7 @@ class Learner:
         self._points = proposal.draw(HYPOTHESES)
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(
-            self.layout, drawn, self.settings, self._minutes[0], self.has_air, self._around
+            self.layout, drawn, self.settings, self._minutes[0], self.logged, self._around
         )
         self._innovations = [self._filters.step(minute) for minute in self._minutes]
         self._starts = self._directions()

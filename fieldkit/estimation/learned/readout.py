@@ -6,13 +6,14 @@ points drawn evenly from each, so that the region of a slope is that of the mixt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
 from fieldkit.estimation.learned.filters import prior_sds
+from fieldkit.estimation.learned.hypotheses import depths_m
 from fieldkit.estimation.learned.learner import Learner, Posterior
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, tangent_basis
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
@@ -207,22 +208,30 @@ def _by_tilt(learner: Learner) -> tuple[FloatArray, FloatArray]:
 def learnt_parameters(learner: Learner, found: Moments) -> tuple[LearntParameter, ...]:
     """What was learnt of every shared parameter, with its prior."""
     settings, prior = learner.settings, learner.settings.prior
-    sds = prior_sds(settings, learner.has_air)
+    sds = prior_sds(settings, learner.logged)
     straight = [
         _straight("gain", "", found, settings.scale, sds["gain"]),
         _straight("diffuse", "", found, 0.0, sds["diffuse"]),
         _straight("circumsolar", "", found, prior.circumsolar_share, sds["circumsolar"]),
         _straight("longwave", "W/m²", found, 0.0, sds["longwave"]),
-        _straight("air", "K", found, 0.0, sds["air"]),
+        _straight("air", "K", found, learner.logged.camera_k, sds["air"]),
     ]
     slab = settings.slab
     logarithmic = [
         _logarithmic("exchange", "W m⁻² K⁻¹", found, prior.exchange_w_m2_k, prior.exchange_log_sd),
         _logarithmic("thermal_inertia", "J m⁻² K⁻¹ s⁻½", found, slab.thermal_inertia, prior.inertia_log_sd),
-        _logarithmic("depth", "cm", found, 100.0 * slab.depth_m, prior.depth_log_sd, scale=100.0),
+        _depth(found, learner),
         _logarithmic("gusts", "W m⁻² K⁻¹", found, prior.gust_sd_w_m2_k, prior.gust_log_sd),
     ]
     return (straight[0], *logarithmic, *straight[1:])
+
+
+def _depth(found: Moments, learner: Learner) -> LearntParameter:
+    """Depth, whose prior is a layer with a bottom or one without."""
+    low, median, high = depths_m(np.array([0.05, 0.5, 0.95]), learner.settings)
+    spread = float(np.log(high / low)) / (2.0 * NINETY_SDS)
+    plain = _logarithmic("depth", "cm", found, 100.0 * float(median), spread, scale=100.0)
+    return replace(plain, prior_low=100.0 * float(low), prior_high=100.0 * float(high))
 
 
 def _straight(name: str, unit: str, found: Moments, prior: float, prior_sd: float) -> LearntParameter:
