@@ -16,7 +16,7 @@ from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.learned import filters as constants
 from fieldkit.estimation.learned.filters import Filters, Hypotheses, prior_sds
-from fieldkit.estimation.learned.inputs import minute_inputs
+from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.model.samples import Quality
 from fieldkit.physics.facet import tilt_azimuth
@@ -87,6 +87,11 @@ def following(sd, time_min, minutes):
     return path @ joint @ path.T
 
 
+def known(has_air, settings):
+    """Longwave and diffuse light are measured, no probes."""
+    return Logged(has_air, True, True, 0.0, settings.prior.camera_offset_sd_k)
+
+
 class Dense:
     """Unknowns as named blocks with a prior, their effect on fluxes, temperatures and readings."""
 
@@ -109,7 +114,7 @@ class Dense:
     def _constants(self, has_air):
         layout, settings, prior = self.layout, self.settings, self.settings.prior
         means = {"gain": settings.scale, "circumsolar": prior.circumsolar_share}
-        for name, sd in prior_sds(settings, has_air).items():
+        for name, sd in prior_sds(settings, known(has_air, settings)).items():
             self.block(name, means.get(name, 0.0), sd**2)
         self.block("board", 0.0, constants.BOARD_SD_W_M2**2)
         for target, axes in enumerate(layout.facing):
@@ -147,6 +152,7 @@ class Dense:
         direct = np.array([minute.direct for minute in self.minutes])
         self.block("beam", 0.0, np.diag((prior.beam_change_share * change) ** 2))
         self.block("moment", 0.0, np.diag((constants.MOMENT_SHARE * change) ** 2))
+        self.block("camera", 0.0, self.settings.noise_k**2 * np.eye(n))
         self.block("edge", 0.0, np.diag((constants.EDGE_SHARE * direct) ** 2))
 
     def _places(self, minute):
@@ -205,6 +211,8 @@ class Dense:
             if region:
                 rows[:, self.blocks[f"offset{region}"].start] += 1.0
                 rows[:, self.blocks[f"drift{region}"].start] += [minute.hours for minute in self.minutes]
+            camera = self.blocks["camera"].start
+            rows[np.arange(self.count), camera + np.arange(self.count)] += 1.0
             read = np.array([minute.measured[region] for minute in self.minutes])
             kelvin = np.array([minute.temperature_k[region] for minute in self.minutes])
             design.append(rows[read])
@@ -238,10 +246,10 @@ def window(seed, day, azimuth, has_air):
     for row in range(MINUTES):
         before = minutes[-1] if minutes else None
         minutes.append(minute_inputs(history, row, layout, settings, before, int(history.minute[0])))
-    around = Filters(layout, DRAWN, settings, minutes[0], has_air).mean[0]
+    around = Filters(layout, DRAWN, settings, minutes[0], known(has_air, settings)).mean[0]
     for target, axes in enumerate(layout.facing):  # leaning towards the sun, so that all terms count
         around[layout.normal(target)] -= 0.1 * axes[1]
-    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], has_air, around)
+    filters = FrozenFilters(layout, DRAWN, settings, minutes[0], known(has_air, settings), around)
     filters.fixed = around[np.newaxis]
     return filters, minutes, settings
 

@@ -10,7 +10,7 @@ from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.filters import Filters, Hypotheses
-from fieldkit.estimation.learned.inputs import minute_inputs
+from fieldkit.estimation.learned.inputs import Logged, minute_inputs
 from fieldkit.estimation.learned.layout import Layout
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.normals import places_of_normals, unit_normals
@@ -18,6 +18,8 @@ from fieldkit.estimation.learned.readout import Moments, learnt_parameters, mome
 from fieldkit.physics.facet import angle_between_deg, normal
 
 ONE = Hypotheses(*(np.array([value]) for value in (16.0, 570.0, 0.03, 0.5, 1.0)))
+
+LOGGED = Logged(True, True, True, 0.0, 1.0)
 
 
 @lru_cache
@@ -56,7 +58,7 @@ def filtered(azimuth, hypotheses=ONE, minutes=25):
     drawn = world(2, CLEAR, minutes=minutes)
     settings = replace(drawn.settings, azimuth=azimuth)
     layout, made = inputs(drawn, drawn.regions[:2], settings)
-    filters = Filters(layout, hypotheses, settings, made[0], True)
+    filters = Filters(layout, hypotheses, settings, made[0], LOGGED)
     for minute in made:
         filters.step(minute)
     return filters
@@ -112,7 +114,7 @@ def learner(minutes, settings=None, drawn=None):
     drawn = drawn or world(2, CLEAR, minutes=30)
     settings = settings or drawn.settings
     layout, made = inputs(drawn, drawn.regions, settings)
-    learnt = Learner(layout, settings, made[0], True)
+    learnt = Learner(layout, settings, made[0], LOGGED)
     for minute in made[1:minutes]:
         learnt.add(minute)
     return learnt
@@ -162,7 +164,7 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     layout, made = inputs(drawn, drawn.regions, drawn.settings)
 
     def spread(settings):
-        filters = Filters(layout, ONE, settings, made[0], True)
+        filters = Filters(layout, ONE, settings, made[0], LOGGED)
         for minute in made:
             filters.step(minute)
         starts = tuple(filters.mean[:, layout.normal(i)] for i in range(layout.targets))
