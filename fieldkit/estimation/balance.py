@@ -107,7 +107,7 @@ def least_squares_rows(
     reference_k = history.temperature_k[:, columns.references[references]]
     over_k = target_k - np.mean(reference_k, axis=1, keepdims=True)
     heat = _heat_difference(target_k, reference_k, settings)
-    beam, vertical = _absorbed_light(history, np.mean(reference_k, axis=1), settings)
+    beam, vertical = absorbed_light(history, np.mean(reference_k, axis=1), settings)
     design = history.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
     reference = columns.reference_normals[references].mean(axis=0)
     steepness, storage_flux = _heat_loss_per_kelvin(target_k, settings), np.zeros_like(target_k)
@@ -118,7 +118,7 @@ def least_squares_rows(
         systematics += [
             conducted(history.minute, over_k, s) - storage_flux for s in _perturbed_slabs(settings)
         ]
-        kernel = _smoothed_kernel(settings.slab)
+        kernel = smoothed_kernel(settings.slab)
     for shifted in shifted_k:
         other_k, other_reference_k = shifted[:, columns.targets], shifted[:, columns.references[references]]
         shift = _heat_difference(other_k, other_reference_k, settings) - heat
@@ -194,7 +194,7 @@ def _heat_loss_per_kelvin(temperature_k: FloatArray, settings: EstimatorSettings
     return np.asarray(emitted + surface.exchange_w_m2_k)
 
 
-def _absorbed_light(
+def absorbed_light(
     history: History, reference_k: FloatArray, settings: EstimatorSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Absorbed light along the sun vector (n,) and along the vertical (n,), W/m2; NaN without sun."""
@@ -289,7 +289,7 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _smoothed_kernel(slab: Slab) -> FloatArray:
+def smoothed_kernel(slab: Slab) -> FloatArray:
     """Response of the flux to noise in one minute bin: its own bin first, then others, W/m2 per kelvin."""
     pulse = np.zeros(6 * SMOOTHED_MINUTES)
     pulse[2 * SMOOTHED_MINUTES] = 1.0

@@ -85,6 +85,8 @@ class MapSums:
         sun: FloatArray,
         dni_w_m2: float,
         reference_normal: FloatArray,
+        stored_w_m2: FloatArray | None = None,
+        noise_gain: float = 1.0,
     ) -> None:
         """Add one frame.
 
@@ -95,10 +97,14 @@ class MapSums:
         reference_k, reference_normal
             Temperature of the reference and its unit normal (3,). [K], [-]
         sun, dni_w_m2
-            Unit vector towards the sun (3,) and direct normal irradiance then, > 0. [-], [W/m2]
+            Unit vector towards the sun (3,) and direct normal irradiance then, > 0; with the full model the
+            design vector and the beam with circumsolar light (`balance`). [-], [W/m2]
+        stored_w_m2, noise_gain
+            Heat flux into the layer of a pixel less that of the reference, (rows, cols); how much more noise
+            a pixel's heat has with it. [W/m2], [-]
         """
         steepness = float(irradiance_per_kelvin(reference_k, self._surface))
-        weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k)) ** 2
+        weight = (dni_w_m2 / (np.sqrt(2.0) * steepness * self._noise_k * noise_gain)) ** 2
         alpha, beta = self._surface.alpha / dni_w_m2, self._surface.beta / dni_w_m2
         start = float(reference_normal @ sun) - (alpha * reference_k**4 + beta * reference_k)
         flat_k = temperature_k.reshape(-1)
@@ -111,6 +117,8 @@ class MapSums:
             y += beta
             y *= kelvin
             y += start
+            if stored_w_m2 is not None:
+                y += stored_w_m2.reshape(-1)[piece] / ((1.0 - self._surface.albedo) * dni_w_m2)
             for axis in range(3):
                 self._b[axis, piece] += (weight * sun[axis]) * y
             y *= y
@@ -321,7 +329,7 @@ def _add_systematics(
     covariance: FloatArray, away: FloatArray, per_kelvin: float, settings: EstimatorSettings
 ) -> None:
     """Add what does not average away: scale shifts slopes from the reference, offset towards the sun."""
-    scale_sd = np.hypot(settings.scale_sd, PAPER_SCALE_SD)
+    scale_sd = np.hypot(settings.scale_sd, PAPER_SCALE_SD if settings.model == "paper" else 0.0)
     covariance += scale_sd**2 * away[:, :2, np.newaxis] * away[:, np.newaxis, :2]
     covariance[:, 0, 0] += (settings.offset_sd_k * per_kelvin) ** 2
     covariance[:, 1, 1] += (settings.drift_sd_k_per_h * per_kelvin / SUN_RAD_PER_H) ** 2

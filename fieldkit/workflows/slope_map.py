@@ -2,7 +2,8 @@
 
 The estimator goes over the session first, so a minute has the same sun, irradiance, reference and flags
 for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
-which barely affect a region's estimate, are excluded. The surface model is the paper's.
+which barely affect a region's estimate, are excluded. With the learned model pixels are solved by the full
+model with the parameters learnt from the regions.
 
 >>> slope_map("recordings/20261211T030000Z.h5").to_xarray()          # doctest: +SKIP
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 import math
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,11 +24,13 @@ from numpy.typing import NDArray
 
 import fieldkit
 from fieldkit.disk import replacing
-from fieldkit.estimation.bins import MinuteBin, RegionColumns
-from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
+from fieldkit.estimation.bins import History, MinuteBin, RegionColumns
+from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.instruments import Instruments
+from fieldkit.estimation.learned.as_settings import learnt_settings
 from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
-from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.estimation.settings import EstimatorSettings, Model
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import FieldkitError, IntegrityError, NoAnswerError, StorageError
@@ -36,7 +39,8 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
-from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
+from fieldkit.physics.energy_balance import irradiance_per_kelvin
+from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.file_tree import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -54,7 +58,14 @@ if TYPE_CHECKING:
 
 EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
+SURFACE_MODELS: Mapping[Model, str] = {
+    "paper": "paper, eq. (6), unit-norm",
+    "full": "full, unit-norm",
+    "learned": "full with learnt parameters, unit-norm",
+}
 LEAST_MINUTES = 3
+BEFORE_MINUTES = 120
+"""Minutes before the window whose warmth the sand remembers."""
 ENDINGS = (".png", ".nc")
 
 
@@ -96,6 +107,7 @@ class MappedSession:
     site: Site
     regions: tuple[Region, ...]
     settings: EstimatorSettings
+    model: Model
     irradiance_model: str
     start_ns: int
     end_ns: int
@@ -112,7 +124,6 @@ class MappedSession:
     def notes(self) -> list[str]:
         """What was configured for regions and does not apply to pixels, and what spoils the map."""
         holds = {
-            "the map is by the paper's model: the others are for regions": self.settings.model != "paper",
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
             "the frame moved within the window: edges are smeared; choose another --window": bool(
@@ -277,7 +288,8 @@ def _mapped(
     if camera is None or not RegionColumns(estimator.regions).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
-    estimates = list(estimates_of(minutes_of(session, estimator)))
+    minutes = list(minutes_of(session, estimator))
+    estimates = list(estimates_of(minutes))
     chosen = _window(estimator, estimates, window)
     if len(chosen) < LEAST_MINUTES:
         raise NoAnswerError(
@@ -285,7 +297,8 @@ def _mapped(
             f"a map needs {LEAST_MINUTES}",
             fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
-    slopes, bounds = _solved(session, camera, estimator, chosen)
+    used = _settings(estimator, minutes)
+    slopes, bounds = _solved(session, camera, estimator, used, chosen)
     return MappedSession(
         path=session.path,
         overrides=settings,
@@ -294,13 +307,28 @@ def _mapped(
         camera=camera,
         site=estimator.site,
         regions=estimator.regions,
-        settings=estimator.settings,
+        settings=used,
+        model=estimator.settings.model,
         irradiance_model=instruments.label,
         start_ns=chosen[0].start_ns,
         end_ns=chosen[-1].start_ns + MINUTE_NS,
         minutes=len(chosen),
         flags=_flags(chosen),
         damaged=session.damaged.get(camera.name, 0),
+    )
+
+
+def _settings(estimator: Estimator, minutes: Sequence[Minute]) -> EstimatorSettings:
+    """Settings of the map: the configured ones, or the full model with what the session taught."""
+    settings = estimator.settings
+    if settings.model != "learned":
+        return settings
+    learnt = next((one.learnt for one in reversed(minutes) if one.learnt is not None), None)
+    if learnt is None:
+        return replace(settings, model="full")
+    air_k = np.array([one.air_k for one in estimator.bins])
+    return learnt_settings(
+        settings, learnt, float(np.nanmean(air_k)) if np.isfinite(air_k).any() else math.nan
     )
 
 
@@ -311,7 +339,8 @@ def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], window: Wi
     window_s: float | None
     match window:
         case None:
-            window_s = estimator.settings.window_s
+            is_learned = estimator.settings.model == "learned"
+            window_s = None if is_learned else estimator.settings.window_s
         case "all":
             window_s = math.inf
         case "weather":
@@ -348,28 +377,77 @@ def _flags(bins: Sequence[MinuteBin]) -> Quality:
 
 
 def _solved(
-    session: SessionReader, camera: StreamInfo, estimator: Estimator, chosen: Sequence[MinuteBin]
+    session: SessionReader,
+    camera: StreamInfo,
+    estimator: Estimator,
+    settings: EstimatorSettings,
+    chosen: Sequence[MinuteBin],
 ) -> tuple[SlopeMap, PixelBounds]:
-    settings, field = estimator.settings, RegionColumns(estimator.regions)
-    shape = (camera.shape[0], camera.shape[1])
+    field, shape = RegionColumns(estimator.regions), (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
     emissivity, offset_k = _of_pixels(estimator.regions, shape, settings)
+
+    def surface_k(minute: int) -> FloatArray:
+        # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
+        brightness = mean_of_minute_k(session, camera, minute)
+        return surface_temperature_k(brightness - offset_k, emissivity, settings.reflected_temperature_k)
+
     # as for regions: a reference without any temperature is excluded, the others are averaged
     table = np.array([one.temperature_k[field.references] for one in chosen])
     seen = np.isfinite(table).any(axis=0)
     reference_normal = field.reference_normals[seen].mean(axis=0)
-    for one, references_k in zip(chosen, table[:, seen], strict=True):
-        reference_k = float(np.mean(references_k))
-        if np.isfinite(reference_k):
-            brightness = mean_of_minute_k(session, camera, one.minute)
-            # the offset is of brightness temperature, and a kelvin of it is more than one of the grey surface
-            kelvin = surface_temperature_k(
-                brightness - offset_k, emissivity, settings.reflected_temperature_k
-            )
-            dni_w_m2 = one.dni_w_m2 * settings.scale
-            sums.add(kelvin, reference_k, one.sun, dni_w_m2, reference_normal)
+    if settings.model == "paper":
+        for one, references_k in zip(chosen, table[:, seen], strict=True):
+            reference_k = float(np.mean(references_k))
+            if np.isfinite(reference_k):
+                dni_w_m2 = one.dni_w_m2 * settings.scale
+                sums.add(surface_k(one.minute), reference_k, one.sun, dni_w_m2, reference_normal)
+    else:
+        references = field.references[seen]
+        _add_full(sums, surface_k, estimator.bins, chosen, references, reference_normal, settings)
     slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
     return _within_regions(slopes, estimator.regions), bounds
+
+
+def _add_full(
+    sums: MapSums,
+    surface_k: Callable[[int], FloatArray],
+    bins: Sequence[MinuteBin],
+    chosen: Sequence[MinuteBin],
+    references: NDArray[np.int64],
+    reference_normal: FloatArray,
+    settings: EstimatorSettings,
+) -> None:
+    """Add the chosen minutes by the full model, whose stored heat also depends on the minutes before."""
+    first = chosen[0].minute - BEFORE_MINUTES
+    reference_k = {one.minute: float(np.mean(one.temperature_k[references])) for one in bins}
+    known = [one for one in bins if one.minute >= first and np.isfinite(reference_k[one.minute])]
+    known = [one for one in known if one.minute <= chosen[-1].minute]
+    history = History.of(known)
+    base_k = np.array([reference_k[one.minute] for one in known])
+    over_k = np.array(
+        [(surface_k(one.minute) - reference_k[one.minute]).ravel() for one in known], np.float32
+    )
+    stored = np.concatenate(
+        [conducted(history.minute, piece, settings.slab) for piece in _pieces(over_k)], axis=1
+    )
+    beam, vertical = absorbed_light(history, base_k, settings)
+    design = history.sun + (vertical / beam)[:, np.newaxis] * VERTICAL
+    light = beam * settings.scale / (1.0 - settings.surface.albedo)
+    kernel, minutes = smoothed_kernel(settings.slab), {one.minute for one in chosen}
+    for row, one in enumerate(known):
+        if one.minute in minutes:
+            loss = float(irradiance_per_kelvin(base_k[row], settings.surface))
+            loss *= 1.0 - settings.surface.albedo
+            gain = float(np.sqrt((loss + kernel[0]) ** 2 + np.sum(kernel[1:] ** 2))) / loss
+            kelvin = (over_k[row] + base_k[row]).reshape(sums.shape).astype(np.float64)
+            sums.add(kelvin, base_k[row], design[row], light[row], reference_normal, stored[row], gain)
+
+
+def _pieces(columns: NDArray[np.float32]) -> Iterator[FloatArray]:
+    """A few thousand columns at a time: the transforms need several times their memory."""
+    for begin in range(0, columns.shape[1], 4096):
+        yield columns[:, begin : begin + 4096].astype(np.float64)
 
 
 def _within_regions(slopes: SlopeMap, regions: Sequence[Region]) -> SlopeMap:
@@ -539,7 +617,7 @@ def _provenance(found: MappedSession, session: SessionReader) -> dict[str, Any]:
         "time_coverage_start": iso_utc(found.start_ns),
         "time_coverage_end": iso_utc(found.end_ns),
         "minutes": found.minutes,
-        "surface_model": "paper, eq. (6), unit-norm",
+        "surface_model": SURFACE_MODELS[found.model],
         "irradiance_model": found.irradiance_model,
         "reference_regions": " ".join(references),
         "albedo": surface.albedo,

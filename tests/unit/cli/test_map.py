@@ -176,10 +176,22 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     monkeypatch.setattr(slope_map, "_within_regions", lambda slopes, regions: slopes)
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
     monkeypatch.setattr(slope_map, "mean_of_minute_k", lambda *_: np.full((4, 4), seen))
-    estimator = SimpleNamespace(regions=(flat, bed), settings=EstimatorSettings(offsets_k={"b": 1.0}))
+    settings = EstimatorSettings(model="paper", offsets_k={"b": 1.0})
+    estimator = SimpleNamespace(regions=(flat, bed))
     one = SimpleNamespace(temperature_k=np.array([318.0, 318.0]), minute=0, sun=None, dni_w_m2=800.0)
-    slope_map._solved(None, SimpleNamespace(shape=(4, 4)), estimator, [one])
+    slope_map._solved(None, SimpleNamespace(shape=(4, 4)), estimator, settings, [one])
     assert pictures[0] == pytest.approx(318.15, abs=1e-3)
+
+
+def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_region(session, tmp_path):
+    """Truth of the scene: the bed of 15 degrees faces south."""
+    done = fieldkit("map", session, "-o", tmp_path / "x", "--set", "estimator.model=learned", "--json")
+    assert done.exit_code == 0, done.output
+    bed = of_region(json.loads(done.stdout), "b15")
+    low, high = bed["tilt_region_deg"]
+    assert low < 15.0 < high
+    with h5py.File(tmp_path / "x.nc") as file:
+        assert file.attrs["surface_model"] == "full with learnt parameters, unit-norm"
 
 
 def test_files_go_to_the_campaigns_results(session):
@@ -190,9 +202,7 @@ def test_files_go_to_the_campaigns_results(session):
 
 
 def test_what_only_regions_have_is_said(session, tmp_path):
-    wishes = ("--set", "estimator.model=full", "--set", "estimator.azimuth=known")
-    done = fieldkit("map", session, "-o", tmp_path / "x", *wishes)
-    assert "by the paper's model" in done.stderr
+    done = fieldkit("map", session, "-o", tmp_path / "x", "--set", "estimator.azimuth=known")
     assert "leaves the azimuth free" in done.stderr
 
 

@@ -158,7 +158,7 @@ def test_two_frames_are_too_few(scene):
 # --- uncertainty of a pixel, against the likelihood of a region and against many draws of noise
 
 NOISE_K = 0.05
-NOISE_ALONE = EstimatorSettings(scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
+NOISE_ALONE = EstimatorSettings(model="paper", scale_sd=0.0, offset_sd_k=0.0, drift_sd_k_per_h=0.0)
 MORNING = int(np.datetime64("2017-08-30T00:30", "ns").astype(np.int64))
 
 
