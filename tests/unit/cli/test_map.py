@@ -191,7 +191,7 @@ def test_pixels_by_the_learnt_parameters_agree_with_the_full_model_of_their_regi
     low, high = bed["tilt_region_deg"]
     assert low < 15.0 < high
     with h5py.File(tmp_path / "x.nc") as file:
-        assert file.attrs["surface_model"] == "full with learnt parameters, unit-norm"
+        assert file.attrs["surface_model"].decode() == "full with learnt parameters, unit-norm"
 
 
 def test_files_go_to_the_campaigns_results(session):

@@ -45,7 +45,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_a_sweep_has_a_row_for_each_session_set_and_bed(recordings, tmp_path):
-    found = fieldkit("sweep", recordings, *GRID, "-j", 1, "-o", tmp_path / "results" / "a")
+    paper = ("--set", "estimator.model=paper")
+    found = fieldkit("sweep", recordings, *GRID, *paper, "-j", 1, "-o", tmp_path / "results" / "a")
     assert found.exit_code == 0, found.output
     table = rows(tmp_path / "results" / "a.csv")
     assert len(table) == 3 * 6 * 3
