@@ -94,7 +94,8 @@ class _Group:
         self._columns, self._targets, self._settings = columns, targets, settings
         self._layout = Layout.of(columns, targets, settings.azimuth == "known")
         self._learner: Learner | None = None
-        self._moments: Moments | None = None
+        self._found: list[KnownSlope] = []
+        self._moments = Moments((), np.empty(0), np.empty((0, 0)))
         self._taken = self._first = 0
         self._shades: list[NDArray[np.bool_]] = []
         self._has_failed = False
@@ -125,7 +126,8 @@ class _Group:
             learner.add(self._input(history, row, learner.last))
         if self._learner is not None:
             self._shades = [*shades, np.concatenate(shade(history, row, self._layout))]
-        self._moments = None
+            self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
+            self._moments = moments(self._learner)
 
     def _start(self, history: History, row: int) -> None:
         if can_start(history, row, self._layout):
@@ -171,7 +173,7 @@ class _Group:
         return self._filled(replace(blank, n_bins=used), self._learner, index)
 
     def _filled(self, blank: SlopeEstimate, learner: Learner, index: int) -> SlopeEstimate:
-        found = known_slope(learner, index)
+        found = self._found[index]
         region = self._columns.regions[self._targets[index]]
         tilt, azimuth = (float(angle) for angle in tilt_azimuth(found.best))
         if self._layout.facing[index].shape[1] == 2:
@@ -187,11 +189,9 @@ class _Group:
             chi_square=_chi_square(learner, self._layout.references + index),
             kelvin_per_degree=_kelvin_per_degree(learner, tilt, azimuth),
         )
-        return self._judged(filled, found, learner, index)
+        return self._judged(filled, found, index)
 
-    def _judged(
-        self, filled: SlopeEstimate, found: KnownSlope, learner: Learner, index: int
-    ) -> SlopeEstimate:
+    def _judged(self, filled: SlopeEstimate, found: KnownSlope, index: int) -> SlopeEstimate:
         """The estimate with its state, and what would help where it is not certain."""
         if found.second is not None:
             tilt, azimuth = (float(angle) for angle in tilt_azimuth(found.second))
@@ -209,21 +209,19 @@ class _Group:
                 filled, state=SlopeState.NO_INTERSECTION, reason=f"no tilt up to {limit:.0f}° fits"
             )
         low, high = filled.tilt_low_deg, filled.tilt_high_deg
+        if high >= limit:
+            reason = f"anything from {low:.1f}° up to the limit of {limit:g}° fits (90 %)"
+            return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if is_too_wide(filled.tilt_deg, low, high):
-            reason = f"anything from {low:.1f}° to {high:.1f}° fits (90 %); {self._advice(learner, index)}"
+            reason = f"anything from {low:.1f}° to {high:.1f}° fits (90 %); {self._advice(index)}"
             return replace(filled, state=SlopeState.UNCERTAIN, reason=reason)
         if found.region.vertical:
             return replace(filled, state=SlopeState.FLAT, reason=f"flat within {high:.1f}°")
         return replace(filled, state=SlopeState.OK)
 
-    def _known(self, learner: Learner) -> Moments:
-        if self._moments is None:
-            self._moments = moments(learner)
-        return self._moments
-
-    def _advice(self, learner: Learner, index: int) -> str:
+    def _advice(self, index: int) -> str:
         """What would narrow a tilt most."""
-        found, name = self._known(learner), f"tilt{index}"
+        found, name = self._moments, f"tilt{index}"
         sd = found.sd(name)
         offers = {
             "an air temperature logged in the shade": found.sd_if_known(name, "air", AIR_LOGGED_SD_K),
@@ -245,7 +243,7 @@ class _Group:
         names = [self._columns.regions[column].name for column in self._layout.columns]
         kelvin, standard = _errors(learner)
         return Learnt(
-            learnt_parameters(learner, self._known(learner)),
+            learnt_parameters(learner, self._moments),
             dict(zip(names, _rms(kelvin).tolist(), strict=True)),
             dict(zip(names, _autocorrelation(standard).tolist(), strict=True)),
             float(np.nanmean(standard**2)) if np.isfinite(standard).any() else math.nan,

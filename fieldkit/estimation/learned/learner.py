@@ -106,7 +106,9 @@ class Learner:
     def reshade(self, minutes: list[MinuteInputs]) -> None:
         """Take the same minutes again, of which some turned out to be shaded, or not."""
         self._minutes = minutes
-        self._draw(self._proposal)
+        # what was drawn and judged under the wrong shade counts no longer
+        self._judged, self._around = 0, None
+        self._draw(Proposal.prior())
         self.posterior = self._posterior(STEPS_AFTER_DRAW)
 
     def _is_due(self) -> bool:
