@@ -97,7 +97,7 @@ class _Group:
         self._found: list[KnownSlope] = []
         self._moments = Moments((), np.empty(0), np.empty((0, 0)))
         self._taken = self._first = 0
-        self._shades: list[NDArray[np.bool_]] = []
+        self._shade: NDArray[np.bool_] = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
 
     def take(self, history: History) -> None:
@@ -112,20 +112,17 @@ class _Group:
 
     def _take_last(self, history: History) -> None:
         row = len(history) - 1
-        rows = range(self._first, row)
-        shades = [np.concatenate(shade(history, before, self._layout)) for before in rows]
         learner = self._learner
         if learner is not None and history.minute[row] - history.minute[row - 1] > BRIDGED_MINUTES:
             learner = self._learner = None
         if learner is None:
-            shades = []
             self._start(history, row)
         else:
-            if any((now != then).any() for now, then in zip(shades, self._shades, strict=True)):
+            if not np.array_equal(shade(history, self._layout)[self._first : -1], self._shade):
                 learner.reshade(self._inputs(history, row))
             learner.add(self._input(history, row, learner.last))
         if self._learner is not None:
-            self._shades = [*shades, np.concatenate(shade(history, row, self._layout))]
+            self._shade = shade(history, self._layout)[self._first :]
             self._found = [known_slope(self._learner, index) for index in range(self._targets.size)]
             self._moments = moments(self._learner)
 

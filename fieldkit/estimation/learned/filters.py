@@ -127,10 +127,11 @@ class Filters:
     def step(self, minute: MinuteInputs) -> Innovations:
         """One minute: its noise enters, its measurements correct, its fluxes fill the stores."""
         self._shake(minute)
-        temperature, at_zero, flux, flux_at_zero = self._terms(minute, self._taken_k)
+        light = self._all_light(minute)
+        temperature, at_zero, _, _ = self._terms(minute, light, self._taken_k)
         # once more at the prediction, which knows of a cloud, and unlike the measurement nothing of its noise
         predicted_k = np.einsum("prn,pn->pr", temperature, self.mean) + at_zero
-        temperature, at_zero, flux, flux_at_zero = self._terms(minute, predicted_k)
+        temperature, at_zero, flux, flux_at_zero = self._terms(minute, light, predicted_k)
         seen = self._correct(minute, temperature, at_zero)
         self._taken_k = np.einsum("prn,pn->pr", temperature, self.mean) + at_zero
         self._fill(flux, flux_at_zero)
@@ -155,19 +156,25 @@ class Filters:
             self.covariance[:, board] = self.covariance[:, :, board] = 0.0
             self.covariance[:, board, board] = BOARD_SD_W_M2**2
 
+    def _all_light(self, minute: MinuteInputs) -> tuple[FloatArray, FloatArray]:
+        """Absorbed sunlight of each region as ``row . state + constant``."""
+        count = self.hypotheses.exchange.size
+        flux = np.zeros((count, self.layout.regions, self.layout.size))
+        at_zero = np.zeros((count, self.layout.regions))
+        for region in range(self.layout.regions):
+            self._light(minute, region, flux[:, region], at_zero[:, region])
+        return flux, at_zero
+
     def _terms(
-        self, minute: MinuteInputs, taken_k: FloatArray
+        self, minute: MinuteInputs, light: tuple[FloatArray, FloatArray], taken_k: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Mean temperature and net flux of each region as ``row . state + constant``.
 
         The flux is taken at `taken_k` (p, regions) and corrected to first order.
         """
         layout = self.layout
-        count = self.hypotheses.exchange.size
-        flux = np.zeros((count, layout.regions, layout.size))
-        at_zero = np.zeros((count, layout.regions))
+        flux, at_zero = light[0].copy(), light[1].copy()
         for region in range(layout.regions):
-            self._light(minute, region, flux[:, region], at_zero[:, region])
             self._heat(minute, region, taken_k[:, region], flux[:, region], at_zero[:, region])
         steepness = self._steepness(taken_k)
         quick = (self._resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
@@ -271,35 +278,31 @@ class Filters:
 
     def _fill(self, flux: FloatArray, at_zero: FloatArray) -> None:
         """Into the next minute: stores fade and take the minute's flux, processes relax."""
-        layout = self.layout
-        decay = self._decay
+        drive = list(self.layout.smooth.values())
+        targets, decay = self._filled, self._decay
+        crossed = np.concatenate([flux @ self.covariance, self.covariance[:, drive]], axis=1)
+        among = np.concatenate([crossed @ flux.transpose(0, 2, 1), crossed[:, :, drive]], axis=2)
         inflow = np.einsum("prn,pn->pr", flux, self.mean) + at_zero
-        crossed = flux @ self.covariance
-        among = crossed @ flux.transpose(0, 2, 1)
-        smooth, drive = np.array(list(layout.smooth)), np.array(list(layout.smooth.values()))
-        follow = 1.0 - decay[smooth]
-        driven = follow * self.mean[:, drive]
+        moved = np.concatenate([inflow, self.mean[:, drive]], axis=1)
         self.mean *= decay
-        self.mean[:, smooth] += driven
-        rows = follow[:, np.newaxis] * self.covariance[:, drive]
-        self.covariance *= decay[:, np.newaxis]
-        self.covariance[:, smooth] += rows
-        columns = follow * self.covariance[:, :, drive]
-        self.covariance *= decay
-        self.covariance[:, :, smooth] += columns
-        follows = follow * crossed[:, :, drive]
-        crossed *= decay
-        crossed[:, :, smooth] += follows
-        stores = layout.regions * len(FILL)
-        fills = np.tile(FILL, layout.regions)
-        owner = np.repeat(np.arange(layout.regions), len(FILL))
-        self.mean[:, :stores] += inflow[:, owner] * fills
-        added = crossed[:, owner] * fills[:, np.newaxis]
-        self.covariance[:, :stores] += added
-        self.covariance[:, :, :stores] += added.transpose(0, 2, 1)
-        self.covariance[:, :stores, :stores] += among[:, owner][:, :, owner] * np.multiply.outer(fills, fills)
+        self.mean += moved @ targets.T
+        added = targets @ (crossed * decay + 0.5 * among @ targets.T)
+        self.covariance *= np.multiply.outer(decay, decay)
+        self.covariance += added
+        self.covariance += added.transpose(0, 2, 1)
         for place, variance in self._fresh.items():
             self.covariance[:, place, place] += variance
+
+    @cached_property
+    def _filled(self) -> FloatArray:
+        """Where each flux goes, and what each drive moves (n, regions + drives)."""
+        layout = self.layout
+        filled = np.zeros((layout.size, layout.regions + len(layout.smooth)))
+        for region in range(layout.regions):
+            filled[layout.stores(region), region] = FILL
+        for column, place in enumerate(layout.smooth, start=layout.regions):
+            filled[place, column] = 1.0 - self._decay[place]
+        return filled
 
     @cached_property
     def _fresh(self) -> dict[int, FloatArray]:

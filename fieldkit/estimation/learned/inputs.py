@@ -142,7 +142,7 @@ def minute_inputs(
         if not is_known:
             direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
             change = UNKNOWN_CHANGE * before.direct
-    is_shaded, is_edge = shade(history, row, layout)
+    is_shaded, is_edge = shade(history, layout)[row]
     logged_k = _logged_air_k(history, row)
     longwave = float(history.longwave_down_w_m2[row])
     longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
@@ -168,12 +168,11 @@ def minute_inputs(
     )
 
 
-def shade(history: History, row: int, layout: Layout) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which regions are shaded in a row, and for which of them the shade begins or ends there."""
-    near = slice(max(row - 1, 0), row + 2)
-    flagged = (history.region_flags[near, layout.columns] & int(Quality.SHADED)) != 0
-    here = flagged[row - near.start]
-    return here, np.asarray(here & ~flagged.all(axis=0))
+def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
+    """Which regions are shaded in each row, and for which the shade begins or ends there (n, 2, regions)."""
+    flagged = (history.region_flags[:, layout.columns] & int(Quality.SHADED)) != 0
+    before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
+    return np.stack([flagged, flagged & ~(before & after)], axis=1)
 
 
 def bridge(before: MinuteInputs, after: MinuteInputs) -> Iterator[MinuteInputs]:

@@ -162,19 +162,19 @@ class Learner:
     def _second_branches(self, normals: UnitNormals, log_weights: FloatArray) -> dict[int, FloatArray]:
         """The other direction in which each target fits nearly as well, under the heaviest hypothesis."""
         heaviest = int(np.argmax(log_weights))
-        found = {}
-        for target in range(self.layout.targets):
-            place = self.layout.normal(target)
-            gain, here = normals.gain[heaviest], normals.units[target][heaviest]
-            information = np.linalg.inv(self._filters.covariance[heaviest, place, place]) * gain**2
-            towards = information @ self._filters.mean[heaviest, place] / gain
-            other = _other_minimum(information, towards, here)
-            if (
-                other is not None
-                and tilt_azimuth(self.layout.facing[target] @ other)[0] <= self.settings.tilt_limit_deg
-            ):
-                found[target] = other
-        return found
+        gain, facing = normals.gain[heaviest], self.layout.facing
+        here = [unit[heaviest] for unit in normals.units]
+        places = [self.layout.normal(target) for target in range(self.layout.targets)]
+        covariance, mean = self._filters.covariance[heaviest], self._filters.mean[heaviest]
+        information = [np.linalg.inv(covariance[place, place]) * gain**2 for place in places]
+        towards = [one @ mean[place] / gain for one, place in zip(information, places, strict=True)]
+        others = _other_minima(information, towards, here)
+        limit = self.settings.tilt_limit_deg
+        return {
+            target: other
+            for target, other in others.items()
+            if tilt_azimuth(facing[target] @ other)[0] <= limit
+        }
 
 
 def _mass(log_weights: FloatArray) -> float:
@@ -182,21 +182,36 @@ def _mass(log_weights: FloatArray) -> float:
     return float(np.logaddexp.reduce(log_weights))
 
 
-def _other_minimum(information: FloatArray, towards: FloatArray, here: FloatArray) -> FloatArray | None:
-    """The other minimum of ``u'Hu - 2 b'u`` over unit vectors, unless it is `here` or far worse."""
-    if here.size == 2:
-        angles = np.linspace(-np.pi, np.pi, 721)[:-1]
-        grid = np.column_stack([np.sin(angles), np.cos(angles)])
-        misfit = np.sum((grid @ information - 2.0 * towards) * grid, axis=1)
-        low = (misfit < np.roll(misfit, 1)) & (misfit <= np.roll(misfit, -1)) & (grid @ here < np.cos(0.02))
-        candidates, misfits = grid[low], misfit[low]
-    else:
-        summed = Misfit(information, towards, np.asarray(0.0), np.asarray(1))
-        branches = solve(summed)
-        candidates = np.stack([branches.first, branches.second])
-        misfits = summed(candidates)
-        apart = candidates @ here < np.cos(0.02)
-        candidates, misfits = candidates[apart], misfits[apart]
-    least = float((information @ here - 2.0 * towards) @ here)
-    close = misfits < least + FAR
-    return candidates[close][np.argmin(misfits[close])] if close.any() else None
+def _other_minima(
+    information: list[FloatArray], towards: list[FloatArray], here: list[FloatArray]
+) -> dict[int, FloatArray]:
+    """By target, the other minimum of ``u'Hu - 2 b'u`` over unit vectors, unless it is far worse."""
+    found = {}
+    for target, units in enumerate(_minima(information, towards)):
+        H, b, unit = information[target], towards[target], here[target]
+        misfits = np.sum((units @ H - 2.0 * b) * units, axis=1)
+        close = (units @ unit < np.cos(0.02)) & (misfits < (unit @ H - 2.0 * b) @ unit + FAR)
+        if close.any():
+            found[target] = units[close][np.argmin(misfits[close])]
+    return found
+
+
+def _minima(information: list[FloatArray], towards: list[FloatArray]) -> list[FloatArray]:
+    """Of each target all local minima (m, k) over unit vectors, on the circle or on the sphere."""
+    minima = [
+        _minima_on_circle(H, b) if b.size == 2 else b for H, b in zip(information, towards, strict=True)
+    ]
+    free = [target for target, b in enumerate(towards) if b.size == 3]
+    if free:
+        H, b = (np.stack([of[target] for target in free]) for of in (information, towards))
+        branches = solve(Misfit(H, b, np.zeros(len(free)), np.ones(len(free), np.int64)))
+        for target, first, second in zip(free, branches.first, branches.second, strict=True):
+            minima[target] = np.stack([first, second])
+    return minima
+
+
+def _minima_on_circle(H: FloatArray, b: FloatArray) -> FloatArray:
+    angles = np.linspace(-np.pi, np.pi, 721)[:-1]
+    grid = np.column_stack([np.sin(angles), np.cos(angles)])
+    misfit = np.sum((grid @ H - 2.0 * b) * grid, axis=1)
+    return np.asarray(grid[(misfit < np.roll(misfit, 1)) & (misfit <= np.roll(misfit, -1))])

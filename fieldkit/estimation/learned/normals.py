@@ -20,6 +20,8 @@ from fieldkit.physics.facet import FloatArray
 LONGEST = 0.25
 """Longest step of the gain or of a turn in radians."""
 LEAST_GAIN = 0.3
+CONVERGED = 1e-7
+"""Step of the gain or of a turn in radians below which another one would change nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +98,16 @@ class _Fit:
 
 
 def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -> UnitNormals:
-    """Most probable unit normals near the starts, one (k,) or (p, k) for each target, after some steps."""
+    """Most probable unit normals near the starts, one (k,) or (p, k) for each target, in at most `steps`."""
     mean, information = _known(filters)
     units = [np.broadcast_to(start, (len(mean), start.shape[-1])).copy() for start in starts]
     fit = _Fit.at(mean, information, np.maximum(mean[:, 0], LEAST_GAIN), units)
     damping = np.full(len(mean), 1e-6)
     for _ in range(steps):
-        trial = _Fit.at(mean, information, *fit.stepped(_step(fit, information, damping)))
+        step = _step(fit, information, damping)
+        if np.abs(step).max() < CONVERGED:
+            break
+        trial = _Fit.at(mean, information, *fit.stepped(step))
         better = trial.misfit <= fit.misfit
         damping = np.where(better, 0.2 * damping, 10.0 * damping + 1e-3)
         fit = trial if better.all() else _either(mean, information, better, trial, fit)

@@ -33,10 +33,10 @@ class FrozenFilters(Filters):
 
     fixed: np.ndarray
 
-    def _terms(self, minute, taken_k):
+    def _terms(self, minute, light, taken_k):
         mean, self.mean = self.mean, self.fixed
         try:
-            return super()._terms(minute, minute.temperature_k + np.zeros_like(taken_k))
+            return super()._terms(minute, light, minute.temperature_k + np.zeros_like(taken_k))
         finally:
             self.mean = mean
 
