@@ -44,5 +44,5 @@ $(VENV)/.lab: pyproject.toml constraints.txt
 
 $(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml constraints.txt
 	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
-	$(PIP) --editable '.[lab,gps,$*]'
+	$(PIP) --editable '.[lab,gps,page,$*]'
 	touch $@
