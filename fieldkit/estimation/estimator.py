@@ -87,13 +87,25 @@ class Estimator:
 
     def add(self, sample: Sample | Event) -> list[Minute]:
         """Take one sample or mark; returns the minutes it closed, usually none."""
-        return [self._minute(closed) for closed in self._binner.add(sample)]
+        return [self.minute(closed) for closed in self.collect(sample)]
 
     def finish(self) -> list[Minute]:
         """Close the open minutes at the end of a recording."""
-        return [self._minute(closed) for closed in self._binner.finish()]
+        return [self.minute(closed) for closed in self.collect_rest()]
 
-    def _minute(self, closed: Closed) -> Minute:
+    def collect(self, sample: Sample | Event) -> list[Closed]:
+        """Take one sample or mark; returns the bins it closed, each of which `minute` turns into slopes.
+
+        Takes microseconds; `minute` may take a second and more, and may run in another thread.
+        """
+        return self._binner.add(sample)
+
+    def collect_rest(self) -> list[Closed]:
+        """Close the open bins at the end of a recording."""
+        return self._binner.finish()
+
+    def minute(self, closed: Closed) -> Minute:
+        """Slopes at the end of a bin; every bin is to be given once, in order."""
         entry, events = closed
         self._bins.append(entry)
         estimated = self._chain.at(History.of(self._bins))

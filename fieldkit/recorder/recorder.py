@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -19,6 +20,7 @@ from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
+from fieldkit.recorder.estimator_thread import EstimatorThread
 from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
 from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
 from fieldkit.sessions.seal import SealReport
@@ -84,7 +86,7 @@ class Recorder:
             self.clock, self._readers, self._queue, self.writer, self.free_bytes, disk
         )
         self._views = ViewDispatcher(self.views, self._view_removed)
-        self._estimator: Estimator | None = self.estimator
+        self._estimating: EstimatorThread | None = EstimatorThread(self.estimator, self._queue)
         self._flags, self._misfits = FlagMonitor(), MisfitMonitor()
         self._counts: Counter[str] = Counter()
         self._last_minute: Minute | None = None
@@ -116,6 +118,8 @@ class Recorder:
             self.writer.abandon()
             raise
         finally:
+            if self._estimating is not None:
+                self._estimating.close()
             self._views.close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
         return Summary(counts, dict(self._queue.dropped), self._last_minute, seal, self._failure)
@@ -179,13 +183,19 @@ class Recorder:
     # --- items: the session first
 
     def _take(self, item: Item | None) -> None:
-        if isinstance(item, Event):
-            self._keep_event(item)
-        elif item is not None:
-            self._keep_sample(item)
+        if item is not None:
+            self._keep(item)
         self._check_health()
         if item is not None:
             self._queue.done(item)  # only now may a simulated clock move on
+
+    def _keep(self, item: Item) -> None:
+        if isinstance(item, Event):
+            self._keep_event(item)
+        elif isinstance(item, Future):
+            self._keep_estimated(item)
+        else:
+            self._keep_sample(item)
 
     def _keep_sample(self, sample: Sample) -> None:
         self._health.sample_arrived(sample)
@@ -256,28 +266,40 @@ class Recorder:
     # --- estimates and views
 
     def _estimate(self, sample: Sample | Event) -> None:
-        if self._estimator is None:
+        if self._estimating is None:
             return
         try:
-            minutes = self._estimator.add(sample)
+            self._estimating.add(sample)
         except Exception as error:
             self._drop_estimator(error)
-            return
-        for minute in minutes:
-            self._keep_minute(minute)
 
     def _finish_estimates(self) -> None:
+        """Close the open minutes too, and wait for all that are not estimated yet."""
         try:
-            minutes = self._estimator.finish() if self._estimator is not None else []
+            if self._estimating is not None:
+                self._estimating.finish()
+        except Exception as error:
+            self._drop_estimator(error)
+        while self._queue.is_busy():
+            if (item := self._queue.get(0.1)) is not None:
+                self._keep(item)
+                self._queue.done(item)
+
+    def _keep_estimated(self, estimated: Future[Minute]) -> None:
+        if self._estimating is None:  # a minute before this one failed
+            return
+        try:
+            minute = estimated.result()
         except Exception as error:
             self._drop_estimator(error)
             return
-        for minute in minutes:
-            self._keep_minute(minute)
+        self._keep_minute(minute)
 
     def _drop_estimator(self, error: Exception) -> None:
-        log.exception("estimator failed")
-        self._estimator = None
+        log.error("estimator failed", exc_info=error)
+        if self._estimating is not None:
+            self._estimating.close()
+        self._estimating = None
         self._report(
             EventKind.ESTIMATOR, f"live estimates stopped: {error!r}; recording goes on", Severity.ERROR
         )

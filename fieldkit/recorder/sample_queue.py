@@ -1,4 +1,4 @@
-"""Samples and events on their way from the reading threads to the recorder.
+"""Samples and events on their way from the reading threads to the recorder, and minutes once estimated.
 
 Bounded per stream: while the disk stalls, memory grows for a few seconds, then samples are dropped and
 counted. A reading thread never waits here.
@@ -10,11 +10,13 @@ import math
 import queue
 import threading
 from collections import Counter
+from concurrent.futures import Future
 
+from fieldkit.estimation.estimator import Minute
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.samples import Event, EventKind, Quality, Sample, Severity
+from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Sample, Severity
 
-Item = Sample | Event
+Item = Sample | Event | Future[Minute]
 QUEUED_S, QUEUED_BYTES, MIN_QUEUED = 3.0, 32_000_000, 64
 
 
@@ -27,7 +29,7 @@ def queue_limit(info: StreamInfo) -> int:
 class SampleQueue:
     """A bounded queue of samples and events: what does not fit is dropped, counted and reported.
 
-    `limits` gives the maximum number of queued samples of each stream; events always fit.
+    `limits` gives the maximum number of queued samples of each stream; events and minutes always fit.
     """
 
     def __init__(self, limits: dict[str, int]) -> None:
@@ -65,6 +67,12 @@ class SampleQueue:
             self._unfinished += 1
         self._queue.put(event)
 
+    def put_when_done(self, minute: Future[Minute]) -> None:
+        """Queue a minute as soon as it is estimated; until it is processed the queue is not settled."""
+        with self._lock:
+            self._unfinished += 1
+        minute.add_done_callback(self._queue.put)
+
     def get(self, timeout_s: float) -> Item | None:
         """The next item in order of arrival, or None; call `done` once it has been processed."""
         try:
@@ -75,7 +83,7 @@ class SampleQueue:
     def done(self, item: Item) -> None:
         """Mark an item returned by `get` as processed."""
         with self._lock:
-            if not isinstance(item, Event):
+            if isinstance(item, Frame | Reading):
                 self._waiting[item.stream] -= 1
             self._unfinished -= 1
             if not self._unfinished:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +18,7 @@ from fieldkit.model.device import Camera
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import DeviceNotFoundError, DeviceTimeoutError, StorageError
 from fieldkit.model.samples import Event, Frame, Health, Sample, StreamHealth, is_showable
-from fieldkit.recorder import SampleQueue, Sampling, View
+from fieldkit.recorder import EstimatorThread, SampleQueue, Sampling, View
 from fieldkit.recorder.device_reader import DeviceReader
 from fieldkit.views import frame_image
 from fieldkit.workflows.opening import Instruments, open_instruments
@@ -112,9 +113,8 @@ class LivePreview:
     def __init__(self, config: Config, instruments: Instruments, views: Sequence[View]) -> None:
         self.instruments, self.views = instruments, views
         self._queue = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
-        self._estimator = Estimator(
-            config.site, config.regions, instruments.streams, config.estimator_settings()
-        )
+        estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
+        self._estimating = EstimatorThread(estimator, self._queue)
         self._next_health_ns = 0
 
     def run(self, duration_s: float | None) -> None:
@@ -152,13 +152,18 @@ class LivePreview:
         item = self._queue.get(0.1)
         if item is None:
             return
-        self._show(item)
-        if not isinstance(item, Event):
-            for minute in self._estimator.add(item):
-                for notice in minute.events:
-                    self._show(notice)
-                self._show(minute)
+        if isinstance(item, Future):
+            self._show_minute(item.result())
+        else:
+            self._show(item)
+            if not isinstance(item, Event):
+                self._estimating.add(item)
         self._queue.done(item)
+
+    def _show_minute(self, minute: Minute) -> None:
+        for notice in minute.events:
+            self._show(notice)
+        self._show(minute)
 
     def _show(self, item: Sample | Event | Minute | Health) -> None:
         for view in self.views:
@@ -187,6 +192,7 @@ class LivePreview:
 
     def _end(self, readers: Sequence[DeviceReader]) -> None:
         """Close the views first, to give the terminal back: a reader may need a moment to end."""
+        self._estimating.close()
         for view in self.views:
             view.close()
         for reader in readers:

@@ -166,7 +166,7 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "estimator.h5"
     calls = 0
-    original = Estimator.add
+    original = Estimator.collect
 
     def fails_later(self: Estimator, sample: object) -> object:
         nonlocal calls
@@ -176,7 +176,7 @@ def test_an_estimator_that_raises_does_not_end_the_recording(campaign: Path) -> 
         return original(self, sample)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=600.0) as tools:
-        patch.setattr(Estimator, "add", fails_later)
+        patch.setattr(Estimator, "collect", fails_later)
         summary = PreparedRecording(config, tools, path, duration_s=600.0).run().summary
     with open_session(path) as session:
         kinds = [event.kind for event in session.events()]

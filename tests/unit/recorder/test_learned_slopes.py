@@ -47,15 +47,15 @@ def whole(folder: Path) -> Path:
 @pytest.fixture(scope="module")
 def cut_off(folder: Path) -> Path:
     """Ended at once by the user, and recovered."""
-    genuine, calls = Estimator.add, iter(range(ENDED_AT))
+    genuine, calls = Estimator.collect, iter(range(ENDED_AT))
 
-    def add(self: Estimator, sample: object) -> object:
+    def collect(self: Estimator, sample: object) -> object:
         if next(calls, None) is None:
             raise KeyboardInterrupt
         return genuine(self, sample)  # type: ignore[arg-type]
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Estimator, "add", add)
+        patched.setattr(Estimator, "collect", collect)
         path = recorded(folder, "cut")
     assert CliRunner().invoke(main, ["recover", str(path)]).exit_code == 0
     return path

@@ -71,8 +71,9 @@ def is_whole(counts: dict[str, int]) -> bool:
     return counts["camera"] == 3 * BURSTS_OF_3 and all(abs(count - LENGTH_S) <= 1 for count in meters)
 
 
+@pytest.mark.parametrize(("method", "at"), [("collect", 100), ("minute", 1)])
 def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, method: str, at: int
 ) -> None:
     failures = []
 
@@ -80,7 +81,7 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
         failures.append(1)
         raise ZeroDivisionError("no light at all")
 
-    monkeypatch.setattr(Estimator, "add", after(100, fail, Estimator.add))
+    monkeypatch.setattr(Estimator, method, after(at, fail, getattr(Estimator, method)))
     done = record(campaign)
     assert done.exit_code == 0, done.output
     counts, events = stored(the_session(campaign))
@@ -97,7 +98,7 @@ def test_an_estimator_that_fails_at_the_very_end_does_not_keep_the_session_from_
     def fail(self: Estimator) -> None:
         raise ValueError("nothing to divide by")
 
-    monkeypatch.setattr(Estimator, "finish", fail)
+    monkeypatch.setattr(Estimator, "collect_rest", fail)
     assert record(campaign).exit_code == 0
     counts, events = stored(the_session(campaign))
     assert is_whole(counts)
@@ -110,9 +111,9 @@ def test_what_the_data_taught_is_stored_with_the_slopes(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = learnt()
-    genuine = Estimator._minute
+    genuine = Estimator.minute
     monkeypatch.setattr(
-        Estimator, "_minute", lambda self, closed: replace(genuine(self, closed), learnt=found)
+        Estimator, "minute", lambda self, closed: replace(genuine(self, closed), learnt=found)
     )
     done = record(campaign, "--json")
     assert done.exit_code == 0, done.output
@@ -137,7 +138,7 @@ def test_a_second_ctrl_c_leaves_a_journal_that_gives_everything_back(
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Estimator, "add", after(100, interrupt, Estimator.add))
+    monkeypatch.setattr(Estimator, "collect", after(100, interrupt, Estimator.collect))
     done = record(campaign)
     assert done.exit_code != 0
     assert "stopped at once; the journal is kept. next: fieldkit recover" in done.output

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from concurrent.futures import Future
+
+from fieldkit.estimation.estimator import Minute
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Quality, Reading
 from fieldkit.recorder.sample_queue import SampleQueue, queue_limit
@@ -58,3 +61,15 @@ def test_is_busy_until_the_last_item_is_done() -> None:
     assert inbox.is_busy()
     inbox.done(item)
     assert not inbox.is_busy()
+
+
+def test_samples_pass_while_a_minute_is_estimated_and_time_is_held_until_it_is_processed() -> None:
+    inbox, found = SampleQueue({"lux": 4}), Future[Minute]()
+    inbox.put_when_done(found)
+    inbox.put(reading(1))
+    assert drain(inbox) == [reading(1)]
+    assert inbox.is_busy()
+    assert not inbox.settled(0.0)
+    found.set_exception(ZeroDivisionError("no light"))
+    assert drain(inbox) == [found]
+    assert inbox.settled(0.0)
