@@ -20,7 +20,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab
 from fieldkit.simulation import ClearSky, Facet, MeasuredSky, Sky
-from fieldkit.simulation.boards import Board
+from fieldkit.simulation.boards import boards_in_turn
 from fieldkit.simulation.drawn_field import DrawnField, Spread, drawn_field
 from fieldkit.simulation.scene_series import SceneModel
 from fieldkit.weather import packaged, read_station_file
@@ -151,7 +151,8 @@ def _model(
             *((one.name, one.tilt_deg, one.azimuth_deg) for one in outline),
         )
     )
-    boards = _boards(outline) if shade_test else ()
+    beds = [bed.name for bed in outline[1:]] if shade_test else []
+    boards = boards_in_turn(beds, LEAD_MIN + FIRST_BOARD_MIN, BETWEEN_BOARDS_MIN, BOARD_MIN)
     model = SceneModel(
         site, field.sky(sky), tuple(facets), ground, field.exchange, (), 1.0, field.circumsolar_share, boards
     )
@@ -169,14 +170,6 @@ def _day(day: str) -> tuple[Site, Sky, int]:
 
 def _noon_ns(site: Site, day_ns: int) -> int:
     return day_ns + round(12.0 - site.longitude_deg / 15.0) * 60 * MINUTE_NS
-
-
-def _boards(outline: tuple[Region, ...]) -> tuple[Board, ...]:
-    starts = (LEAD_MIN + FIRST_BOARD_MIN + BETWEEN_BOARDS_MIN * number for number in range(len(outline) - 1))
-    return tuple(
-        Board(bed.name, 60.0 * start, 60.0 * (start + BOARD_MIN))
-        for bed, start in zip(outline[1:], starts, strict=True)
-    )
 
 
 def _measured(history: History, field: DrawnField, errors: BedErrors, random: np.random.Generator) -> History:

@@ -19,7 +19,7 @@ from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import SlopeEstimate, SlopeState
 from fieldkit.model.units import MINUTE_NS
-from fieldkit.simulation.boards import Board
+from fieldkit.simulation.boards import Board, boards_in_turn
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.gusts import Gusts, GustySky
 from fieldkit.simulation.scene_series import Exchange, SceneModel
@@ -236,11 +236,8 @@ def _boards(session: PlannedSession) -> tuple[Board, ...]:
     beds = len(session.facets)
     between = min(BETWEEN_BOARDS_MIN, max((session.minutes - UNDISTURBED_MIN) // beds, 2))
     lasts = min(BOARD_MIN, between // 2)
-    starts = (LEAD_MIN + UNDISTURBED_MIN + between * bed for bed in range(beds))
-    return tuple(
-        Board(region.name, 60.0 * start, 60.0 * (start + lasts))
-        for region, start in zip(_regions(session.facets)[1:], starts, strict=True)
-    )
+    names = [region.name for region in _regions(session.facets)[1:]]
+    return boards_in_turn(names, LEAD_MIN + UNDISTURBED_MIN, between, lasts)
 
 
 def _measured(session: PlannedSession, model: SceneModel, minutes: int) -> History:

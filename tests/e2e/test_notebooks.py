@@ -59,10 +59,10 @@ def numbers(pattern: str, printed: str) -> list[float]:
 def test_whole_experiment(printed_by: Printed, folder: Path) -> None:
     printed = printed_by("whole-experiment.ipynb")
     for name, true_deg in {**TRUE_TILT_DEG, "b10": 10.0}.items():
-        pattern = rf"{name}: paper (\S+), full (\S+) degrees, 90 % region (\S+) to (\S+)"
-        paper, full, low, high = numbers(pattern, printed)
+        pattern = rf"{name}: paper (\S+), learned (\S+) degrees, 90 % region (\S+) to (\S+)"
+        paper, learned, low, high = numbers(pattern, printed)
         assert low <= true_deg <= high
-        assert abs(full - true_deg) < abs(paper - true_deg)  # the scene has diffuse light
+        assert abs(learned - true_deg) < abs(paper - true_deg)  # the scene has diffuse light
     assert printed.count(" lx ") >= 30  # a line for each of thirty minutes
     files = {path.name for path in (folder / "sandslope").rglob("*lesson*") if path.is_file()}
     assert {"20160101T190001Z-lesson.h5", "20160101T190001Z-lesson.html"} <= files

@@ -120,7 +120,7 @@ def flagged(history, column):
 
 def live(yard, samples, marks):
     """Estimator and minutes where each mark comes when it is made."""
-    estimator = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings())
+    estimator = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings(model="paper"))
     made = [(mark.data["noted_ns"], mark) for mark in marks]
     items = sorted([*made, *((one.time_ns, one) for one in samples)], key=lambda item: item[0])
     minutes = [minute for _, item in items for minute in estimator.add(item)]
@@ -144,7 +144,7 @@ def test_marks_shade_their_minutes_live_as_in_batch(yard, told, minutes):
     column = [bed.name for bed in yard.beds].index(told[0][0])
     history = History.of(estimator.bins)
     assert flagged(history, column) == list(minutes)
-    batch = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings())
+    batch = Estimator(yard.site, yard.beds, yard.streams, EstimatorSettings(model="paper"))
     for one in marks:  # a batch has all marks from the start
         batch.add(one)
     again = [minute for sample in samples for minute in batch.add(sample)] + batch.finish()
