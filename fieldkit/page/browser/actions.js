@@ -1,0 +1,83 @@
+// Start, stop, mark, shutter; each says what it did, from the server's answer.
+
+const ANSWER_MS = 8000;
+
+/** Show what a request did; a failure stays until it is closed. */
+function showAnswer({ ok, text, fix }) {
+  const close = el("button", { type: "button", onclick: () => line.remove() }, "Close");
+  const line = el("p", { class: ok ? null : "failed" }, el("span", {}, [text, fix].filter(Boolean).join(" ")), close);
+  $("answers").append(line);
+  if (ok) setTimeout(() => line.remove(), ANSWER_MS);
+  while ($("answers").children.length > 3) $("answers").firstChild.remove();
+}
+
+/** Ask before something that cannot be taken back; a promise of the decision. */
+function confirmed(title, text, yes, no) {
+  const dialog = $("confirm-dialog");
+  for (const [id, words] of [["confirm-title", title], ["confirm-text", text], ["confirm-yes", yes], ["confirm-no", no]]) say($(id), words);
+  dialog.returnValue = "";
+  dialog.showModal();
+  $("confirm-no").focus();
+  return new Promise((resolve) => {
+    dialog.onclose = () => resolve(dialog.returnValue === "yes");
+    dialog.querySelector("form").onsubmit = (event) => { event.preventDefault(); dialog.close("yes"); };
+  });
+}
+
+/** Open a dialog whose form makes a request; it stays open with the reason if that fails. */
+function ask(id, whatOf) {
+  const dialog = $(id), fields = dialog.querySelector("form"), error = dialog.querySelector(".error");
+  error.hidden = true;
+  fields.onsubmit = async (event) => {
+    event.preventDefault();
+    const submit = fields.querySelector("[type=submit]");
+    submit.disabled = true;
+    const answer = await request(whatOf(fields.elements));
+    submit.disabled = false;
+    if (answer.ok) dialog.close();
+    else say(error, [answer.text, answer.fix].filter(Boolean).join(" "));
+    error.hidden = answer.ok;
+    if (answer.ok) showAnswer(answer);
+  };
+  dialog.showModal();
+}
+
+function startRequest(field) {
+  const ends = field.ends.value;
+  return { do: "start", name: field.name.value.trim(), ...(ends === "stop" ? {} : { [ends]: field[ends].value.trim() }) };
+}
+
+function markRequest(field) {
+  const at = field.at.value === "time" ? field.time.value : field.at.value;
+  const kind = field.kind.value;
+  return { do: "mark", text: field.text.value.trim() || kind, kind, at, to: field.since.checked ? "-0s" : null };
+}
+
+$("start").onclick = () => ask("start-dialog", startRequest);
+$("mark").onclick = () => {
+  const field = $("mark-dialog").querySelector("form").elements;
+  Object.assign(field.text, { value: "" });
+  Object.assign(field.since, { checked: false });
+  field.at.value = "-0s";
+  showFields();
+  ask("mark-dialog", markRequest);
+};
+$("shutter").onclick = async () => showAnswer(await request({ do: "shutter" }));
+$("stop").onclick = async () => {
+  const { session, ours } = status.state;
+  const whose = ours === false ? " It was not started from this page." : "";
+  const sure = await confirmed("Stop the recording?", `${session ?? "The recording"} ends now and is checked and sealed.${whose}`, "Stop and seal", "Keep recording");
+  if (sure) showAnswer(await request({ do: "stop", confirm: true }));
+};
+
+/** Show the fields that belong to what is chosen. */
+function showFields() {
+  const start = $("start-dialog").querySelector("form").elements, mark = $("mark-dialog").querySelector("form").elements;
+  $("duration-field").hidden = start.ends.value !== "duration";
+  $("until-field").hidden = start.ends.value !== "until";
+  $("mark-time-field").hidden = mark.at.value !== "time";
+}
+for (const dialog of document.querySelectorAll("dialog")) {
+  dialog.querySelector(".cancel").onclick = () => dialog.close();
+  dialog.addEventListener("change", showFields);
+}

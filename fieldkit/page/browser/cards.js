@@ -1,0 +1,113 @@
+// One card per region: temperature, tilt, azimuth, state, and its course over the session.
+
+const MOST_POINTS = 1440; // a day of minutes
+const SURE = new Set(["ok", "flat"]);
+
+const regions = { list: [], cards: new Map(), minutes: [], series: {} };
+
+on("regions", (message) => {
+  regions.list = message.regions;
+  $("no-regions").hidden = regions.list.length > 0;
+  const names = new Set(regions.list.map((region) => region.name));
+  for (const name of regions.cards.keys()) if (!names.has(name)) regions.cards.delete(name);
+  $("cards").replaceChildren(...regions.list.map((region) => cardFor(region).root));
+  drawOverlay();
+  describePicture();
+});
+
+/** The card of a region, made when it is first seen or its role has changed. */
+function cardFor(region) {
+  const known = regions.cards.get(region.name);
+  if (known?.role === region.role) return Object.assign(known, { region });
+  const card = newCard(region);
+  regions.cards.set(region.name, card);
+  showLine(card);
+  return card;
+}
+
+function newCard(region) {
+  const card = { region, role: region.role };
+  const heading = `card-${region.name}`;
+  for (const key of ["temperature", "tilt", "azimuth"]) card[key] = el("dd", {}, "–");
+  for (const key of ["words", "reason"]) card[key] = el("p", { class: key === "words" ? "words" : "small" });
+  card.course = el("div");
+  const edit = el("button", { type: "button", class: "control", "aria-label": `Edit ${region.name}`, onclick: () => beginDrawing(card.region) }, "Edit");
+  edit.hidden = link.role !== "control";
+  const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
+  const facts = [fact("Temperature, °C", card.temperature)];
+  if (region.role === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));
+  else facts.push(fact("Tilt given, °", el("dd", {}, number(region.tilt_deg, 1))));
+  card.root = el("article", { class: "card", "aria-labelledby": heading },
+    el("div", { class: "line" }, el("h3", { id: heading }, region.name, el("small", {}, region.role)), edit),
+    el("dl", {}, ...facts), card.words, card.reason, card.course);
+  return card;
+}
+
+on("now", (now) => {
+  for (const [name, { temperature_c: celsius }] of Object.entries(now.regions ?? {})) {
+    const card = regions.cards.get(name);
+    if (card) say(card.temperature, number(celsius, 2));
+  }
+});
+
+on("history", (history) => {
+  Object.assign(regions, { minutes: history.minutes, series: history.regions });
+  for (const card of regions.cards.values()) showLine(card);
+});
+
+on("minute", (minute) => {
+  const isNew = minute.time_ms > (regions.minutes.at(-1) ?? -Infinity);
+  if (isNew) regions.minutes = [...regions.minutes, minute.time_ms].slice(-MOST_POINTS);
+  for (const [name, values] of Object.entries(minute.regions)) {
+    if (isNew) append(name, values);
+    const card = regions.cards.get(name);
+    if (card) showMinute(card, values);
+  }
+});
+
+/** Append a minute to a region's series, as long as the minutes before it. */
+function append(name, values) {
+  const series = (regions.series[name] ??= {});
+  for (const key of ["temperature_c", "tilt_deg"]) {
+    const before = series[key] ?? [];
+    const missing = Math.max(0, regions.minutes.length - 1 - before.length);
+    series[key] = [...Array(missing).fill(null), ...before, values[key] ?? null].slice(-MOST_POINTS);
+  }
+}
+
+function showMinute(card, values) {
+  say(card.temperature, number(values.temperature_c, 2));
+  if (card.role === "target") {
+    say(card.tilt, values.tilt ?? "–");
+    say(card.azimuth, values.azimuth ?? "–");
+    const sensitivity = Number.isFinite(values.kelvin_per_degree) ? ` (${number(values.kelvin_per_degree, 2)} K per °)` : "";
+    say(card.words, (values.words ?? "") + sensitivity + (values.second ? `, or ${values.second}` : ""));
+    say(card.reason, values.reason ?? "");
+    card.root.classList.toggle("unsure", !SURE.has(values.state));
+  }
+  showLine(card);
+}
+
+/** The course of tilt, or of temperature where there is no tilt, as a line with its range in words. */
+function showLine(card) {
+  const series = regions.series[card.region.name] ?? {};
+  const known = (values) => (values ?? []).filter(Number.isFinite);
+  const isTilt = card.role === "target" && known(series.tilt_deg).length > 1;
+  const values = isTilt ? series.tilt_deg : series.temperature_c, finite = known(values);
+  if (finite.length < 2) return card.course.replaceChildren();
+  const low = Math.min(...finite), high = Math.max(...finite);
+  const words = `${isTilt ? "Tilt" : "Temperature"} ${number(low, 1)} to ${number(high, 1)} ${isTilt ? "°" : "°C"} in ${duration(60 * values.length)}`;
+  card.course.replaceChildren(
+    el("svg", { role: "img", "aria-label": words, viewBox: "0 0 100 30", preserveAspectRatio: "none" }, ...lines(values, low, high)),
+    el("p", { class: "small", "aria-hidden": true }, words));
+}
+
+/** The polylines of a series in a box of 100 x 30, one for each stretch without a gap. */
+function lines(values, low, high) {
+  const stretches = [[]];
+  values.forEach((value, i) => {
+    if (Number.isFinite(value)) stretches.at(-1).push([(100 * i) / (values.length - 1), 28 - (26 * (value - low)) / (high - low || 1)].map((at) => at.toFixed(1)));
+    else if (stretches.at(-1).length) stretches.push([]);
+  });
+  return stretches.filter((stretch) => stretch.length).map((stretch) => el("polyline", { points: stretch.join(" ") }));
+}

@@ -1,0 +1,29 @@
+// Recorded sessions: report, check and download.
+
+async function listSessions() {
+  const answer = await request({ do: "sessions" });
+  if (!answer.ok) return showAnswer(answer);
+  say($("list-sessions"), "Show again");
+  $("session-list").replaceChildren(...answer.data.map(sessionItem));
+  if (answer.data.length === 0) $("session-list").append(el("li", {}, "Nothing was recorded yet."));
+}
+
+function sessionItem(session) {
+  const heading = `session-${session.id}`;
+  const result = el("p", { role: "status" });
+  const check = async () => {
+    say(result, "Checking …");
+    const answer = await request({ do: "check_session", session: session.id });
+    say(result, [answer.text, answer.fix].filter(Boolean).join(" "));
+  };
+  const about = [session.state, dayTime(session.started_ms), duration(session.duration_s), size(session.bytes)].join(", ");
+  const reach = (url, words, props) => url && el("a", { class: "button", href: url, "aria-describedby": heading, ...props }, words);
+  return el("li", {}, el("h3", { id: heading }, session.title || session.id), el("p", { class: "small" }, about),
+    el("div", { class: "buttons" },
+      reach(session.report_url, "Report", { target: "_blank", rel: "noopener" }) || null,
+      reach(session.download_url, "Download", { download: true }) || null,
+      el("button", { type: "button", "aria-describedby": heading, onclick: check }, "Check")),
+    result);
+}
+
+$("list-sessions").onclick = listSessions;

@@ -1,0 +1,5 @@
+// The last part: everything above is defined.
+
+makeSteppers();
+fitHeader();
+useKey().then(tryAgain);
