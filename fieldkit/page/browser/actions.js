@@ -1,14 +1,13 @@
 // Start, stop, mark, shutter; each says what it did, from the server's answer.
 
-const ANSWER_MS = 8000;
+const ANSWER_MS = 6000;
 
 /** Show what a request did; a failure stays until it is closed. */
 function showAnswer({ ok, text, fix }) {
   const close = el("button", { type: "button", onclick: () => line.remove() }, "Close");
   const line = el("p", { class: ok ? null : "failed" }, el("span", {}, [text, fix].filter(Boolean).join(" ")), close);
-  $("answers").append(line);
+  $("answers").replaceChildren(line);
   if (ok) setTimeout(() => line.remove(), ANSWER_MS);
-  while ($("answers").children.length > 3) $("answers").firstChild.remove();
 }
 
 /** Ask before something that cannot be taken back; a promise of the decision. */

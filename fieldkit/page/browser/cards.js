@@ -34,7 +34,7 @@ function newCard(region) {
   const edit = el("button", { type: "button", class: "control", "aria-label": `Edit ${region.name}`, onclick: () => beginDrawing(card.region) }, "Edit");
   edit.hidden = link.role !== "control";
   const fact = (name, value) => el("div", {}, el("dt", {}, name), value);
-  const facts = [fact("Temperature, °C", card.temperature)];
+  const facts = [fact("Mean, °C", card.temperature)];
   if (region.role === "target") facts.push(fact("Tilt, °", card.tilt), fact("Azimuth, °", card.azimuth));
   else facts.push(fact("Tilt given, °", el("dd", {}, number(region.tilt_deg, 1))));
   card.root = el("article", { class: "card", "aria-labelledby": heading },
@@ -81,7 +81,7 @@ function showMinute(card, values) {
     say(card.tilt, values.tilt ?? "–");
     say(card.azimuth, values.azimuth ?? "–");
     const sensitivity = Number.isFinite(values.kelvin_per_degree) ? ` (${number(values.kelvin_per_degree, 2)} K per °)` : "";
-    say(card.words, (values.words ?? "") + sensitivity + (values.second ? `, or ${values.second}` : ""));
+    say(card.words, (values.words ?? "") + sensitivity);
     say(card.reason, values.reason ?? "");
     card.root.classList.toggle("unsure", !SURE.has(values.state));
   }

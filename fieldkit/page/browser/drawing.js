@@ -24,7 +24,8 @@ function beginDrawing(region = null) {
   say($("drawing-title"), region ? `Region ${region.name}` : "New region");
   $("remove-region").hidden = region === null;
   $("drawing-error").hidden = true;
-  showDrawing();
+  $("answers").replaceChildren();
+  changed();
   window.scrollTo(0, 0);
   stage.focus({ preventScroll: true });
 }
@@ -42,6 +43,7 @@ function endDrawing() {
   Object.assign(drawing, { draft: null, grip: null });
   $("loupe").hidden = true;
   showDrawing();
+  window.scrollTo(0, 0);
   $("draw").focus({ preventScroll: true });
 }
 
@@ -55,12 +57,12 @@ function showDrawing() {
   $("undo").disabled = draft.history.length === 0;
   $("close-outline").hidden = draft.closed;
   $("close-outline").disabled = draft.vertices.length < 3;
-  $("save-region").disabled = !draft.closed;
+  $("save-region").hidden = !draft.closed;
   if (!draft.closed) showVerdict({ level: "", text: `${draft.vertices.length} corner${draft.vertices.length === 1 ? "" : "s"}` });
 }
 
 function helpFor(draft) {
-  if (draft.closed) return "Drag a corner to move it, tap an edge to add a corner, drag the inside to move all.";
+  if (draft.closed) return "Drag a corner or the inside; touch an edge to add a corner.";
   if (draft.vertices.length === 0) return "Drag a rectangle, or tap corner by corner.";
   return draft.vertices.length < 3 ? "Tap the next corner." : "Tap the next corner, or the first one to close the outline.";
 }

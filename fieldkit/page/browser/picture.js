@@ -99,8 +99,9 @@ function setScale() {
     high = Math.max(high, low + 2);
   }
   Object.assign(picture, { low, high });
-  say($("low"), `${number(low, low % 1 ? 1 : 0)} °C`);
-  say($("high"), `${number(high, high % 1 ? 1 : 0)} °C`);
+  const unit = picture.header.unit ?? "°C"; // or counts, of a camera without known temperatures
+  say($("low"), `${number(low, low % 1 ? 1 : 0)} ${unit}`);
+  say($("high"), `${number(high, high % 1 ? 1 : 0)} ${unit}`);
 }
 
 /** Milliseconds between pictures, as they arrived. */
@@ -178,7 +179,7 @@ async function showProbe() {
   if (answer.ok && (picture.probe[0] !== x || picture.probe[1] !== y)) showProbe();
 }
 
-const showValue = (x, y, celsius) => say($("value"), `${number(celsius, 2)} °C at ${x}, ${y}`);
+const showValue = (x, y, celsius) => say($("value"), `${number(celsius, 2)} ${picture.header.unit ?? "°C"} at ${x}, ${y}`);
 
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 

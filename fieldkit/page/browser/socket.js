@@ -26,7 +26,7 @@ function connect() {
   link.socket = socket;
   link.heardMs = performance.now();
   socket.onmessage = (message) => received(message.data);
-  socket.onclose = () => closed(socket);
+  socket.onclose = (event) => closed(socket, event.reason);
 }
 
 function received(data) {
@@ -40,7 +40,8 @@ function received(data) {
   for (const handler of link.handlers[message.type] ?? []) handler(message);
 }
 
-function closed(socket) {
+/** `reason` is the server's, where it closed the connection itself. */
+function closed(socket, reason = "") {
   if (socket !== link.socket) return;
   link.socket = null;
   link.lostMs ??= performance.now();
@@ -48,7 +49,7 @@ function closed(socket) {
     resolve({ ok: false, text: "The connection was lost before the answer came.", fix: "Check the state, then try again." });
   }
   link.waiting.clear();
-  showConnection();
+  showConnection(reason);
   setTimeout(tryAgain, RETRY_MS[Math.min(link.tries++, RETRY_MS.length - 1)]);
 }
 
@@ -72,7 +73,7 @@ async function useKey() {
     const answer = await fetch("/key", {
       method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ key }),
     });
-    if (!answer.ok) link.refused = await answer.json();
+    if (!answer.ok) link.refused = await answer.json(); // {text, fix}
   } catch {
     link.refused = { text: "The link could not be used." };
   }
@@ -85,9 +86,9 @@ function showNoKey() {
   $("connection").hidden = false;
 }
 
-function showConnection() {
+function showConnection(reason = "") {
   const lost = link.lostMs !== null;
-  if (lost) say($("connection"), "Connection lost; connecting again. What you see is old.");
+  if (lost) say($("connection"), `${reason ? `Not connected: ${reason}.` : "Connection lost."} Connecting again; what you see is old.`);
   $("connection").hidden = !lost;
   document.body.classList.toggle("offline", lost);
 }

@@ -49,7 +49,7 @@ function fact(name, text) {
 
 on("minute", ({ irradiance, sun, contact_c: contact }) => {
   fact("Direct irradiance", `${number(irradiance?.dni_w_m2)} W/m²${irradiance?.model ? ` (${irradiance.model})` : ""}`);
-  fact("Contact temperature", `${number(contact, 1)} °C`);
+  if (contact.length) fact("Contact temperature", `${contact.map((celsius) => number(celsius, 1)).join(", ")} °C`);
   fact("Sun", sun ? `${number(90 - sun.zenith_deg, 1)}° high, azimuth ${number(sun.azimuth_deg)}°` : "–");
 });
 
