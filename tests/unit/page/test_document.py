@@ -30,7 +30,9 @@ def test_it_is_small_and_every_placeholder_is_filled() -> None:
 
 def test_each_answer_carries_its_own_nonce_and_only_that() -> None:
     for nonce in (NONCE, "another"):
-        marked = [attributes for tag, attributes in Elements(document(nonce)).found if tag in ("script", "style")]
+        marked = [
+            attributes for tag, attributes in Elements(document(nonce)).found if tag in ("script", "style")
+        ]
         assert [attributes["nonce"] for attributes in marked] == [nonce, nonce]
 
 
