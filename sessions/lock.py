@@ -56,10 +56,10 @@ def _lock(descriptor: int) -> None:
         time.sleep(PATIENCE_S / 100)
 
 
-def is_locked(folder: Path) -> bool:
-    """Whether a living process is recording the session of a journal folder."""
+def is_locked(folder: Path, name: str = RECORDING) -> bool:
+    """Whether a living process is recording the session of a journal folder, or holds another lock there."""
     try:
-        descriptor = os.open(folder / RECORDING, os.O_RDONLY)
+        descriptor = os.open(folder / name, os.O_RDONLY)
     except OSError:
         return False
     try:

@@ -61,6 +61,9 @@ COMMANDS: dict[str, tuple[CommandEntry, ...]] = {
         CommandEntry("status", "fieldkit.cli.status", "Show how the running recording is doing."),
         CommandEntry("stop", "fieldkit.cli.stop", "Stop and seal the running recording."),
         CommandEntry("mark", "fieldkit.cli.mark", "Add a note to the running recording."),
+        CommandEntry(
+            "page", "fieldkit.cli.page", "Serve the field page: see, draw, start, mark in a browser."
+        ),
     ),
     "Afterwards": (
         CommandEntry("ls", "fieldkit.cli.ls", "List the sessions of a campaign."),

@@ -18,6 +18,11 @@ def to_json(document: Mapping[str, Any], indent: int | None = 2) -> str:
     return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False)
 
 
+def plain_json(document: Mapping[str, Any]) -> str:
+    """A JSON document as it is, on one line, for a message that is not kept; NaN becomes null."""
+    return json.dumps(_plain(document), allow_nan=False, ensure_ascii=False, separators=(",", ":"))
+
+
 def learnt_document(learnt: Learnt | None) -> dict[str, Any] | None:
     """What the data taught: parameters in their units, residuals in kelvin; None with other models."""
     return None if learnt is None else asdict(learnt)

@@ -113,12 +113,11 @@ class LivePreview:
     def __init__(self, config: Config, instruments: Instruments, views: Sequence[View]) -> None:
         self.instruments, self.views = instruments, views
         self._queue = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
-        estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
-        self._estimating = EstimatorThread(estimator, self._queue)
+        self.measure(config)
         self._next_health_ns = 0
 
-    def run(self, duration_s: float | None) -> None:
-        """Show until the duration is over, the instruments end, or an interrupt."""
+    def run(self, duration_s: float | None, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Show until the duration or the preview is over, the instruments end, or an interrupt."""
         readers = self._readers(duration_s)
         self.instruments.clock.hold_until(self._queue.settled)
         try:
@@ -127,11 +126,17 @@ class LivePreview:
                     reader.start()
                 for reader in readers:
                     reader.ready.wait()
-            while any(reader.is_running for reader in readers) or self._queue.is_busy():
+            while not is_over() and (any(reader.is_running for reader in readers) or self._queue.is_busy()):
                 self._process_next()
                 self._show_health(readers)
         finally:
             self._end(readers)
+
+    def measure(self, config: Config) -> None:
+        """Estimate with other regions or settings from now on; safe from any thread."""
+        streams = self.instruments.streams
+        estimator = Estimator(config.site, config.regions, streams, config.estimator_settings())
+        self._estimating = EstimatorThread(estimator, self._queue)
 
     def _readers(self, duration_s: float | None) -> list[DeviceReader]:
         clock = self.instruments.clock

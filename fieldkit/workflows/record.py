@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import time, timedelta
 from pathlib import Path
@@ -24,14 +24,16 @@ from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.recorder import Recorder, Summary, View
 from fieldkit.recorder.recorder import Shown
-from fieldkit.sessions.layout import SessionHeader
+from fieldkit.sessions.layout import SessionHeader, journal_path
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
+from fieldkit.views.feed import Feed, feed_path
+from fieldkit.views.latest import Latest
 from fieldkit.workflows.marks import MarkReader, marks_folder
 from fieldkit.workflows.opening import Instruments, open_instruments
 from fieldkit.workflows.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.workflows.recordings import session_path
-from fieldkit.workflows.running import only_recorder
+from fieldkit.workflows.running import await_preview_end, only_recorder
 from fieldkit.workflows.session import Session, open_session
 
 if TYPE_CHECKING:
@@ -130,6 +132,7 @@ class PreparedRecording:
         writer = SessionWriter(self.path, header, instruments.clock)
         marks = MarkReader(marks_folder(self.path), instruments.clock)
         estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
+        end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)
         try:
             summary = Recorder(
                 devices=instruments.devices,
@@ -139,8 +142,8 @@ class PreparedRecording:
                 clock=instruments.clock,
                 free_bytes=instruments.free_bytes,
                 sampling=sampling_of(config),
-                views=views,
-                end_ns=None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS),
+                views=(*views, *self._feed(end_ns)),
+                end_ns=end_ns,
                 marks=marks,
                 last_marks=marks.close,
                 disk_reserve_bytes=disk_reserve_bytes(config),
@@ -149,6 +152,17 @@ class PreparedRecording:
         finally:
             writer.abandon()  # no effect after sealing; otherwise the journal is kept for recovery
         return RecordedSession(self.path, summary)
+
+    def _feed(self, end_ns: int | None) -> list[View]:
+        """What other programs follow the recording by; a recording without one is better than none."""
+        config, instruments = self.config, self.instruments
+        planned_end_ns = None if end_ns is None else instruments.clock.to_utc_ns(end_ns)
+        latest = Latest(config.site, config.regions, instruments.streams, self.path.stem, planned_end_ns)
+        try:
+            return [Feed(feed_path(journal_path(self.path)), latest)]
+        except OSError as error:
+            log.warning("no other program can follow this recording: %s", error)
+            return []
 
 
 @contextmanager
@@ -165,10 +179,12 @@ def prepare(
 
     `until` is a time of day at the site and replaces `duration_s`. Raises as `record`.
     """
-    with (
-        only_recorder(config.recordings),
-        open_instruments(config, duration_s=duration_s, allow_missing=allow_missing) as instruments,
-    ):
+    with ExitStack() as opened:
+        opened.enter_context(only_recorder(config.recordings))
+        await_preview_end(config.recordings)
+        instruments = opened.enter_context(
+            open_instruments(config, duration_s=duration_s, allow_missing=allow_missing)
+        )
         if until is not None:
             duration_s = seconds_until(until, config.site, instruments.clock)
         preflight(config, instruments, duration_s, notify)

@@ -30,6 +30,9 @@ from fieldkit.workflows.recordings import is_interrupted
 
 LOCK_NAME = ".recording"
 """File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
+PREVIEW_LOCK_NAME = ".preview"
+"""File in ``recordings/`` that a preview holds locked while it has the instruments open."""
+PREVIEW_ENDS_WITHIN_S = 10.0
 SILENT_AFTER_S = 5.0
 """A recorder writes its state every second; a slow disk may hold up some of them."""
 SEALED_WITHIN_S = 60.0
@@ -78,6 +81,32 @@ def only_recorder(recordings: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def is_recorder_present(recordings: Path) -> bool:
+    """Whether a process records in this campaign, or opens its instruments in order to."""
+    return is_locked(recordings, LOCK_NAME) or session_in_progress(recordings) is not None
+
+
+@contextmanager
+def previewing(recordings: Path) -> Iterator[None]:
+    """Hold the instruments for a preview that ends as soon as a recorder is present.
+
+    Raises `RefusedError` while another preview holds them, `OSError` if the folder cannot be written.
+    """
+    recordings.mkdir(parents=True, exist_ok=True)
+    lock = SessionLock(recordings, PREVIEW_LOCK_NAME)
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def await_preview_end(recordings: Path) -> None:
+    """Wait until a preview has released the instruments, at most ten seconds; call as `only_recorder`."""
+    deadline = time.monotonic() + PREVIEW_ENDS_WITHIN_S
+    while is_locked(recordings, PREVIEW_LOCK_NAME) and time.monotonic() < deadline:
+        time.sleep(0.05)
 
 
 def _refuse_second(recordings: Path) -> None:

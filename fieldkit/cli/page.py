@@ -1,0 +1,96 @@
+"""``fieldkit page``: serve the field page, for phones and laptops."""
+
+from __future__ import annotations
+
+import socket
+from typing import TYPE_CHECKING
+
+import click
+
+from fieldkit.cli import common
+
+if TYPE_CHECKING:
+    from fieldkit.config import Config
+    from fieldkit.page.viewer import Role
+
+PORT = 8765
+LOOPBACK = "127.0.0.1"
+WILDCARDS = ("0.0.0.0", "::")
+
+
+@click.command(cls=common.Command)
+@click.option(
+    "--on",
+    "address",
+    default=LOOPBACK,
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to serve on: this computer's in the local network, or 0.0.0.0 for all of them.",
+)
+@click.option("--port", type=click.IntRange(1, 65_535), default=PORT, show_default=True, help="Port.")
+@click.option(
+    "--link", "role", type=click.Choice(["view", "control"]),
+    help="Print one more link for the page that runs, and exit.",
+)  # fmt: skip
+@common.set_option
+@click.pass_context
+def command(
+    ctx: click.Context, address: str, port: int, role: Role | None, settings: tuple[str, ...]
+) -> None:
+    r"""Serve the field page: picture, regions, slopes, start, marks and alarms in a browser.
+
+    Without a recording it shows the instruments live. A recording that is started there goes on when the page
+    ends. Each link works once and makes one browser known for a day.
+
+    \b
+    fieldkit page                       on this computer only
+    fieldkit page --on 192.168.4.1      for phones in that network
+    fieldkit page --link view           one more link, to look only
+    """
+    config = common.campaign(ctx, settings)
+    if role is not None:
+        click.echo(_link(config, address, port, role))
+        return
+    _serve(config, address, port, settings)
+
+
+def _serve(config: Config, address: str, port: int, settings: tuple[str, ...]) -> None:
+    from fieldkit.model.errors import RefusedError
+
+    try:
+        from fieldkit.page.server import Page, listening, server
+    except ModuleNotFoundError as error:
+        from fieldkit.model.errors import ConfigError
+
+        raise ConfigError(f"the page needs {error.name}", fix="pip install 'fieldkit[page]'") from error
+    try:
+        listener = listening(address, port)
+    except OSError as error:
+        raise RefusedError(
+            f"cannot serve on {address}:{port}: {error.strerror}",
+            fix="try another --port or --on",
+        ) from error
+    with listener:
+        _print_links(config, address, port)
+        server(Page(config, port, settings)).run(sockets=[listener])
+    common.say("\nthe page has ended; a recording goes on: fieldkit status, fieldkit stop")
+
+
+def _print_links(config: Config, address: str, port: int) -> None:
+    from fieldkit.views.qr_code import qr_lines
+
+    control, view = (_link(config, address, port, role) for role in ("control", "view"))
+    if common.console(err=True).is_terminal:
+        for line in qr_lines(control):
+            common.say(line)
+    common.say(f"control  {control}")
+    common.say(f"look     {view}")
+    common.say("each link works once; more: fieldkit page --link control. Ctrl-C ends the page.")
+
+
+def _link(config: Config, address: str, port: int, role: Role) -> str:
+    """An address with a key after ``#``, which browsers do not send and no log contains."""
+    from fieldkit.page.keys import Keys
+
+    host = socket.gethostname() if address in WILDCARDS else f"[{address}]" if ":" in address else address
+    return f"http://{host}:{port}/#{Keys(config.recordings).new_link(role)}"

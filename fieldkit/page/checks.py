@@ -1,0 +1,132 @@
+"""Checks that every request passes before the page looks at it; each is one function.
+
+A browser obeys whatever page it shows. A page of another origin may send it here (so the origin is checked),
+or give this computer's address to a name of its own (so the host is checked). Addresses are never trusted,
+nor what a proxy says about them.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from fieldkit.page.keys import Keys
+
+Check = Callable[[Scope, Keys], str | None]
+"""Why a request is refused, or None."""
+
+ANSWERED = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cache-control": "no-store",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "x-frame-options": "DENY",
+}
+"""Headers of every answer."""
+
+
+def known_host(scope: Scope, _: Keys) -> str | None:
+    """The host must be this computer's name, or the very address at which the connection arrived.
+
+    A page that has its own name resolve to this computer (DNS rebinding) sends its own name.
+    """
+    host = host_name(Headers(scope=scope).get("host", ""))
+    address = str((scope.get("server") or ("",))[0])
+    if host in own_names(address) or _is_address(host, address):
+        return None
+    return f"this page is not called {host!r}: use its address, or the name of its computer"
+
+
+def host_name(host: str) -> str:
+    """The host of ``host:port`` in lower case, without the port or the brackets of an IPv6 address."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0].lower()
+    return host.partition(":")[0].lower()
+
+
+def own_names(address: str) -> set[str]:
+    """Names under which browsers may know this computer, at the address where a connection arrived."""
+    name = socket.gethostname().lower()
+    names = {name, f"{name.partition('.')[0]}.local"}
+    return names | {"localhost"} if _is_loopback(address) else names
+
+
+def _is_address(host: str, address: str) -> bool:
+    try:
+        return ipaddress.ip_address(host) == ipaddress.ip_address(address)
+    except ValueError:
+        return False
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False
+
+
+def same_origin(scope: Scope, keys: Keys) -> str | None:
+    """What may change something must come from this page itself, or with a key from a program.
+
+    Browsers name the origin with every upgrade and every POST; programs that name none must bring a key.
+    """
+    if scope["type"] == "http" and scope["method"] in ("GET", "HEAD"):
+        return None
+    headers = Headers(scope=scope)
+    origin = headers.get("origin")
+    if origin is not None:
+        host = headers.get("host", "")
+        return None if origin.lower() == f"http://{host.lower()}" else f"not from {origin}"
+    key = bearer(headers)
+    if key and (keys.session(key) or keys.is_link(key)):
+        return None
+    return "a program must bring a key: Authorization: Bearer KEY"
+
+
+def bearer(headers: Headers) -> str:
+    """The key of an ``Authorization: Bearer`` header, or nothing."""
+    scheme, _, key = headers.get("authorization", "").partition(" ")
+    return key.strip() if scheme.lower() == "bearer" else ""
+
+
+CHECKS: tuple[Check, ...] = (known_host, same_origin)
+
+
+@dataclass
+class Guarded:
+    """An application behind checks; what they refuse never reaches it."""
+
+    app: ASGIApp
+    keys: Keys
+    checks: Sequence[Check] = CHECKS
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on or refuse it, and add the headers that every answer has."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        refusals = [why for check in self.checks if (why := check(scope, self.keys))]
+        if not refusals:
+            await self.app(scope, receive, _with_headers(send))
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": refusals[0]})
+        else:
+            await PlainTextResponse(refusals[0], 403)(scope, receive, _with_headers(send))
+
+
+def _with_headers(send: Send) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            own = {name for name, _ in message["headers"]}
+            more = [(name.encode(), value.encode()) for name, value in ANSWERED.items()]
+            message["headers"] = [*message["headers"], *(pair for pair in more if pair[0] not in own)]
+        await send(message)
+
+    return sending

@@ -1,0 +1,239 @@
+"""The conductor: shows the recording that runs, whoever started it, and otherwise a preview.
+
+A recording is an ordinary ``fieldkit record`` in a process and session of its own: it goes on when the page
+ends, however it ends. The conductor reads the recorder's feed and never touches the instruments meanwhile.
+"""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import IO
+
+from fieldkit.config import Config, load_config
+from fieldkit.model.errors import ConfigError, DeviceError, FieldkitError, RefusedError, message_of
+from fieldkit.model.samples import Event, EventKind
+from fieldkit.page.hub import Hub, Item
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import is_locked, owner
+from fieldkit.views.feed import FeedReader, FeedStart, feed_path
+from fieldkit.views.latest import Latest
+from fieldkit.views.trend import Trend
+from fieldkit.workflows.opening import open_instruments
+from fieldkit.workflows.preview import LivePreview, missing_instruments
+from fieldkit.workflows.running import is_recorder_present, previewing, session_in_progress
+
+log = logging.getLogger(__name__)
+
+LOOK_EVERY_S = 0.1
+FEED_WITHIN_S = 5.0
+"""A recorder opens its feed at once; one without a feed is of an earlier version."""
+TRY_AGAIN_S = 3.0
+STARTS_WITHIN_S = 60.0
+
+
+class Conductor:
+    """Watches a campaign and feeds the hub; `run` is a thread, all other methods may be called from any."""
+
+    def __init__(
+        self, config: Config, hub: Hub, settings: Sequence[str] = (), *, preview: bool = True
+    ) -> None:
+        self.config, self.hub, self.settings, self._previews = config, hub, tuple(settings), preview
+        self._ending = threading.Event()
+        self._child: _Child | None = None
+        self._preview: LivePreview | None = None
+        self._reader: FeedReader | None = None
+
+    def run(self) -> None:
+        """Follow recordings and preview in between until `close`."""
+        while not self._ending.wait(LOOK_EVERY_S):
+            try:
+                self._next()
+            except Exception as error:  # the page must outlive whatever instruments and files do
+                log.exception("the page lost what it showed")
+                self.hub.become(phase="no-instruments", session=None, problem=message_of(error))
+                self._ending.wait(TRY_AGAIN_S)
+
+    def close(self) -> None:
+        """End `run`; a recording goes on."""
+        self._ending.set()
+        if self._reader is not None:
+            self._reader.close()
+
+    def measure(self, config: Config) -> None:
+        """Preview with other regions from now on."""
+        self.config = config
+        if self._preview is not None:
+            self._preview.measure(config)
+        self.hub.measure(config)
+
+    def _next(self) -> None:
+        session = session_in_progress(self.config.recordings)
+        if session is not None:
+            self._follow(session)
+        elif is_recorder_present(self.config.recordings) or self._is_starting():
+            self.hub.become(phase="starting", session=None, problem=None)
+        elif self._previews:
+            self._show_preview()
+        else:
+            self.hub.become(phase="no-instruments", session=None, ours=False)
+
+    # --- a recording
+
+    def start(self, name: str, end: Sequence[str], *, allow_missing: bool) -> Path:
+        """Start ``fieldkit record`` and wait until it records; its session. `end` are options for its end.
+
+        Raises `RefusedError` if something is recorded already, or with what the recorder said.
+        """
+        if self._is_starting() or is_recorder_present(self.config.recordings):
+            raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
+        options = [f"--name={name}", *end, *(["--allow-missing"] if allow_missing else [])]
+        self._child = child = _Child(self.config.directory, [*options, *self._set_options()])
+        deadline = time.monotonic() + STARTS_WITHIN_S
+        while time.monotonic() < deadline:
+            if child.has_ended:
+                raise RefusedError(child.words() or "the recording ended at once")
+            session = session_in_progress(self.config.recordings)
+            if session is not None and owner(journal_path(session)) == child.pid:
+                return session
+            time.sleep(LOOK_EVERY_S)
+        raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
+
+    def _set_options(self) -> list[str]:
+        return [word for setting in self.settings for word in ("--set", setting)]
+
+    def _is_starting(self) -> bool:
+        return self._child is not None and not self._child.has_ended
+
+    def _follow(self, session: Path) -> None:
+        """Show a recording until its process lets go of it."""
+        ours = self._child is not None and owner(journal_path(session)) == self._child.pid
+        self.hub.become(phase="recording", session=session.stem, ours=ours, problem=None)
+        reader = self._connected(session)
+        if reader is None:
+            self.hub.become(
+                problem="its recorder shows nothing: it is of an earlier version, or its feed failed"
+            )
+        else:
+            self._show_recording(reader)
+        while is_locked(journal_path(session)) and not self._ending.wait(LOOK_EVERY_S):
+            pass
+        self.hub.become(session=None, started_ns=None, planned_end_ns=None, ours=False, problem=None)
+
+    def _connected(self, session: Path) -> FeedReader | None:
+        deadline = time.monotonic() + FEED_WITHIN_S
+        while not self._ending.is_set() and is_locked(journal_path(session)):
+            with suppress(OSError):
+                return FeedReader(feed_path(journal_path(session)))
+            if time.monotonic() > deadline:
+                return None
+            time.sleep(LOOK_EVERY_S)
+        return None
+
+    def _show_recording(self, reader: FeedReader) -> None:
+        self._reader = reader
+        latest, seen = self.hub.latest, False
+        for item in reader.items():
+            if isinstance(item, FeedStart):
+                latest = item.latest()
+                self.hub.become(planned_end_ns=item.planned_end_ns, started_ns=item.start_ns or None)
+            elif isinstance(item, Trend):
+                self.hub.begin(latest, item)
+                seen = True
+            elif seen:
+                self._show(item)
+        self._reader = None
+
+    def _show(self, item: Item) -> None:
+        self.hub.show(item)
+        if self.hub.state.started_ns is None:
+            self.hub.become(started_ns=self.hub.latest.start_ns)
+        if isinstance(item, Event) and item.kind is EventKind.STOP:
+            self.hub.become(phase="sealing")
+
+    # --- the preview
+
+    def _show_preview(self) -> None:
+        """Show the instruments until a recorder wants them; what is missing is a problem, not an end."""
+        try:
+            self.config = load_config(self.config.path, settings=self.settings)
+            with (
+                previewing(self.config.recordings),
+                open_instruments(self.config, allow_missing=True) as instruments,
+            ):
+                missing = missing_instruments(self.config, instruments)
+                problem = f"not plugged in: {', '.join(missing)}" if missing else None
+                self.hub.begin(Latest(self.config.site, self.config.regions, instruments.streams))
+                phase = "preview" if instruments.devices else "no-instruments"
+                self.hub.become(phase=phase, session=None, problem=problem)
+                self._preview = LivePreview(self.config, instruments, [self.hub])
+                self._preview.run(None, self._is_over())
+        except (ConfigError, DeviceError, RefusedError, OSError) as error:
+            words = _words(error) if isinstance(error, FieldkitError) else message_of(error)
+            self.hub.become(phase="no-instruments", session=None, problem=words)
+            self._ending.wait(TRY_AGAIN_S)
+        finally:
+            self._preview = None
+
+    def _is_over(self) -> _Throttled:
+        return _Throttled(lambda: self._ending.is_set() or is_recorder_present(self.config.recordings))
+
+
+def _words(error: FieldkitError) -> str:
+    return f"{error.message}; {error.fix}" if error.fix else error.message
+
+
+class _Throttled:
+    """A question that is asked ten times a second at most, and stays answered once the answer is yes."""
+
+    def __init__(self, question: object) -> None:
+        self._question, self._next, self._answer = question, 0.0, False
+
+    def __call__(self) -> bool:
+        now = time.monotonic()
+        if not self._answer and now >= self._next and callable(self._question):
+            self._next = now + LOOK_EVERY_S
+            self._answer = bool(self._question())
+        return self._answer
+
+
+class _Child:
+    """A ``fieldkit record`` that this page started, in a session of its own: it outlives the page.
+
+    Its messages go to a file without a name, which outlives the page: a pipe would end with it.
+    """
+
+    def __init__(self, campaign: Path, options: Sequence[str]) -> None:
+        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
+        words = [
+            sys.executable,
+            "-m",
+            "fieldkit",
+            "record",
+            "-C",
+            str(campaign),
+            "--quiet",
+            "--no-input",
+            *options,
+        ]
+        self._process = subprocess.Popen(
+            words, stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, start_new_session=True
+        )
+        self.pid = self._process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process is over."""
+        return self._process.poll() is not None
+
+    def words(self) -> str:
+        """What it has printed: with ``--quiet`` its errors."""
+        self._said.seek(0)
+        return self._said.read(4000).decode(errors="replace").strip()

@@ -1,0 +1,123 @@
+"""Who may see and who may control: links that work once, and the sessions of browsers they open.
+
+A link's key has 128 random bits and is exchanged for a session's, which the browser keeps in a cookie. Only
+hashes are stored, in a file that no other user can read, so that browsers stay known when the page is
+restarted and ``fieldkit page --link`` can add a link while it runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from hmac import compare_digest
+from pathlib import Path
+
+from fieldkit.disk import one_at_a_time, replacing
+from fieldkit.page.viewer import Role
+from fieldkit.sessions.json_forms import build
+
+FILE = ".page-keys.json"
+"""In ``recordings/``, beside the locks; the folder is not kept under version control."""
+KEY_BYTES = 16
+LINK_LASTS_S = SESSION_LASTS_S = 24 * 3600.0
+MOST_KEPT = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """What a key allows, and until when (seconds since 1970); `hash` is the key's SHA-256."""
+
+    hash: str
+    role: str
+    ends_at: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    links: tuple[Grant, ...] = field(default=())
+    sessions: tuple[Grant, ...] = field(default=())
+
+
+class Keys:
+    """The keys of a campaign's page, by its folder of recordings; raises `OSError` if it cannot write."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / FILE
+
+    def new_link(self, role: Role) -> str:
+        """A key that `exchange` takes once, within a day."""
+        key = secrets.token_urlsafe(KEY_BYTES)
+        with self._changing() as (links, _):
+            links.append(Grant(_hash(key), role, time.time() + LINK_LASTS_S))
+        return key
+
+    def exchange(self, key: str) -> tuple[str, Role] | None:
+        """The key of a new session for that of a link, which is void from now on; None for any other."""
+        session = secrets.token_urlsafe(KEY_BYTES)
+        with self._changing() as (links, sessions):
+            link = _find(links, key)
+            if link is None:
+                return None
+            links.remove(link)
+            sessions.append(Grant(_hash(session), link.role, time.time() + SESSION_LASTS_S))
+        return session, _role(link)
+
+    def session(self, key: str) -> tuple[Role, float] | None:
+        """Role of a session's key and when it ends; None for any other key."""
+        found = _find(self._read().sessions, key)
+        return None if found is None else (_role(found), found.ends_at)
+
+    def is_link(self, key: str) -> bool:
+        """Whether `exchange` would take this key."""
+        return _find(self._read().links, key) is not None
+
+    def _read(self) -> _Kept:
+        try:
+            kept = build(_Kept, json.loads(self.path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):  # no file yet, or a damaged one: everybody needs a new link
+            return _Kept()
+        return _Kept(*(tuple(one for one in some if one.ends_at > time.time()) for some in _parts(kept)))
+
+    @contextmanager
+    def _changing(self) -> Iterator[tuple[list[Grant], list[Grant]]]:
+        with one_at_a_time(self.path.parent):
+            before = self._read()
+            links, sessions = map(list, _parts(before))
+            yield links, sessions
+            after = _Kept(tuple(links[-MOST_KEPT:]), tuple(sessions[-MOST_KEPT:]))
+            if after != before:
+                self._write(after)
+
+    def _write(self, kept: _Kept) -> None:
+        with replacing(self.path, synced=False) as draft:
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+            with open(descriptor, "w", encoding="utf-8") as file:
+                json.dump(asdict(kept), file)
+
+
+def _parts(kept: _Kept) -> tuple[tuple[Grant, ...], tuple[Grant, ...]]:
+    return kept.links, kept.sessions
+
+
+def _role(grant: Grant) -> Role:
+    return "control" if grant.role == "control" else "view"
+
+
+def _hash(key: str) -> str:
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+def _find(grants: list[Grant] | tuple[Grant, ...], key: str) -> Grant | None:
+    """The grant of a key; every one is compared, in a time that does not depend on the key."""
+    wanted, found = _hash(key), None
+    for grant in grants:
+        if compare_digest(grant.hash, wanted):
+            found = grant
+    return found

@@ -1,0 +1,151 @@
+"""What the page sends to browsers: JSON documents of a recording's latest state.
+
+Times are UTC milliseconds (`time_ms`), temperatures °C, unknown numbers null.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Health
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.model.units import CELSIUS_ZERO_K
+from fieldkit.views import formatting
+from fieldkit.views.latest import Latest
+from fieldkit.views.trend import Trend
+
+Document = dict[str, Any]
+
+_SLOPE = (
+    "tilt_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_deg", "azimuth_low_deg", "azimuth_high_deg",
+    "second_tilt_deg", "second_azimuth_deg", "kelvin_per_degree",
+)  # fmt: skip
+
+
+def streams(infos: Sequence[StreamInfo], frames_every_s: float | None = None) -> Document:
+    """The instruments; `frames_every_s` where a recording keeps bursts of frames only."""
+    return {"type": "streams", "streams": [_stream(info, frames_every_s) for info in infos]}
+
+
+def _stream(info: StreamInfo, frames_every_s: float | None) -> Document:
+    rows, cols = info.shape if info.is_camera else (0, 0)
+    channels = [] if info.is_camera else list(info.channel_names)
+    return {
+        "name": info.name, "quantity": info.quantity, "unit": info.unit, "channels": channels,
+        "is_camera": info.is_camera, "rows": rows, "cols": cols,
+        "every_s": frames_every_s if info.is_camera else None,
+    }  # fmt: skip
+
+
+def regions(known: Sequence[Region]) -> Document:
+    """The regions with their corners in pixels."""
+    return {"type": "regions", "regions": [_region(region) for region in known]}
+
+
+def _region(region: Region) -> Document:
+    return {
+        "name": region.name,
+        "role": "reference" if region.kind is RegionKind.REFERENCE else "target",
+        "vertices": [list(corner) for corner in region.vertices],
+        "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg, "emissivity": region.emissivity,
+    }  # fmt: skip
+
+
+def minute(closed: Minute) -> Document:
+    """A minute bin: irradiance, sun, contact temperatures, and each region's temperature and slope."""
+    slopes = {one.region: one for one in closed.estimates}
+    names = {**closed.temperature_k, **slopes}
+    return {
+        "type": "minute", "time_ms": ms(closed.time_ns),
+        "irradiance": {"dni_w_m2": closed.dni_w_m2, "model": closed.irradiance_model},
+        "sun": {"zenith_deg": closed.sun_zenith_deg, "azimuth_deg": closed.sun_azimuth_deg},
+        "contact_c": [celsius(kelvin) for kelvin in closed.contact_k],
+        "regions": {name: _measured(closed, name, slopes.get(name)) for name in names},
+    }  # fmt: skip
+
+
+def _measured(closed: Minute, name: str, slope: SlopeEstimate | None) -> Document:
+    temperature = {"temperature_c": celsius(closed.temperature_k.get(name, math.nan))}
+    if slope is None:
+        return {**temperature, "state": "reference", "words": "", "reason": ""}
+    angles = {key: getattr(slope, key) for key in _SLOPE}
+    words = formatting.state(slope)
+    return {
+        **temperature,
+        "state": slope.state.name.lower(),
+        "words": words,
+        "reason": slope.reason,
+        **angles,
+    }
+
+
+def history(trend: Trend) -> Document:
+    """Temperature and tilt of every region in every minute so far."""
+    names = trend.temperature_k.keys() | trend.tilt_deg.keys()
+    unknown = [math.nan] * len(trend.times_ns)
+    return {
+        "type": "history",
+        "minutes": [ms(time_ns) for time_ns in trend.times_ns],
+        "regions": {
+            name: {
+                "temperature_c": [celsius(kelvin) for kelvin in trend.temperature_k.get(name, unknown)],
+                "tilt_deg": trend.tilt_deg.get(name, unknown),
+            }
+            for name in sorted(names)
+        },
+    }
+
+
+def event(happened: Event) -> Document:
+    """One event."""
+    return {
+        "type": "event", "time_ms": ms(happened.time_ns), "kind": happened.kind.name.lower(),
+        "severity": happened.severity.name.lower(), "text": formatting.event_text(happened),
+        "stream": happened.stream,
+    }  # fmt: skip
+
+
+def now(latest: Latest, regions_c: Mapping[str, float], bytes_per_s: float) -> Document:
+    """How instruments and disk are doing this second; `regions_c` are temperatures in the last frame."""
+    health = latest.health
+    free = health.disk_free_bytes if health else None
+    left_s = free / bytes_per_s if free is not None and bytes_per_s > 0 else None
+    return {
+        "type": "now", "time_ms": ms(latest.time_ns), "disk_free_bytes": free, "disk_left_s": left_s,
+        "bytes": health.written_bytes if health else 0,
+        "streams": {name: _present(latest, info, health) for name, info in latest.streams.items()},
+        "regions": {name: {"temperature_c": value} for name, value in regions_c.items()},
+    }  # fmt: skip
+
+
+def _present(latest: Latest, info: StreamInfo, health: Health | None) -> Document:
+    known = latest.stream_health(info.name) if health else None
+    values, unit = _values(latest, info)
+    return {
+        "samples": known.received if known else 0, "rate_hz": latest.rate_hz(info.name),
+        "gaps": latest.gaps.get(info.name, 0), "dropped": known.dropped if known else 0,
+        "rejected": known.rejected if known else 0, "age_s": latest.age_s(info.name),
+        "value": values[0] if values else None, "values": values, "unit": unit,
+    }  # fmt: skip
+
+
+def _values(latest: Latest, info: StreamInfo) -> tuple[list[float], str]:
+    """The channels of a meter's last reading, kelvin as °C."""
+    reading = latest.readings.get(info.name)
+    values = list(reading.values) if reading else []
+    return ([celsius(value) for value in values], "°C") if info.unit == "K" else (values, info.unit)
+
+
+def ms(time_ns: int) -> float:
+    """Milliseconds since 1970, to the microsecond."""
+    return round(time_ns / 1000) / 1000
+
+
+def celsius(kelvin: float) -> float:
+    """A temperature in °C."""
+    return kelvin - CELSIUS_ZERO_K

@@ -1,0 +1,301 @@
+"""The server of the field page: one document, one WebSocket, keys for cookies, reports and files."""
+
+from __future__ import annotations
+
+import asyncio
+import gzip
+import json
+import secrets
+import socket
+import threading
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
+
+from fieldkit.config import Config
+from fieldkit.model.errors import FieldkitError
+from fieldkit.page import requests
+from fieldkit.page.answers import Answers, failure
+from fieldkit.page.checks import CHECKS, Check, Guarded, bearer
+from fieldkit.page.conductor import Conductor
+from fieldkit.page.document import document
+from fieldkit.page.hub import MAX_VIEWERS, Hub
+from fieldkit.page.keys import SESSION_LASTS_S, Keys
+from fieldkit.page.protocol import CarefulProtocol
+from fieldkit.page.sessions import PastSessions
+from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
+from fieldkit.workflows.json_document import plain_json
+
+KEY_MAX_BYTES = 1000
+WRONG_TRIES_FREE = 5
+WRONG_TRIES_WAITING = 20
+ANSWERS_AT_ONCE = 8
+FULL, NO_KEY, LEFT = 4001, 4003, 4008
+"""Codes with which a WebSocket is closed: too many viewers, no key, disconnected with a reason."""
+REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+@dataclass
+class Page:
+    """The page of one campaign: its parts, and the application that serves them."""
+
+    config: Config
+    port: int
+    settings: Sequence[str] = ()
+    preview: bool = True
+    checks: Sequence[Check] = CHECKS
+    _wrong_tries: int = 0
+    _waiting: int = 0
+    _thread: threading.Thread | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        self.keys = Keys(self.config.recordings)
+        self.hub = Hub(self.config)
+        self.conductor = Conductor(self.config, self.hub, self.settings, preview=self.preview)
+        self.past = PastSessions(self.config)
+        self.answers = Answers(self.config, self.hub, self.conductor, self.past, self.keys)
+
+    @property
+    def cookie(self) -> str:
+        """Name of the cookie: browsers share cookies among all ports of a host."""
+        return f"fieldkit-{self.port}"
+
+    def app(self) -> ASGIApp:
+        """The application."""
+        routes = [
+            Route("/", self.serve_document),
+            Route("/role", self.serve_role),
+            Route("/key", self.take_key, methods=["POST"]),
+            Route("/session/{session}/report", self.serve_report),
+            Route("/session/{session}/download", self.serve_file),
+            WebSocketRoute("/socket", self.serve_socket),
+        ]
+        return Guarded(Starlette(routes=routes, lifespan=self._running), self.keys, self.checks)
+
+    @asynccontextmanager
+    async def _running(self, _: Starlette) -> AsyncIterator[None]:
+        beat = asyncio.create_task(self.hub.run())
+        thread = threading.Thread(target=self.conductor.run, name="conductor", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self.conductor.close()
+            beat.cancel()
+            await asyncio.to_thread(thread.join, 5.0)
+
+    # --- the document
+
+    async def serve_document(self, request: Request) -> Response:
+        """The page itself, which knows nothing without a key; compressed where the browser takes it."""
+        nonce = secrets.token_urlsafe(16)
+        headers = {"content-security-policy": _policy(nonce)}
+        body = document(nonce).encode()
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            headers["content-encoding"] = "gzip"
+            body = gzip.compress(body, compresslevel=5)
+        return Response(body, media_type="text/html", headers=headers)
+
+    # --- keys
+
+    def known(self, connection: HTTPConnection) -> tuple[Role, float] | None:
+        """Role and end of the session that a request belongs to, by its cookie or its bearer key."""
+        key = connection.cookies.get(self.cookie) or bearer(Headers(scope=connection.scope))
+        return self.keys.session(key) if key else None
+
+    async def serve_role(self, request: Request) -> Response:
+        """What this browser may do: ``view``, ``control``, or null without a key."""
+        known = self.known(request)
+        return JSONResponse({"role": known[0] if known else None})
+
+    async def take_key(self, request: Request) -> Response:
+        """Exchange the key of a link for a session, in a cookie that no script can read."""
+        key = await self._sent_key(request)
+        found = await asyncio.to_thread(self.keys.exchange, key) if key else None
+        if found is None:
+            return await self._refused()
+        self._wrong_tries = 0
+        session, role = found
+        answer = JSONResponse({"role": role})
+        answer.set_cookie(
+            self.cookie, session, max_age=int(SESSION_LASTS_S), path="/", httponly=True, samesite="strict"
+        )
+        return answer
+
+    async def _sent_key(self, request: Request) -> str:
+        if (key := bearer(request.headers)) and not self.keys.session(key):
+            return key
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            return ""
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > KEY_MAX_BYTES:
+                return ""
+        with suppress(ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            return str(json.loads(body)["key"])
+        return ""
+
+    async def _refused(self) -> Response:
+        """A wrong key; after a few of them each takes a second, and many at once are not even tried."""
+        self._wrong_tries += 1
+        if self._waiting >= WRONG_TRIES_WAITING:
+            return JSONResponse({"text": "too many tries", "fix": "wait a moment"}, 429)
+        if self._wrong_tries > WRONG_TRIES_FREE:
+            self._waiting += 1
+            try:
+                await asyncio.sleep(1.0)
+            finally:
+                self._waiting -= 1
+        text = "this link was used already, has expired, or is of another page"
+        return JSONResponse({"text": text, "fix": "make another: fieldkit page --link control"}, 403)
+
+    # --- sessions
+
+    async def serve_report(self, request: Request) -> Response:
+        """A session's report; while it is made, a page that asks again."""
+        return await self._file(request, self._report)
+
+    async def serve_file(self, request: Request) -> Response:
+        """A session's file."""
+        return await self._file(request, self._download)
+
+    async def _file(self, request: Request, serve: Callable[[str], Response]) -> Response:
+        known = self.known(request)
+        if known is None or known[0] != "control":
+            return PlainTextResponse("only for those who may control the page", 403)
+        try:
+            return serve(request.path_params["session"])
+        except FieldkitError as error:
+            return PlainTextResponse(str(error), 404)
+
+    def _report(self, session: str) -> Response:
+        report = self.past.report(session)
+        if isinstance(report, Path):
+            return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
+        headers = {"content-security-policy": REPORT_POLICY}
+        if report.done() and report.result():
+            return PlainTextResponse(report.result(), 500, headers)
+        name = escape(self.past.path(session).stem)
+        words = f"<!doctype html><title>Report</title><p>The report of {name} is being made …"
+        return HTMLResponse(words, 202, {**headers, "refresh": "2"})
+
+    def _download(self, session: str) -> Response:
+        path = self.past.sealed(session)
+        return FileResponse(path, media_type="application/x-hdf5", filename=path.name)
+
+    # --- the socket
+
+    async def serve_socket(self, socket: WebSocket) -> None:
+        """Everything that moves: state and pictures to the browser, requests from it."""
+        known = self.known(socket)
+        if known is None:
+            await self._refused()
+            await socket.close(NO_KEY)
+            return
+        await socket.accept()
+        viewer = Viewer(known[0], known[1])
+        if not self.hub.join(viewer):
+            await socket.close(FULL, f"{MAX_VIEWERS} browsers are connected already")
+            return
+        try:
+            await self._serve(socket, viewer)
+        finally:
+            self.hub.leave(viewer)
+
+    async def _serve(self, socket: WebSocket, viewer: Viewer) -> None:
+        """Send and receive until either ends."""
+        sending = asyncio.create_task(viewer.send(socket.send_text, socket.send_bytes))
+        receiving = asyncio.create_task(self._receive(socket, viewer))
+        done, others = await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+        left = next((error for task in done if isinstance(error := task.exception(), ViewerLeftError)), None)
+        if left is not None and socket.application_state is WebSocketState.CONNECTED:
+            with suppress(RuntimeError, WebSocketDisconnect):
+                await socket.close(LEFT, str(left))
+
+    async def _receive(self, socket: WebSocket, viewer: Viewer) -> None:
+        busy: set[asyncio.Task[None]] = set()
+        try:
+            while True:
+                message = await socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    return
+                viewer.count_request()
+                if len(busy) >= ANSWERS_AT_ONCE:
+                    raise ViewerLeftError("too many requests at once")
+                busy.add(task := asyncio.create_task(self._answer(viewer, message.get("text") or "")))
+                task.add_done_callback(busy.discard)
+        finally:
+            for task in busy:  # a start or stop goes on in its thread
+                task.cancel()
+
+    async def _answer(self, viewer: Viewer, text: str) -> None:
+        try:
+            request = requests.parse(text)
+        except requests.BadRequestError as error:
+            viewer.text(plain_json(failure(error.id, error)))
+            return
+        answered = await self.answers.to(viewer, request)
+        if request.id is not None:
+            viewer.text(plain_json(answered))
+
+
+def _policy(nonce: str) -> str:
+    return (
+        f"default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; img-src blob: data:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+def server(page: Page) -> uvicorn.Server:
+    """The server that runs a page on sockets; ``run(sockets=[…])`` returns when it is interrupted."""
+    return uvicorn.Server(
+        uvicorn.Config(
+            page.app(),
+            http=CarefulProtocol,
+            ws="websockets-sansio",
+            loop="asyncio",
+            lifespan="on",
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            proxy_headers=False,
+            server_header=False,
+            date_header=False,
+            ws_max_size=requests.MAX_BYTES,
+            ws_per_message_deflate=False,
+            ws_ping_interval=10.0,
+            ws_ping_timeout=10.0,
+            h11_max_incomplete_event_size=16_384,
+            timeout_keep_alive=5,
+            timeout_graceful_shutdown=2,
+        )
+    )
+
+
+def listening(address: str, port: int) -> socket.socket:
+    """A socket that listens at an address; raises `OSError` if it cannot."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((address, port))
+        listener.listen(128)  # links that are printed work at once
+    except OSError:
+        listener.close()
+        raise
+    return listener

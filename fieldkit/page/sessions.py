@@ -1,0 +1,124 @@
+"""Past sessions for browsers: the list, a check, the report, the file.
+
+A session is named by an id from the list, which is compared with the list anew; nothing that a browser sends
+ever becomes part of a path. Reports and checks run in processes of their own, one at a time and yielding to
+everything else: a recording that runs must not notice them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import sys
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from fieldkit.config import Config
+from fieldkit.model.errors import RefusedError, SessionError
+from fieldkit.page.viewer import Role
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import is_locked
+from fieldkit.workflows.describe import describe_briefly
+from fieldkit.workflows.recordings import sessions_in
+from fieldkit.workflows.report import default_path
+
+SHOWN = 200
+"""The latest sessions of a campaign; more are listed by ``fieldkit ls``."""
+
+
+def identifier(path: Path) -> str:
+    """The id of a session: letters and digits that tell nothing of its path."""
+    return hashlib.sha256(path.name.encode()).hexdigest()[:16]
+
+
+@dataclass
+class PastSessions:
+    """The sessions of a campaign, its latest first."""
+
+    config: Config
+    _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
+
+    def paths(self) -> dict[str, Path]:
+        """Files by id."""
+        latest = sessions_in(self.config.recordings)[::-1][:SHOWN]
+        return {identifier(path): path for path in latest}
+
+    def path(self, wanted: str) -> Path:
+        """The file of a session in the list; raises `SessionError` for anything else."""
+        found = self.paths().get(wanted)
+        if found is None:
+            raise SessionError("there is no such session", fix="show the list of sessions again")
+        return found
+
+    def sealed(self, wanted: str) -> Path:
+        """The same for a session that is complete; raises `RefusedError` while it is being recorded."""
+        path = self.path(wanted)
+        if is_locked(journal_path(path)):
+            raise RefusedError(f"{path.stem} is being recorded", fix="stop the recording first")
+        return path
+
+    def listed(self, role: Role) -> list[dict[str, Any]]:
+        """The list for a browser; links to files only where it may control."""
+        return [self._entry(name, path, role) for name, path in self.paths().items()]
+
+    def _entry(self, name: str, path: Path, role: Role) -> dict[str, Any]:
+        brief = describe_briefly(path)
+        start = brief.get("start")
+        has_files = role == "control" and path.exists() and not is_locked(journal_path(path))
+        return {
+            "id": name, "title": brief.get("title") or path.stem, "state": brief["state"],
+            "started_ms": datetime.fromisoformat(start).timestamp() * 1000 if start else None,
+            "duration_s": brief.get("length_s"), "bytes": brief["bytes"],
+            "report_url": f"/session/{name}/report" if has_files else None,
+            "download_url": f"/session/{name}/download" if has_files else None,
+        }  # fmt: skip
+
+    async def check(self, wanted: str) -> tuple[bool, str]:
+        """Whether a session is without failures, and the findings in words."""
+        path = self.sealed(wanted)
+        async with self._one_job:
+            _, output, errors = await _fieldkit("check", str(path), "--json")
+        try:
+            findings = json.loads(output)["sessions"][0]["findings"]
+        except (ValueError, KeyError, IndexError):
+            raise SessionError(errors.strip() or f"{path.stem} could not be checked") from None
+        words = [f"{one['level']}: {one['what']}: {one['text']}" for one in findings if one["level"] != "ok"]
+        is_clean = not any(one["level"] == "fail" for one in findings)
+        return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
+
+    def report(self, wanted: str) -> Path | asyncio.Task[str]:
+        """The report of a session, or the task that makes it; its result is why it failed, if it did."""
+        session = self.sealed(wanted)
+        report = default_path(session)
+        if report.exists() and report.stat().st_mtime >= session.stat().st_mtime:
+            return report
+        making = self._reports.get(session)
+        if making is None:
+            making = self._reports[session] = asyncio.create_task(self._make(session))
+        elif making.done():
+            del self._reports[session]  # reported once; asking again tries again
+        return making
+
+    async def _make(self, session: Path) -> str:
+        async with self._one_job:
+            code, _, errors = await _fieldkit("report", str(session), "--quiet")
+        return "" if code == 0 else errors.strip() or "the report could not be made"
+
+
+async def _fieldkit(*arguments: str) -> tuple[int, str, str]:
+    """Exit code and output of a command that gives way to all other processes."""
+    pipe = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(
+        "nice", "-n", "15", sys.executable, "-m", "fieldkit", *arguments, "--no-input",
+        stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe,
+    )  # fmt: skip
+    try:
+        output, errors = await process.communicate()
+    finally:
+        if process.returncode is None:
+            process.kill()
+    return process.returncode or 0, output.decode(errors="replace"), errors.decode(errors="replace")

@@ -1,0 +1,79 @@
+"""One browser that is connected: what waits to be sent to it, the newest picture only."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fieldkit.page.pictures import Mode
+
+Role = Literal["view", "control"]
+TEXTS_WAITING = 256
+SEND_WITHIN_S = 20.0
+"""A browser that takes nothing for this long is gone, or asleep in a pocket."""
+BURST, PER_SECOND = 80, 40
+"""Requests that may come at once, and as a rate: dragging a corner asks some ten times a second."""
+
+
+class ViewerLeftError(Exception):
+    """A viewer is to be disconnected; the text says why."""
+
+
+@dataclass(eq=False)
+class Viewer:
+    """What one browser receives: every text in order, of pictures only the newest that it is ready for."""
+
+    role: Role
+    ends_at: float = float("inf")
+    mode: Mode = "off"
+    _texts: deque[str] = field(default_factory=deque)
+    _picture: bytes | None = None
+    _wake: asyncio.Event = field(default_factory=asyncio.Event)
+    _reason: str = ""
+    _allowance: float = BURST
+    _counted_at: float = field(default_factory=time.monotonic)
+
+    def text(self, message: str) -> None:
+        """Queue a text; a viewer that does not read is disconnected."""
+        self._texts.append(message)
+        if len(self._texts) > TEXTS_WAITING:
+            self.leave("it does not read")
+        self._wake.set()
+
+    def picture(self, message: bytes) -> None:
+        """Offer a picture in place of one that still waits."""
+        self._picture = message
+        self._wake.set()
+
+    def leave(self, reason: str) -> None:
+        """Have `send` end."""
+        self._reason = reason
+        self._wake.set()
+
+    def count_request(self) -> None:
+        """Raise `ViewerLeftError` if requests come faster than a person can make them."""
+        now = time.monotonic()
+        self._allowance = min(BURST, self._allowance + (now - self._counted_at) * PER_SECOND) - 1
+        self._counted_at = now
+        if self._allowance < 0:
+            raise ViewerLeftError("too many requests")
+
+    async def send(
+        self, text: Callable[[str], Awaitable[None]], picture: Callable[[bytes], Awaitable[None]]
+    ) -> None:
+        """Send what comes in, until `leave`; raises `ViewerLeftError`, also for one that takes nothing."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            async with asyncio.timeout(SEND_WITHIN_S):
+                while self._texts and not self._reason:
+                    await text(self._texts.popleft())
+                waiting, self._picture = self._picture, None
+                if waiting is not None and not self._reason:
+                    await picture(waiting)
+            if self._reason:
+                raise ViewerLeftError(self._reason)

@@ -1,0 +1,275 @@
+"""The feed: what a recording shows, passed to other processes of the same user on a Unix socket.
+
+`Feed` is a view of the recorder; it listens beside the session. A reader receives what is known so far, then
+every small item and the newest frame of each stream. Each reader has a thread of its own that waits for it,
+so a slow reader loses frames and never delays the recorder.
+
+A message is two lengths (header, body; little-endian, 32 bits), a JSON header, and for frames the counts as
+body. Both ends are of one computer and read with the same code.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import socket
+import struct
+import threading
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from copy import deepcopy
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
+from fieldkit.model.site import Region, Site
+from fieldkit.sessions.json_forms import build
+from fieldkit.views.latest import Latest
+from fieldkit.views.trend import Trend
+
+log = logging.getLogger(__name__)
+
+NAME = "feed"
+LENGTHS = struct.Struct("<II")
+MAX_READERS = 8
+SMALL_ITEMS_KEPT = 4096
+"""Readings, events and minutes that may wait for a reader; the oldest are dropped."""
+HEADER_MAX, BODY_MAX = 16_000_000, 64_000_000
+
+Item: TypeAlias = Frame | Reading | Event | Minute | Health
+
+
+@dataclass(frozen=True, slots=True)
+class FeedStart:
+    """What a reader receives first: the recording's place, regions, streams and planned end (UTC)."""
+
+    site: Site
+    regions: tuple[Region, ...]
+    streams: tuple[StreamInfo, ...]
+    title: str = ""
+    planned_end_ns: int | None = None
+    start_ns: int = 0
+
+    def latest(self) -> Latest:
+        """The state that further items update."""
+        latest = Latest(self.site, self.regions, self.streams, self.title, self.planned_end_ns)
+        latest.start_ns = self.start_ns
+        return latest
+
+
+KINDS: dict[str, type[Any]] = {
+    kind.__name__: kind for kind in (FeedStart, Trend, Minute, Event, Health, Frame, Reading)
+}
+
+
+def feed_path(journal: Path) -> Path:
+    """The socket of the recording whose journal folder is given."""
+    return journal / NAME
+
+
+class Feed:
+    """A view that serves a recording to readers on a Unix socket, which only this user can open.
+
+    Raises `OSError` if it cannot listen.
+    """
+
+    def __init__(self, path: Path, latest: Latest) -> None:
+        self._latest, self._trend = latest, Trend()
+        self._readers: list[_Sender] = []
+        self._lock = threading.Lock()
+        self._socket = _listening(path)
+        threading.Thread(target=self._accept, name="feed", daemon=True).start()
+
+    def show(self, item: Item) -> None:
+        """Keep an item for readers to come and offer it to the present ones."""
+        with self._lock:
+            self._latest.update(item)
+            if isinstance(item, Minute):
+                self._trend.add(item)
+            for reader in self._readers:
+                reader.offer(item)
+
+    def close(self) -> None:
+        """End: readers receive what waits for them, then the end of the stream."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)  # ends `accept`
+        self._socket.close()
+        with self._lock:
+            readers, self._readers = self._readers, []
+        for reader in readers:
+            reader.offer(None)
+
+    def _accept(self) -> None:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+            except OSError:  # closed
+                return
+            with self._lock:
+                self._readers = [reader for reader in self._readers if reader.is_alive()]
+                if len(self._readers) >= MAX_READERS:
+                    connection.close()
+                    continue
+                self._readers.append(sender := _Sender(connection, self._so_far()))
+            sender.start()
+
+    def _so_far(self) -> list[Any]:
+        latest = self._latest
+        streams = tuple(latest.streams.values())
+        start = FeedStart(
+            latest.site, latest.regions, streams, latest.title, latest.planned_end_ns, latest.start_ns
+        )
+        last = (*latest.events, *latest.readings.values(), *latest.frames.values(), latest.health)
+        return [start, deepcopy(self._trend), *(item for item in (*last, latest.minute) if item is not None)]
+
+
+class _Sender(threading.Thread):
+    """Sends items to one reader; `offer` never waits for it."""
+
+    def __init__(self, connection: socket.socket, first: Sequence[Any]) -> None:
+        super().__init__(name="feed reader", daemon=True)
+        self._connection = connection
+        self._small: deque[Any] = deque(first, SMALL_ITEMS_KEPT)
+        self._frames: dict[str, Frame] = {}
+        self._wake = threading.Condition()
+
+    def offer(self, item: Item | None) -> None:
+        """Queue an item; a frame replaces the one of its stream that still waits. None ends the stream."""
+        with self._wake:
+            if isinstance(item, Frame):
+                self._frames[item.stream] = item
+            else:
+                self._small.append(item)
+            self._wake.notify()
+
+    def run(self) -> None:
+        """Send until the feed or the reader ends."""
+        with self._connection, suppress(OSError):
+            while True:
+                for item in self._waiting():
+                    if item is None:
+                        return
+                    self._connection.sendall(encoded(item))
+
+    def _waiting(self) -> list[Any]:
+        with self._wake:
+            self._wake.wait_for(lambda: self._small or self._frames)
+            items = [*self._frames.values(), *self._small]
+            self._frames.clear()
+            self._small.clear()
+            return items
+
+
+def _listening(path: Path) -> socket.socket:
+    server = socket.socket(socket.AF_UNIX)
+    try:
+        with _short(path) as address:
+            server.bind(address)
+            Path(address).chmod(0o600)  # before `listen`: until then nobody can connect
+        server.listen()
+    except OSError:
+        server.close()
+        raise
+    return server
+
+
+@contextmanager
+def _short(path: Path) -> Iterator[str]:
+    """A socket's address through its open folder: an address holds 107 bytes, a path may be longer."""
+    folder = os.open(path.parent, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{path.name}"
+    finally:
+        os.close(folder)
+
+
+# --- the reader's end
+
+
+class FeedReader:
+    """A connection to the feed of a recording; raises `OSError` if there is none."""
+
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX)
+        try:
+            with _short(path) as address:
+                self._socket.connect(address)
+        except OSError:
+            self._socket.close()
+            raise
+        self._stream = self._socket.makefile("rb")
+
+    def items(self) -> Iterator[Any]:
+        """A `FeedStart`, a `Trend`, then items of the recording until it ends, its process dies, or `close`.
+
+        Raises `ValueError` for bytes of another format.
+        """
+        with self._socket, self._stream, suppress(OSError):
+            while lengths := self._stream.read(LENGTHS.size):
+                if len(lengths) < LENGTHS.size:
+                    return
+                header_size, body_size = LENGTHS.unpack(lengths)
+                if header_size > HEADER_MAX or body_size > BODY_MAX:
+                    raise ValueError(f"a message of {header_size} + {body_size} bytes is not of a feed")
+                header, body = self._stream.read(header_size), self._stream.read(body_size)
+                if len(header) < header_size or len(body) < body_size:
+                    return
+                yield decoded(header, body)
+
+    def close(self) -> None:
+        """End `items`, also while another thread waits in it."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+
+
+# --- messages
+
+
+def encoded(item: Any) -> bytes:
+    """An item as a message."""
+    body = b""
+    if isinstance(item, Frame):
+        plain = item._asdict()
+        rows = (plain.pop("counts"), plain.pop("metadata_rows"))
+        plain["shapes"] = [part.shape for part in rows]
+        body = b"".join(np.ascontiguousarray(part, "<u2").tobytes() for part in rows)
+    elif isinstance(item, Reading):
+        plain = {**item._asdict(), "raw": item.raw.hex()}
+    else:
+        plain = asdict(item)
+    header = json.dumps([type(item).__name__, plain], default=_plain).encode()
+    return LENGTHS.pack(len(header), len(body)) + header + body
+
+
+def decoded(header: bytes, body: bytes) -> Any:
+    """The item of a message; raises `ValueError` for another format."""
+    try:
+        name, plain = json.loads(header)
+        kind = KINDS[name]
+        if kind is Frame:
+            return _frame(plain, body)
+        if kind is Reading:
+            raw, quality = bytes.fromhex(plain.pop("raw")), Quality(plain.pop("quality"))
+            return Reading(**{**plain, "values": tuple(plain["values"])}, raw=raw, quality=quality)
+        return build(kind, plain)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"a message is not of a feed: {error!r}") from error
+
+
+def _frame(plain: dict[str, Any], body: bytes) -> Frame:
+    (rows, cols), (more_rows, more_cols) = plain.pop("shapes")
+    values, size = np.frombuffer(body, "<u2").astype(np.uint16, copy=False), rows * cols
+    counts, metadata_rows = values[:size].reshape(rows, cols), values[size:].reshape(more_rows, more_cols)
+    quality = Quality(plain.pop("quality"))
+    return Frame(**plain, counts=counts, metadata_rows=metadata_rows, quality=quality)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
