@@ -1,4 +1,4 @@
-"""Worlds drawn as a field is uncertain: truths on which an estimator is tested that is not told them.
+"""Worlds drawn as a field is uncertain: truths on which an estimator is tested that does not know.
 
 A seed draws depth, thermal inertia, exchange, sky, and the errors of meters and camera; beds and a flat
 reference warm from 9 h local on, and the minutes from local noon are what an estimator gets. Quoted spreads
@@ -27,9 +27,9 @@ from fieldkit.weather import packaged, read_station_file
 from fieldkit.workflows.field_history import field_history
 
 BEDS_SOUTH: tuple[Bed, ...] = ((5.0, 180.0), (15.0, 180.0), (25.0, 180.0))
-TOLD_SLAB = Slab(depth_m=0.03)
+CONFIGURED_SLAB = Slab(depth_m=0.03)
 GUESSED = Spread(
-    sand=TOLD_SLAB,
+    sand=CONFIGURED_SLAB,
     inertia=(0.7, 1.4),
     damp_share=0.0,
     albedo_sd=0.0,
@@ -61,7 +61,7 @@ class BedErrors:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Minutes of a session, regions with their true slopes, what the estimator is told; the truth."""
+    """Minutes of a session, regions with their true slopes, what the estimator knows; the truth."""
 
     history: History
     regions: tuple[Region, ...]
@@ -75,7 +75,7 @@ def drawn_world(
     day: str,
     beds: str = SOUTH,
     *,
-    told: bool = False,
+    as_configured: bool = False,
     known_bed: bool = False,
     offset_sd_k: float = 0.25,
     shade_test: bool = False,
@@ -94,7 +94,7 @@ def drawn_world(
         station's file.
     beds
         ``"south"`` for 5, 15 and 25 degrees to the south, ``"random"`` for 3 to 30 degrees to any side.
-    told
+    as_configured
         The world is as the settings say; only offsets and noise are drawn.
     known_bed
         The first bed is a reference too.
@@ -109,8 +109,8 @@ def drawn_world(
     """
     random = np.random.default_rng(seed)
     slopes = BEDS_SOUTH if beds == SOUTH else _random_beds(random)
-    field = _field(seed, told=told, measured_ground=measured_ground)
-    drift_sd_k_per_h = 0.0 if told else DRIFT_SD_K_PER_H
+    field = _field(seed, as_configured=as_configured, measured_ground=measured_ground)
+    drift_sd_k_per_h = 0.0 if as_configured else DRIFT_SD_K_PER_H
     errors = BedErrors(offset_sd_k * random.standard_normal(3), drift_sd_k_per_h * random.standard_normal(3))
     outline = regions(slopes)
     model, noon_ns = _model(day, outline, field, shade_test)
@@ -118,7 +118,10 @@ def drawn_world(
     history = field_history(model, begin_ns, LEAD_MIN + minutes).since(LEAD_MIN)
     measured = _measured(history, field, errors, random)
     settings = EstimatorSettings(
-        azimuth="known" if beds == SOUTH else "free", slab=TOLD_SLAB, offset_sd_k=offset_sd_k, noise_k=NOISE_K
+        azimuth="known" if beds == SOUTH else "free",
+        slab=CONFIGURED_SLAB,
+        offset_sd_k=offset_sd_k,
+        noise_k=NOISE_K,
     )
     return World(measured, _with_known(outline) if known_bed else outline, settings, field, errors)
 
@@ -127,16 +130,18 @@ def _random_beds(random: np.random.Generator) -> tuple[Bed, ...]:
     return tuple((float(random.uniform(3.0, 30.0)), float(random.uniform(0.0, 360.0))) for _ in range(3))
 
 
-def _field(seed: int, *, told: bool, measured_ground: bool) -> DrawnField:
-    """The field of a world; one as told has the settings' sand, sky and exact meters."""
+def _field(seed: int, *, as_configured: bool, measured_ground: bool) -> DrawnField:
+    """The field of a world; one as configured has the settings' sand, sky and exact meters."""
     if measured_ground:
         return drawn_field(seed)
     # the wind is that of the measured minutes
     field = replace(drawn_field(seed, GUESSED), gusts=None)
-    if not told:
+    if not as_configured:
         return field
-    as_told = replace(field, sand=(TOLD_SLAB,), exchange=STILL, circumsolar_share=1.0, light_factor=1.0)
-    return replace(as_told, longwave_error_w_m2=0.0, air_error_k=0.0)
+    configured = replace(
+        field, sand=(CONFIGURED_SLAB,), exchange=STILL, circumsolar_share=1.0, light_factor=1.0
+    )
+    return replace(configured, longwave_error_w_m2=0.0, air_error_k=0.0)
 
 
 def _model(

@@ -105,7 +105,7 @@ def _value(record: CalibrationRecord, key: _Key) -> float:
 
 def _brought(record: Mapping[str, Any], key: _Key) -> dict[KeyPath, float]:
     """What a record, as a document, puts beside the key that names it."""
-    learnt = record.get("details", {}).get("brings", {})
+    learnt = record.get("details", {}).get("prior_sds", {})
     uncertainty = record.get("standard_uncertainty")
     found = {place: learnt.get(".".join(map(str, place)), uncertainty) for place in key.brings}
     return {place: value for place, value in found.items() if value is not None}

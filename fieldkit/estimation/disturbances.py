@@ -3,7 +3,7 @@
 Clouds begin and end by the light readings (`CloudMonitor`): a change by more than 15 % within two minutes is
 faster than the sun can move. `Cusum` finds level shifts of a temperature without any light meter: on the
 reference it confirms the weather, on one region against the reference it finds a shadow (`ShadeMonitor`).
-A shadow with sharp edges, and one that was told, is known to the minute (`shade`).
+A shadow with sharp edges, and one that was marked, is known to the minute (`shade`).
 `FrameShiftMonitor` compares the edges in the frames: regions warm and cool through the day, their edges stay.
 """
 
@@ -51,7 +51,7 @@ class DisturbanceMonitor:
         self._tests = ShadeTestMonitor()
         self._marks = ShadeMarks(columns.regions)
         self._minutes = ShadedMinutes()
-        self._told: set[ShadeTest] = set()
+        self._marked: set[ShadeTest] = set()
         self._shaded: set[int] = set()
         self._frame_shift = FrameShiftMonitor()
         self._moved = False
@@ -102,11 +102,11 @@ class DisturbanceMonitor:
         self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event], is_last: bool
     ) -> MinuteBin:
         ended = self._tests.update(entry.minute, entry.temperature_k, self._light.cloudy)
-        told = self._marks.tests(entry.minute, is_last=is_last)
-        tested = self._tests.columns | {test.column for test in (*ended, *(set(told) ^ self._told))}
-        self._told = set(told)
+        marked = self._marks.tests(entry.minute, is_last=is_last)
+        tested = self._tests.columns | {test.column for test in (*ended, *(set(marked) ^ self._marked))}
+        self._marked = set(marked)
         slow = self._slow_shades(entry, reference_k, tested)
-        shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, told)
+        shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, marked)
         events += self._shade_events(shaded, ended, end_of(minute))
         flags = [
             flag | Quality.SHADED if column in shaded else flag

@@ -1,10 +1,10 @@
-"""The shade test: a board over one region for some minutes, found in the temperatures or told by a mark.
+"""The shade test: a board over one region for some minutes, found in the temperatures or marked by hand.
 
 Under the board a region loses the beam and nothing else changes, so its sunlight must be known as gone to
 the minute. `ShadeTestMonitor` finds it: the heat that the ground takes up, less the heat lost for being
 warmer, is the absorbed sunlight up to a constant, which falls and returns like the board itself. Nominal
 sand serves for any ground, since only the ratio to the depth of the fall counts. `ShadeMarks` holds what the
-operator told. `ShadedMinutes` joins both and says which earlier minutes have to be flagged otherwise now.
+operator marked. `ShadedMinutes` joins both and says which earlier minutes have to be flagged otherwise now.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: Flo
 
 @dataclass(slots=True)
 class ShadeMarks:
-    """What the operator told of shade tests; a mark counts from the minute in which it was made."""
+    """Shade tests that the operator marked; a mark counts from the minute in which it was made."""
 
     regions: Sequence[Region]
     _events: list[tuple[int, int, Event]] = field(default_factory=list)
@@ -218,11 +218,11 @@ class ShadeMarks:
             self._events.append((noted_ns // MINUTE_NS, names.index(str(name)), event))
 
     def tests(self, minute: int, *, is_last: bool) -> list[ShadeTest]:
-        """The shade told by the end of a minute, up to then; `is_last` counts marks made later too."""
-        told = [one for one in self._events if one[0] <= minute or is_last]
-        told.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
+        """The tests marked by the end of a minute, up to then; `is_last` counts marks made later too."""
+        marked = [one for one in self._events if one[0] <= minute or is_last]
+        marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
         tests, begun = [], dict[int, int]()
-        for _, column, event in told:
+        for _, column, event in marked:
             if "end_ns" in event.data:
                 tests.append(ShadeTest(column, event.time_ns, int(event.data["end_ns"])))
             elif column in begun:
@@ -234,7 +234,7 @@ class ShadeMarks:
 
 
 def _until(column: int, begin_ns: int, end_ns: int) -> ShadeTest:
-    """A test that ends when it is told, at the latest after the longest time."""
+    """A test that ends when the operator says so, at the latest after the longest time."""
     return ShadeTest(column, begin_ns, min(end_ns, begin_ns + LONGEST_MIN * MINUTE_NS))
 
 
@@ -248,16 +248,16 @@ class ShadedMinutes:
         self._dismissed: set[Cell] = set()
 
     def update(
-        self, minute: int, found: set[Cell], slow: Iterable[int], told: Iterable[ShadeTest]
+        self, minute: int, found: set[Cell], slow: Iterable[int], marked: Iterable[ShadeTest]
     ) -> tuple[set[int], tuple[Cell, ...]]:
         """The columns shaded in a minute, and the earlier cells whose flag it reverses.
 
         `found` are all cells of shade tests, `slow` the columns that are otherwise shaded in this minute,
-        `told` the tests by marks, whose end overrules what was found after it until then.
+        `marked` those of the operator, whose end overrules what was found after it until then.
         """
         self._slow |= {(minute, column) for column in slow}
         shaded = found | self._slow
-        for test in told:
+        for test in marked:
             first, last = test.begin_ns // MINUTE_NS, (test.end_ns - 1) // MINUTE_NS
             if (last, test.column) not in self._settled:
                 self._settled.add((last, test.column))

@@ -124,7 +124,7 @@ def _details(
         "model": settings.model,
         "minutes": int(np.isfinite(history.temperature_k).all(axis=1).sum()),
         "heat_capacity_j_m3_k": settings.slab.heat_capacity_j_m3_k,
-        "brings": {key: value for key, value in brought.items() if key.endswith(("_sd", "_share"))},
+        "prior_sds": {key: value for key, value in brought.items() if key.endswith(("_sd", "_share"))},
         "learnt": {one.name: asdict(one) for one in learnt.parameters},
     }
 

@@ -89,7 +89,7 @@ def test_a_session_is_read_again_under_another_record_or_number(folder):
 
 
 SAND = {"conductivity_w_m_k": 0.31, "depth_m": 0.042}
-BRINGS = {
+PRIOR_SDS = {
     "estimator.scale_sd": 0.05, "prior.gain_sd": 0.05,
     "slab.conductivity_sd": 0.2, "prior.inertia_log_sd": 0.1,
     "prior.depth_log_sd": 0.15, "prior.deep_share": 0.0,
@@ -98,7 +98,7 @@ BRINGS = {
 
 def test_learnt_sand_is_a_prior_key_by_key(folder):
     save(
-        record("surface", "this-sand", 0.97, 0.05, values=SAND, details={"brings": BRINGS}),
+        record("surface", "this-sand", 0.97, 0.05, values=SAND, details={"prior_sds": PRIOR_SDS}),
         folder / "calibration",
     )
     config = load(folder, '[slab]\ndepth_m = "@this-sand"\nconductivity_w_m_k = "@this-sand"\n')

@@ -52,7 +52,7 @@ def test_a_session_teaches_gain_conductivity_and_depth(sand: fieldkit.calibrate.
     record = sand.record
     assert (record.kind, record.details["model"]) == ("surface", "learned")
     assert set(record.values) == set(record.uncertainties) == {"conductivity_w_m_k", "depth_m"}
-    assert record.standard_uncertainty == pytest.approx(record.details["brings"]["prior.gain_sd"])
+    assert record.standard_uncertainty == pytest.approx(record.details["prior_sds"]["prior.gain_sd"])
     assert {line.name for line in record.budget} == {"data and prior", "from day to day", "inclinometer"}
     assert record.sources[0].session.endswith("s1.h5")
     assert 9 <= record.details["minutes"] <= 12
@@ -66,10 +66,10 @@ def test_the_next_session_takes_it_as_its_prior(
     (tmp_path / "fieldkit.toml").write_text(text, encoding="utf-8")
     used = [one.replace(" = ", "=").replace('"', "") for one in sand.used_by.split(", ")]
     config = load_config(tmp_path / "fieldkit.toml", settings=["estimator.model=learned", *used])
-    settings, brings = config.estimator_settings(), sand.record.details["brings"]
+    settings, sds = config.estimator_settings(), sand.record.details["prior_sds"]
     assert settings.scale == pytest.approx(sand.record.value)
-    assert settings.prior.depth_log_sd == pytest.approx(brings["prior.depth_log_sd"])
-    assert settings.prior.inertia_log_sd == pytest.approx(brings["prior.inertia_log_sd"])
+    assert settings.prior.depth_log_sd == pytest.approx(sds["prior.depth_log_sd"])
+    assert settings.prior.inertia_log_sd == pytest.approx(sds["prior.inertia_log_sd"])
     assert settings.slab.depth_m == pytest.approx(sand.record.values["depth_m"])
 
 

@@ -38,17 +38,19 @@ def inputs(drawn, regions, settings):
     return layout, made
 
 
-@pytest.mark.parametrize(("day", "told", "within_deg"), [(CLEAR, True, 2.0), (BROKEN_CLOUD, False, 5.0)])
-def test_drawn_worlds_give_their_slopes_back(day, told, within_deg):
-    """Mean errors of two worlds after 40 min; where the world is as told every region holds the truth."""
+@pytest.mark.parametrize(
+    ("day", "as_configured", "within_deg"), [(CLEAR, True, 2.0), (BROKEN_CLOUD, False, 5.0)]
+)
+def test_drawn_worlds_give_their_slopes_back(day, as_configured, within_deg):
+    """Mean errors of two worlds after 40 min; where it is as configured every region holds the truth."""
     errors = []
     for seed in (1, 3):
-        drawn = world(seed, day, told=told, minutes=40)
+        drawn = world(seed, day, as_configured=as_configured, minutes=40)
         for found, bed in zip(
             SlopeChain(drawn.regions, drawn.settings).at(drawn.history).slopes, drawn.regions[1:], strict=True
         ):
             errors.append(abs(found.tilt_deg - bed.tilt_deg))
-            if told:
+            if as_configured:
                 assert found.tilt_low_deg < bed.tilt_deg < found.tilt_high_deg
     assert np.mean(errors) < within_deg
 
@@ -184,8 +186,8 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     prior, sd = drawn.settings.prior, 5.0
     # a prior and a reading together: variances add by their inverses
     told_sd = (prior.longwave_sd_w_m2**-2 + sd**-2) ** -0.5
-    told = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=told_sd))
-    after = moments(OneHypothesis(told))
+    as_configured = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=told_sd))
+    after = moments(OneHypothesis(as_configured))
     for target in range(3):
         promised = before.sd_if_known(f"tilt{target}", "longwave", sd)
         assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
