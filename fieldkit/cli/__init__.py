@@ -64,6 +64,9 @@ COMMANDS: dict[str, tuple[CommandEntry, ...]] = {
         CommandEntry(
             "page", "fieldkit.cli.page", "Serve the field page: see, draw, start, mark in a browser."
         ),
+        CommandEntry(
+            "service", "fieldkit.cli.service", "Run the page, and a recording, from boot on (systemd)."
+        ),
     ),
     "Afterwards": (
         CommandEntry("ls", "fieldkit.cli.ls", "List the sessions of a campaign."),

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 def run_until_stopped(prepared: PreparedRecording, views: Sequence[View]) -> RecordedSession:
     """Record until the planned end or a signal, which seals the session; a second Ctrl-C stops at once."""
+    from fieldkit.views.service_manager import RecordingReports, is_expected
     from fieldkit.workflows.provenance import command_line
 
+    if is_expected():
+        views = [*views, RecordingReports(prepared.path.stem)]
     with stop_on_signals() as stopping:  # from before there is anything that must be sealed
         try:
             return prepared.run(views, stopping=stopping, command_line=command_line())

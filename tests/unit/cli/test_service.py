@@ -1,0 +1,192 @@
+"""``fieldkit service`` with programs in systemd's place that note what they are asked."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.workflows import service
+from fieldkit.workflows.service_unit import NAME
+
+SYSTEMCTL = """#!/bin/sh
+echo "$@" >> "$SERVICE_TEST/asked"
+case "$*" in *"$SERVICE_TEST_FAILS"*) echo "Failed to connect to bus: No medium found" >&2; exit 1;; esac
+case "$*" in *show*) cat "$SERVICE_TEST/shown";; esac
+"""
+JOURNALCTL = """#!/bin/sh
+echo '{"__REALTIME_TIMESTAMP": "1765421700000000", "MESSAGE": "sealed recordings/a.h5"}'
+"""
+RUNNING = """ActiveState=active
+SubState=running
+UnitFileState=enabled
+StatusText=recording beds: 1234 samples, 12 GB free
+Result=success
+NRestarts=0
+StateChangeTimestamp=@1765421646
+"""
+FAILED = """ActiveState=activating
+SubState=auto-restart
+UnitFileState=enabled
+StatusText=
+Result=watchdog
+NRestarts=3
+StateChangeTimestamp=
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    folder = tmp_path / "some sand"
+    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    return folder
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A computer with systemd, seen by a user who is not root; the folder of what systemd was asked."""
+    folder = tmp_path / "systemd"
+    folder.mkdir()
+    for name, text in (("systemctl", SYSTEMCTL), ("journalctl", JOURNALCTL), ("loginctl", "#!/bin/sh\n")):
+        (folder / name).write_text(text)
+        (folder / name).chmod(0o755)
+    (folder / "shown").write_text(RUNNING)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
+    monkeypatch.setenv("SERVICE_TEST", str(folder))
+    monkeypatch.setenv("SERVICE_TEST_FAILS", "nothing")
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setattr(service, "SYSTEMD_RUNS", folder)
+    monkeypatch.setattr(service, "SYSTEM_UNITS", tmp_path / "system")
+    monkeypatch.setattr(service, "LINGERING", tmp_path / "linger")
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    return folder
+
+
+def run(*words: str | Path):
+    return CliRunner().invoke(main, ["service", *map(str, words)])
+
+
+def unit(tmp_path: Path) -> Path:
+    return tmp_path / "config" / "systemd" / "user" / NAME
+
+
+def test_install_starts_it_now_and_at_boot(campaign, systemd, tmp_path):
+    done = run("install", "-C", campaign, "--record", "--port", "8421")
+    assert done.exit_code == 0, done.output
+    text = unit(tmp_path).read_text()
+    assert f"WorkingDirectory={campaign}" in text
+    assert "fieldkit page --record --port 8421" in text
+    asked = (systemd / "asked").read_text().splitlines()
+    assert asked[:3] == ["--user daemon-reload", f"--user enable {NAME}", f"--user restart --no-block {NAME}"]
+    assert done.stdout.startswith("running since 20")
+    assert str(campaign) in done.stdout
+
+
+def test_install_warns_of_what_a_person_must_do(campaign, systemd, monkeypatch):
+    monkeypatch.setattr(service, "_is_group", lambda name: False)
+    done = run("install", "-C", campaign)
+    assert "sudo loginctl enable-linger 12345" in done.stderr
+    assert "starts at login only" in done.stdout
+
+
+def test_install_again_replaces_it_for_the_same_campaign_alone(campaign, systemd, tmp_path):
+    assert run("install", "-C", campaign).exit_code == 0
+    assert run("install", "-C", campaign, "--record").exit_code == 0
+    other = tmp_path / "other"
+    CliRunner().invoke(main, ["init", "--simulated", str(other)])
+    done = run("install", "-C", other)
+    assert done.exit_code == 9
+    assert f"is installed for {campaign}" in done.stderr
+    assert "--record" in unit(tmp_path).read_text()
+
+
+def test_remove_stops_it_and_deletes_the_unit(campaign, systemd, tmp_path):
+    run("install", "-C", campaign)
+    done = run("remove")
+    assert (done.exit_code, done.stderr) == (0, f"removed the service of {campaign}\n")
+    assert not unit(tmp_path).exists()
+    asked = (systemd / "asked").read_text().splitlines()
+    assert asked[-2:] == [f"--user disable --now {NAME}", "--user daemon-reload"]
+    assert run("remove").exit_code == 9
+
+
+def test_status_in_words(campaign, systemd):
+    assert "no service is installed" in run("status").stdout
+    run("install", "-C", campaign)
+    said = run("status").stdout
+    assert said.startswith("running since 2025-12-11")
+    assert "recording beds: 1234 samples, 12 GB free" in said
+    assert "sealed recordings/a.h5" in said
+    (systemd / "shown").write_text(FAILED)
+    said = run("status").stdout
+    assert said.startswith("waits to start again (no progress for a minute)")
+    assert "restarted 3 times" in said
+
+
+def test_status_as_json(campaign, systemd):
+    run("install", "-C", campaign)
+    (found,) = json.loads(run("status", "--json").stdout)["services"]
+    assert found["campaign"] == str(campaign)
+    assert found["state"] == "active"
+    assert found["since_ns"] == 1765421646_000000000
+    assert found["last_log"] == {"time_ns": 1765421700_000000000, "text": "sealed recordings/a.h5"}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["install", "--system"], "only root may install a system service"),
+        (["remove", "--system"], "only root may remove a system service"),
+    ],
+)
+def test_without_rights(campaign, systemd, words, message):
+    done = run(*words, *(["-C", campaign] if "install" in words else []))
+    assert done.exit_code == 9
+    assert message in done.stderr
+    assert "sudo" in done.stderr
+
+
+def test_sudo_by_mistake(campaign, systemd, monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    done = run("install", "-C", campaign)
+    assert done.exit_code == 9
+    assert "without sudo, or add --system" in done.stderr
+    assert not unit(tmp_path).exists()
+
+
+def test_a_system_service_runs_as_the_folders_owner(campaign, systemd, monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    monkeypatch.setattr(service, "_user_name", lambda uid: {os.getuid(): "pi"}[uid])
+    done = run("install", "-C", campaign, "--system")
+    assert done.exit_code == 0, done.output
+    assert "\nUser=pi\n" in (tmp_path / "system" / NAME).read_text()
+    assert (systemd / "asked").read_text().startswith("daemon-reload\n")
+    assert run("remove").exit_code == 9
+    assert run("remove", "--system").exit_code == 0
+
+
+def test_without_a_session_of_the_user(campaign, systemd, monkeypatch):
+    monkeypatch.setenv("SERVICE_TEST_FAILS", "daemon-reload")
+    done = run("install", "-C", campaign)
+    assert done.exit_code == 9
+    assert "No medium found" in done.stderr
+    assert "not by su or sudo" in done.stderr
+
+
+def test_without_systemd(campaign, monkeypatch, tmp_path):
+    monkeypatch.setattr(service, "SYSTEMD_RUNS", tmp_path / "none")
+    for words in (["install", "-C", campaign], ["remove"], ["status"]):
+        done = run(*words)
+        assert done.exit_code == 9
+        assert "systemd does not run on this computer" in done.stderr
+    assert run("install", "-C", campaign, "--print").stdout.startswith("# Written by fieldkit")
+
+
+def test_without_a_campaign(systemd, tmp_path):
+    done = run("install", "-C", tmp_path)
+    assert done.exit_code == 3
+    assert "no fieldkit.toml" in done.stderr
