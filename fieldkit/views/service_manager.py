@@ -16,7 +16,7 @@ from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:
-    from fieldkit.recorder.recorder import Shown
+    from fieldkit.estimation.estimator import Minute
 
 EVERY_S = 1.0
 """Simulated seconds may be short; the service manager needs one report in a real one."""
@@ -55,7 +55,7 @@ class RecordingReports:
         self._awaits_sample = self._is_main = is_main_process()
         self._next_s = 0.0
 
-    def show(self, item: Shown) -> None:
+    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
         """Report what the item means to the service manager."""
         if isinstance(item, Health):
             self._alive(item)
