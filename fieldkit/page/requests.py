@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
@@ -159,12 +159,12 @@ class Link(_Request):
     role: Literal["view", "control"]
 
 
-Request = (
-    Picture | Value | CheckRegion | Sessions | CheckSession
-    | Start | Stop | AddMark | Shutter | Acknowledge | AddRegion | EditRegion | RemoveRegion | Link
-)  # fmt: skip
-FOR_ANYONE = (Picture, Value, CheckRegion, Sessions, CheckSession)
+ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession
+ForControl = Start | Stop | AddMark | Shutter | Acknowledge | AddRegion | EditRegion | RemoveRegion | Link
+Request = ForAnyone | ForControl
+FOR_ANYONE: tuple[type[_Request], ...] = get_args(ForAnyone)
 """Requests that change nothing; all others are for those who may control."""
+FOR_CONTROL: tuple[type[_Request], ...] = get_args(ForControl)
 
 _adapter: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
 

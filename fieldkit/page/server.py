@@ -235,8 +235,8 @@ class Page:
                 if message["type"] == "websocket.disconnect":
                     return
                 viewer.count_request()
-                if len(busy) >= ANSWERS_AT_ONCE:
-                    raise ViewerLeftError("too many requests at once")
+                if len(busy) >= ANSWERS_AT_ONCE:  # the browser waits
+                    await asyncio.wait(busy, return_when=asyncio.FIRST_COMPLETED)
                 busy.add(task := asyncio.create_task(self._answer(viewer, message.get("text") or "")))
                 task.add_done_callback(busy.discard)
         finally:

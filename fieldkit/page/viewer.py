@@ -35,7 +35,7 @@ class Viewer:
     _wake: asyncio.Event = field(default_factory=asyncio.Event)
     _reason: str = ""
     _allowance: float = BURST
-    _counted_at: float = field(default_factory=time.monotonic)
+    _counted_at: float = field(default_factory=lambda: time.monotonic())
 
     def text(self, message: str) -> None:
         """Queue a text; a viewer that does not read is disconnected."""
@@ -69,11 +69,19 @@ class Viewer:
         while True:
             await self._wake.wait()
             self._wake.clear()
-            async with asyncio.timeout(SEND_WITHIN_S):
-                while self._texts and not self._reason:
-                    await text(self._texts.popleft())
-                waiting, self._picture = self._picture, None
-                if waiting is not None and not self._reason:
-                    await picture(waiting)
+            try:
+                async with asyncio.timeout(SEND_WITHIN_S):
+                    await self._send_waiting(text, picture)
+            except TimeoutError:
+                raise ViewerLeftError("it takes nothing") from None
             if self._reason:
                 raise ViewerLeftError(self._reason)
+
+    async def _send_waiting(
+        self, text: Callable[[str], Awaitable[None]], picture: Callable[[bytes], Awaitable[None]]
+    ) -> None:
+        while self._texts and not self._reason:
+            await text(self._texts.popleft())
+        waiting, self._picture = self._picture, None
+        if waiting is not None and not self._reason:
+            await picture(waiting)

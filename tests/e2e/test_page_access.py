@@ -1,0 +1,463 @@
+"""Who gets what from the page: each test first shows the attack against a page without the guard."""
+
+from __future__ import annotations
+
+import socket
+import stat
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from fieldkit.page import protocol, requests, viewer
+from fieldkit.page import server as page_server
+from fieldkit.page.checks import CHECKS, known_host, same_origin
+from fieldkit.page.hub import MAX_VIEWERS
+from fieldkit.page.keys import Keys
+from fieldkit.page.server import listening
+from tests.harness.page import HOST, PATIENCE_S, Served, campaign, served
+
+HOSTILE = "http://evil.example"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return campaign(tmp_path_factory.mktemp("page") / "field")
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path):
+    with served(folder) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def unguarded(folder: Path) -> Callable[..., object]:
+    """A page without one of its checks."""
+    return lambda left_out: served(folder, checks=[check for check in CHECKS if check is not left_out])
+
+
+def refused(open_it: Callable[[], object]) -> int:
+    with pytest.raises(InvalidStatus) as error:
+        open_it()
+    return error.value.response.status_code
+
+
+# --- 1. only this computer unless an address is named
+
+
+def test_it_listens_on_loopback_alone_unless_told() -> None:
+    from fieldkit.cli.page import LOOPBACK, command
+
+    default = next(option.default for option in command.params if option.name == "address")
+    assert default == LOOPBACK == "127.0.0.1"
+    with listening(LOOPBACK, 0) as listener:
+        assert listener.getsockname()[0] == "127.0.0.1"
+
+
+# --- 2. host allow-list
+
+
+def test_a_name_that_was_rebound_to_this_computer_gets_nothing(page: Served, unguarded) -> None:
+    with unguarded(known_host) as open_page:
+        name = f"evil.example:{open_page.port}"  # resolves to 127.0.0.1 by now; origin and host agree
+        assert open_page.ask("GET", "/", Host=name).status == 200
+        key = open_page.page.keys.new_link("control")
+        answer = open_page.ask("POST", "/key", {"key": key}, Host=name, Origin=f"http://{name}")
+        assert answer.status == 200
+    name = f"evil.example:{page.port}"
+    for path in ("/", "/role", "/session/x/report"):
+        assert page.ask("GET", path, Host=name, Cookie=page.cookie()).status == 403
+    key = page.page.keys.new_link("control")
+    assert page.ask("POST", "/key", {"key": key}, Host=name, Origin=f"http://{name}").status == 403
+    assert page.page.keys.is_link(key)
+
+
+def test_a_rebound_name_opens_no_socket(page: Served, unguarded) -> None:
+    def upgrade(running: Served, host: str) -> bytes:
+        """Raw, since a client library sends the host it connects to."""
+        with socket.create_connection((HOST, running.port), PATIENCE_S) as raw:
+            raw.sendall(
+                f"GET /socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
+                f"Connection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+                f"Sec-WebSocket-Version: 13\r\nCookie: {running.cookie()}\r\n\r\n".encode()
+            )
+            return raw.recv(12)
+
+    with unguarded(known_host) as open_page:
+        assert upgrade(open_page, "evil.example") == b"HTTP/1.1 101"
+    assert upgrade(page, page.host) == b"HTTP/1.1 101"
+    assert upgrade(page, "evil.example") == b"HTTP/1.1 403"
+
+
+@pytest.mark.parametrize("name", ["127.0.0.1", "localhost", "LOCALHOST", socket.gethostname()])
+def test_its_own_names_are_known(page: Served, name: str) -> None:
+    assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 200
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["127.0.0.1.evil.example", "localhost.evil.example", "10.0.0.1", "[::1]", "", "127.1", "2130706433"],
+)
+def test_other_names_are_not(page: Served, name: str) -> None:
+    assert page.ask("GET", "/", Host=f"{name}:{page.port}").status == 403
+
+
+# --- 3. origin of every upgrade and every POST
+
+
+def test_a_hostile_page_opens_no_socket_with_the_browsers_cookie(page: Served, unguarded) -> None:
+    with unguarded(same_origin) as open_page, open_page.opened(HOSTILE, Cookie=open_page.cookie()) as browser:
+        assert browser.next("hello")["role"] == "control"
+    cookie = page.cookie()
+    # a page on another port of this host is of the same site, so the browser sends the cookie along
+    for origin in (
+        HOSTILE,
+        f"http://{HOST}:{page.port + 1}",
+        f"https://{page.host}",
+        "null",
+        f"{page.origin}.evil",
+    ):
+        assert refused(lambda origin=origin: page.opened(origin, Cookie=cookie)) == 403
+
+
+def test_a_hostile_page_cannot_use_up_or_try_keys(page: Served, unguarded) -> None:
+    with unguarded(same_origin) as open_page:
+        key = open_page.page.keys.new_link("view")
+        assert open_page.ask("POST", "/key", {"key": key}, Origin=HOSTILE).status == 200
+    key = page.page.keys.new_link("view")
+    assert page.ask("POST", "/key", {"key": key}, Origin=HOSTILE).status == 403
+    assert page.ask("POST", "/key", {"key": key}, Origin="null").status == 403
+    assert page.page.keys.is_link(key)
+
+
+def test_without_an_origin_only_a_program_with_a_key_is_served(page: Served, unguarded) -> None:
+    with unguarded(same_origin) as open_page, open_page.opened(None, Cookie=open_page.cookie()) as browser:
+        assert browser.next("hello")["role"] == "control"
+    cookie = page.cookie()
+    assert refused(lambda: page.opened(None, Cookie=cookie)) == 403
+    assert refused(lambda: page.opened(None, Authorization="Bearer wrong")) == 403
+    session = cookie.partition("=")[2]
+    with page.opened(None, Authorization=f"Bearer {session}") as program:
+        assert program.next("hello")["role"] == "control"
+    key = page.page.keys.new_link("view")
+    assert page.ask("POST", "/key", {"key": key}).status == 403
+    answer = page.ask("POST", "/key", {}, Authorization=f"Bearer {key}")
+    assert (answer.status, answer.json) == (200, {"role": "view"})
+
+
+# --- 4. keys
+
+
+def test_a_link_has_128_bits_works_once_and_its_cookie_is_for_this_page_alone(page: Served) -> None:
+    key = page.page.keys.new_link("control")
+    assert len(key) == 22  # 16 bytes in base64
+    answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
+    words = {word.strip().lower() for word in answer.headers["set-cookie"].split(";")[1:]}
+    assert {"httponly", "samesite=strict", "path=/"} <= words
+    assert key not in answer.headers["set-cookie"]
+    again = page.ask("POST", "/key", {"key": key}, Origin=page.origin)
+    assert again.status == 403
+    assert "set-cookie" not in again.headers
+
+
+def test_no_key_stands_in_the_file(folder: Path) -> None:
+    keys = Keys(folder / "recordings")
+    link = keys.new_link("control")
+    session, _ = keys.exchange(keys.new_link("control")) or ("", "")
+    text = keys.path.read_text(encoding="utf-8")
+    assert session
+    assert link not in text
+    assert session not in text
+    assert stat.S_IMODE(keys.path.stat().st_mode) == 0o600
+
+
+def test_wrong_keys_are_answered_ever_more_slowly_and_right_ones_at_once(folder: Path) -> None:
+    def tries(running: Served, count: int) -> float:
+        began = time.monotonic()
+        for number in range(count):
+            assert running.ask("POST", "/key", {"key": f"{number}"}, Origin=running.origin).status == 403
+        return time.monotonic() - began
+
+    with served(folder) as slow:
+        assert tries(slow, page_server.WRONG_TRIES_FREE) < 1.0
+        assert tries(slow, 2) >= 2.0
+        began = time.monotonic()
+        slow.cookie()
+        assert time.monotonic() - began < 0.9
+
+
+def test_without_the_delay_keys_could_be_tried_fast(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_server, "WRONG_TRIES_FREE", 10**9)
+    with served(folder) as fast:
+        began = time.monotonic()
+        for number in range(20):
+            fast.ask("POST", "/key", {"key": f"{number}"}, Origin=fast.origin)
+        assert time.monotonic() - began < 2.0
+
+
+@pytest.mark.parametrize(
+    "body", ["x", "[]", '{"key": 3}', '{"key": null}', "{}", '{"key": "' + "x" * 5000 + '"}']
+)
+def test_what_is_no_key_is_refused(page: Served, body: str) -> None:
+    import http.client
+
+    connection = http.client.HTTPConnection(HOST, page.port, timeout=PATIENCE_S)
+    connection.request("POST", "/key", body, {"Content-Type": "application/json", "Origin": page.origin})
+    assert connection.getresponse().status in (403, 429)
+    connection.close()
+    page.page._wrong_tries = 0
+
+
+# --- 5. two roles
+
+
+CONTROL_ONLY = (
+    {"do": "start", "name": "x", "duration": "1m"},
+    {"do": "stop", "confirm": True},
+    {"do": "mark", "text": "x"},
+    {"do": "shutter"},
+    {"do": "acknowledge", "alarm": "x"},
+    {"do": "remove_region", "name": "b15", "confirm": True},
+    {"do": "link", "role": "control"},
+)
+
+
+@pytest.mark.parametrize("what", CONTROL_ONLY, ids=lambda what: str(what["do"]))
+def test_who_may_look_may_not_control(
+    folder: Path, page: Served, what: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = (folder / "fieldkit.toml").read_bytes()
+    with page.browser("view") as browser:
+        assert browser.next("hello")["role"] == "view"
+        answer = browser.request(**what)
+        assert not answer["ok"]
+        assert answer["text"] == "this link may only look"
+        # without the guard the request goes through to what would do it
+        everything = (*requests.FOR_ANYONE, *requests.FOR_CONTROL)
+        monkeypatch.setattr(requests, "FOR_ANYONE", everything)
+        monkeypatch.setattr(page.page.answers, "_done", done_by_nobody)
+        assert browser.request(**what)["text"] == "done"
+    assert (folder / "fieldkit.toml").read_bytes() == before
+
+
+async def done_by_nobody(_: object, request: requests.Request) -> dict[str, object]:
+    from fieldkit.page.answers import answer
+
+    return answer(request.id, "done")
+
+
+def test_who_may_look_receives_no_files(page: Served) -> None:
+    for path in ("/session/0123456789abcdef/report", "/session/0123456789abcdef/download"):
+        assert page.ask("GET", path).status == 403
+        assert page.ask("GET", path, Cookie=page.cookie("view")).status == 403
+        assert page.ask("GET", path, Cookie=page.cookie("control")).status == 404
+
+
+def test_without_a_key_there_is_only_the_empty_document(page: Served) -> None:
+    answer = page.ask("GET", "/")
+    assert answer.status == 200
+    assert page.page.config.campaign.title.encode() not in answer.body
+    assert page.ask("GET", "/role").json == {"role": None}
+    assert refused(page.opened) == 403
+    assert refused(lambda: page.opened(Cookie=f"{page.page.cookie}=wrong")) == 403
+    page.page._wrong_tries = 0
+
+
+# --- 6. no trust in addresses
+
+
+@pytest.mark.parametrize(
+    "header", ["X-Forwarded-For", "X-Forwarded-Host", "Forwarded", "X-Real-IP", "X-Forwarded-Proto"]
+)
+def test_what_a_proxy_says_changes_nothing(page: Served, header: str) -> None:
+    # no version without this guard can be shown: nothing in the page reads these headers, nor an address
+    value = "for=127.0.0.1;host=localhost" if header == "Forwarded" else "127.0.0.1"
+    more = {header.replace("-", "_"): value}
+    assert page.ask("GET", "/role", **more).json == {"role": None}
+    assert page.ask("GET", "/", Host="evil.example", **more).status == 403
+    key = page.page.keys.new_link("view")
+    assert page.ask("POST", "/key", {"key": key}, Origin=HOSTILE, **more).status == 403
+
+
+# --- 7. no change of state by GET
+
+
+def test_nothing_changes_by_get(folder: Path, page: Served) -> None:
+    key = page.page.keys.new_link("control")
+    config = (folder / "fieldkit.toml").read_bytes()
+    for path in (f"/key?key={key}", f"/?key={key}", "/socket", "/start", "/stop", "/mark?text=x"):
+        assert page.ask("GET", path, Cookie=page.cookie()).status in (200, 404, 405)
+    assert page.page.keys.is_link(key)
+    assert (folder / "fieldkit.toml").read_bytes() == config
+    assert not list((folder / "recordings").glob("*.h5*"))
+
+
+def test_a_form_of_another_page_is_no_request(page: Served) -> None:
+    key = page.page.keys.new_link("control")
+    answer = page.ask("POST", "/key", {"key": key}, Origin=page.origin, Content_Type="text/plain")
+    assert answer.status == 403
+    assert page.page.keys.is_link(key)
+    page.page._wrong_tries = 0
+
+
+# --- 8. sessions end
+
+
+def test_sessions_end(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(folder) as page:
+        cookie = page.cookie()
+        assert page.ask("GET", "/role", Cookie=cookie).json == {"role": "control"}
+        with page.opened(Cookie=cookie) as browser:
+            browser.next("hello")
+            later = time.time() + 25 * 3600
+            monkeypatch.setattr("time.time", lambda: later)
+            with pytest.raises(ConnectionClosed) as closed:
+                browser.next("never")
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.reason == "its session has ended"
+        assert page.ask("GET", "/role", Cookie=cookie).json == {"role": None}
+
+
+def test_links_end_unused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = Keys(folder / "recordings")
+    key = keys.new_link("control")
+    later = time.time() + 25 * 3600
+    monkeypatch.setattr("time.time", lambda: later)
+    assert keys.exchange(key) is None
+
+
+def test_browsers_stay_known_when_the_page_is_restarted(folder: Path) -> None:
+    with served(folder) as before:
+        cookie, port = before.cookie(), before.port
+    began = time.monotonic()
+    with served(folder, port=port) as after, after.opened(Cookie=cookie) as browser:
+        assert browser.next("hello")["role"] == "control"
+    assert time.monotonic() - began < 2.0
+
+
+# --- 9. what every answer says
+
+
+def test_every_answer_carries_its_policy(page: Served) -> None:
+    answer = page.ask("GET", "/")
+    policy = answer.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert "unsafe" not in policy
+    nonce = policy.partition("script-src 'nonce-")[2].partition("'")[0]
+    assert len(nonce) == 22
+    assert f'nonce="{nonce}"'.encode() in answer.body
+    assert nonce.encode() not in page.ask("GET", "/").body
+    for path in ("/", "/role", "/session/x/report", "/nothing"):
+        headers = page.ask("GET", path).headers
+        assert headers["x-content-type-options"] == "nosniff"
+        assert headers["referrer-policy"] == "no-referrer"
+        assert headers["cache-control"] == "no-store"
+        assert "server" not in headers
+
+
+# --- 10. limits
+
+
+def test_a_long_message_ends_its_connection(page: Served) -> None:
+    with page.browser() as browser:
+        browser.socket.send("x" * (requests.MAX_BYTES + 1))
+        with pytest.raises(ConnectionClosed) as closed:
+            browser.next("never")
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1009
+
+
+def test_too_many_requests_end_their_connection(page: Served) -> None:
+    with page.browser() as browser:
+        with suppress(ConnectionClosed):
+            for _ in range(4 * viewer.BURST):
+                browser.socket.send('{"do": "value", "x": 1, "y": 1}')
+        with pytest.raises(ConnectionClosed) as closed:
+            browser.next("never")
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.reason == "too many requests"
+
+
+def test_viewers_are_counted_and_who_controls_takes_the_place_of_one_who_looks(folder: Path) -> None:
+    with served(folder) as page:
+        browsers = [page.browser("view") for _ in range(MAX_VIEWERS)]
+        for browser in browsers:
+            browser.next("hello")
+        with page.browser("view") as one_more, pytest.raises(ConnectionClosed) as closed:
+            one_more.next("hello")
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == page_server.FULL
+        with page.browser("control") as control:
+            assert control.next("hello")["role"] == "control"
+            with pytest.raises(ConnectionClosed):
+                browsers[0].next("never")
+            assert browsers[1].next("now")
+        for browser in browsers:
+            browser.close()
+
+
+def lasts(page: Served, *parts: bytes) -> float:
+    """Seconds until the server ends a connection that sends this and nothing more; at most three."""
+    with socket.create_connection((HOST, page.port), PATIENCE_S) as slow:
+        for part in parts:
+            slow.sendall(part)
+            time.sleep(0.2)
+        began = time.monotonic()
+        slow.settimeout(3.0)
+        with suppress(ConnectionResetError, TimeoutError):
+            while slow.recv(1000):
+                pass
+        return time.monotonic() - began
+
+
+def test_late_headers_end_their_connection(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(folder) as page:
+        host = f"Host: {page.host}\r\nOrigin: {page.origin}\r\n".encode()
+        whole, half = b"GET /role HTTP/1.1\r\n" + host + b"\r\n", b"GET / HTTP/1.1\r\nHost: "
+        about = host + b"Content-Type: application/json\r\nContent-Length: 9\r\n\r\n"
+        assert lasts(page, half) >= 3.0  # within the time it may be late
+        monkeypatch.setattr(protocol, "HEADERS_WITHIN_S", 0.5)
+        for late in ((b"",), (half,), (b"POST /key HTTP/1.1\r\n" + about + b"{",), (whole, half)):
+            assert lasts(page, *late) < 2.5
+
+
+def test_connections_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(protocol, "MOST_CONNECTIONS", 10)
+    with served(folder) as page:
+        idle = [socket.create_connection((HOST, page.port), PATIENCE_S) for _ in range(30)]
+        time.sleep(0.3)
+        ended = 0
+        for one in idle:
+            one.settimeout(0.05)
+            try:
+                ended += one.recv(1) == b""
+            except TimeoutError:
+                pass
+            except ConnectionResetError:
+                ended += 1
+        assert ended >= 20
+        for one in idle:
+            one.close()
+        time.sleep(0.2)
+        assert page.ask("GET", "/").status == 200
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["..%2f..%2ffieldkit.toml", "%2fetc%2fpasswd", "../fieldkit.toml", "fieldkit.toml", "....//", "%00", "*"],
+)
+def test_no_path_of_a_browser_is_ever_opened(page: Served, name: str) -> None:
+    # without the comparison with the list, joining the name to the folder would reach the file
+    assert (page.page.config.recordings / "../fieldkit.toml").exists()
+    cookie = page.cookie()
+    for what in ("download", "report"):
+        answer = page.ask("GET", f"/session/{name}/{what}", Cookie=cookie)
+        assert answer.status == 404
+        assert b"schema" not in answer.body
+    with page.opened(Cookie=cookie) as browser:
+        assert not browser.request(do="check_session", session=name)["ok"]

@@ -1,0 +1,165 @@
+"""A field page on real sockets of this computer, and browsers in a few lines."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+from fieldkit.config import load_config
+from fieldkit.page.checks import CHECKS, Check
+from fieldkit.page.server import Page, listening, server
+from fieldkit.page.viewer import Role
+from fieldkit.workflows.campaign import init_campaign
+
+HOST = "127.0.0.1"
+PATIENCE_S = 30.0
+
+
+def campaign(folder: Path) -> Path:
+    """A simulated campaign."""
+    init_campaign(folder, simulated=True)
+    return folder
+
+
+@dataclass
+class Answer:
+    """What the server answered."""
+
+    status: int
+    headers: dict[str, str]
+    body: bytes
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.body)
+
+
+@dataclass
+class Served:
+    """A page that is being served."""
+
+    page: Page
+    port: int
+
+    @property
+    def host(self) -> str:
+        return f"{HOST}:{self.port}"
+
+    @property
+    def origin(self) -> str:
+        return f"http://{self.host}"
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> Answer:
+        """A request; underscores of header names become dashes, Host and all else as given."""
+        sent = {name.replace("_", "-"): value for name, value in headers.items()}
+        connection = http.client.HTTPConnection(HOST, self.port, timeout=PATIENCE_S)
+        try:
+            text = None if body is None else json.dumps(body)
+            if text is not None:
+                sent.setdefault("Content-Type", "application/json")
+            connection.request(method, path, text, sent)
+            answer = connection.getresponse()
+            return Answer(
+                answer.status, {name.lower(): value for name, value in answer.headers.items()}, answer.read()
+            )
+        finally:
+            connection.close()
+
+    def cookie(self, role: Role = "control") -> str:
+        """A browser's cookie, for a new link."""
+        key = self.page.keys.new_link(role)
+        answer = self.ask("POST", "/key", {"key": key}, Origin=self.origin)
+        assert answer.status == 200, answer
+        return answer.headers["set-cookie"].partition(";")[0]
+
+    def browser(self, role: Role = "control", **more: Any) -> Browser:
+        """A browser that came by a new link."""
+        return self.opened(Cookie=self.cookie(role), **more)
+
+    def opened(self, origin: str | None = "", **headers: str) -> Browser:
+        """A WebSocket with these headers; `origin` "" stands for the page's own."""
+        connection = connect(
+            f"ws://{self.host}/socket", origin=self.origin if origin == "" else origin,  # type: ignore[arg-type]
+            additional_headers=headers, open_timeout=PATIENCE_S, compression=None,
+        )  # fmt: skip
+        opened = ExitStack()
+        return Browser(opened.enter_context(connection), opened)
+
+
+@dataclass
+class Browser:
+    """A WebSocket's browser end."""
+
+    socket: ClientConnection
+    opened: ExitStack
+    number: int = 0
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the page."""
+        self.opened.close()
+
+    def request(self, **what: Any) -> dict[str, Any]:
+        """Send a request; its answer."""
+        self.number += 1
+        self.socket.send(json.dumps({**what, "id": self.number}))
+        return self.next("answer", id=self.number)
+
+    def next(self, kind: str, **wanted: Any) -> dict[str, Any]:
+        """The next message of a type with these values."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            message = self.socket.recv(timeout=max(0.0, deadline - time.monotonic()))
+            if isinstance(message, str):
+                document = json.loads(message)
+                if document["type"] == kind and all(document[key] == value for key, value in wanted.items()):
+                    return dict(document)
+
+    def picture(self) -> tuple[dict[str, Any], bytes]:
+        """Header and body of the next picture."""
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            message = self.socket.recv(timeout=max(0.0, deadline - time.monotonic()))
+            if isinstance(message, bytes):
+                size = int.from_bytes(message[:2], "little")
+                return json.loads(message[2 : 2 + size]), message[2 + size :]
+
+
+@contextmanager
+def served(
+    folder: Path, *, port: int = 0, preview: bool = False, checks: Sequence[Check] = CHECKS, **settings: Any
+) -> Iterator[Served]:
+    """Serve the page of a campaign in a thread; without instruments unless `preview`."""
+    with listening(HOST, port) as listener:
+        number = int(listener.getsockname()[1])
+        values = [f"{key.replace('__', '.')}={value}" for key, value in settings.items()]
+        config = load_config(folder / "fieldkit.toml", settings=values)
+        page = Page(config, number, values, preview, checks)
+        running = server(page)
+        thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        deadline = time.monotonic() + PATIENCE_S
+        while not running.started:
+            assert thread.is_alive()
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        try:
+            yield Served(page, number)
+        finally:
+            running.should_exit = True
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()

@@ -1,0 +1,106 @@
+"""Whatever a browser sends becomes a request or a refusal, never anything else."""
+
+from __future__ import annotations
+
+import json
+from contextlib import suppress
+from typing import Any, get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fieldkit.page import requests
+from fieldkit.page.requests import BadRequestError, parse
+
+REGION = {"name": "b15", "role": "target", "vertices": [[1, 2], [30, 2.5], [30, 40]]}
+GOOD: list[dict[str, Any]] = [
+    {"do": "picture", "mode": "jpeg"},
+    {"do": "value", "x": 3, "y": 4.5},
+    {"do": "check_region", "region": REGION, "shrink": 2},
+    {"do": "sessions"},
+    {"do": "check_session", "session": "0123456789abcdef"},
+    {"do": "start", "name": "day", "duration": "3h"},
+    {"do": "stop", "confirm": True},
+    {"do": "mark", "text": "a cloud", "kind": "cloud", "at": "-30s", "to": None},
+    {"do": "shutter"},
+    {"do": "acknowledge", "alarm": "no-frame camera"},
+    {"do": "add_region", "region": {**REGION, "tilt_deg": 15, "azimuth_deg": None}},
+    {"do": "edit_region", "name": "b15", "region": REGION},
+    {"do": "remove_region", "name": "b15", "confirm": True},
+    {"do": "link", "role": "view"},
+]
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
+)
+
+
+def is_parsed_or_refused(text: str) -> None:
+    with suppress(BadRequestError):
+        assert isinstance(parse(text), get_args(requests.Request))
+
+
+@pytest.mark.parametrize("body", GOOD, ids=lambda body: str(body["do"]))
+def test_every_request_is_read(body):
+    found = parse(json.dumps({**body, "id": 7}))
+    assert found.id == 7
+    assert found.do == body["do"]
+
+
+def test_every_kind_of_request_is_tried_here():
+    assert {body["do"] for body in GOOD} == {
+        get_args(kind.model_fields["do"].annotation)[0] for kind in get_args(requests.Request)
+    }
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"do": "stop"},
+        {"do": "stop", "confirm": False},
+        {"do": "remove_region", "name": "b15"},
+        {"do": "start", "duration": "3h", "until": "17:00"},
+        {"do": "mark", "text": ""},
+        {"do": "mark", "text": "x" * 2001},
+        {"do": "picture", "mode": "gif"},
+        {"do": "sessions", "path": "/etc/passwd"},
+        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4]]}},
+        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2], [3, 4], [5, float("inf")]]}},
+        {"do": "add_region", "region": {**REGION, "vertices": [[1, 2, 3]] * 4}},
+        {"do": "format"},
+        {"mode": "jpeg"},
+    ],
+)
+def test_what_is_incomplete_or_unknown_is_refused_with_its_number(body):
+    with pytest.raises(BadRequestError) as error:
+        parse(json.dumps({**body, "id": 3}))
+    assert error.value.id == 3
+
+
+@given(st.text())
+def test_any_text(text):
+    is_parsed_or_refused(text)
+
+
+@given(json_values)
+def test_any_json(value):
+    is_parsed_or_refused(json.dumps(value))
+
+
+@given(st.sampled_from(GOOD), st.data())
+def test_requests_with_a_part_replaced(body, data):
+    key = data.draw(st.sampled_from([*body, "id"]))
+    is_parsed_or_refused(json.dumps({**body, key: data.draw(json_values)}))
+
+
+@given(st.sampled_from(GOOD), st.integers(0, 200), st.binary(max_size=3))
+def test_requests_with_bytes_replaced(body, at, garbage):
+    text = json.dumps(body).encode()
+    is_parsed_or_refused((text[:at] + garbage + text[at + len(garbage) :]).decode("latin-1"))
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, '{"a":' * 3000, "x" * 20_000, '{"id": ' + "9" * 5000 + "}"])
+def test_deep_long_and_large_ones(text):
+    with pytest.raises(BadRequestError):
+        parse(text)
