@@ -35,7 +35,7 @@ class Viewer:
     _wake: asyncio.Event = field(default_factory=asyncio.Event)
     _reason: str = ""
     _allowance: float = BURST
-    _counted_at: float = field(default_factory=lambda: time.monotonic())
+    _counted_at: float = 0.0
 
     def text(self, message: str) -> None:
         """Queue a text; a viewer that does not read is disconnected."""
