@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from fieldkit.cli import common
+from fieldkit.views.service_manager import is_expected
 
 if TYPE_CHECKING:
     from fieldkit.config import Config
@@ -32,10 +33,16 @@ WILDCARDS = ("0.0.0.0", "::")
     "--link", "role", type=click.Choice(["view", "control"]),
     help="Print one more link for the page that runs, and exit.",
 )  # fmt: skip
+@click.option("--record", is_flag=True, help="Begin a recording at once, and again when it fails.")
 @common.set_option
 @click.pass_context
 def command(
-    ctx: click.Context, address: str, port: int, role: Role | None, settings: tuple[str, ...]
+    ctx: click.Context,
+    address: str,
+    port: int,
+    role: Role | None,
+    record: bool,
+    settings: tuple[str, ...],
 ) -> None:
     r"""Serve the field page: picture, regions, slopes, start, marks and alarms in a browser.
 
@@ -49,12 +56,12 @@ def command(
     """
     config = common.campaign(ctx, settings)
     if role is not None:
-        click.echo(_link(config, address, port, role))
+        _show_link(_link(config, address, port, role))
         return
-    _serve(config, address, port, settings)
+    _serve(config, address, port, settings, record=record)
 
 
-def _serve(config: Config, address: str, port: int, settings: tuple[str, ...]) -> None:
+def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *, record: bool) -> None:
     from fieldkit.model.errors import RefusedError
 
     try:
@@ -72,17 +79,30 @@ def _serve(config: Config, address: str, port: int, settings: tuple[str, ...]) -
         ) from error
     with listener:
         _print_links(config, address, port)
-        server(Page(config, port, settings)).run(sockets=[listener])
+        server(Page(config, port, settings, record=record)).run(sockets=[listener])
     common.say("\nthe page has ended; a recording goes on: fieldkit status, fieldkit stop")
 
 
-def _print_links(config: Config, address: str, port: int) -> None:
+def _show_link(link: str) -> None:
+    """Print a link, in a terminal also as a QR code for a phone."""
+    _show_qr_code(link)
+    click.echo(link)
+
+
+def _show_qr_code(link: str) -> None:
     from fieldkit.views.qr_code import qr_lines
 
-    control, view = (_link(config, address, port, role) for role in ("control", "view"))
     if common.console(err=True).is_terminal:
-        for line in qr_lines(control):
+        for line in qr_lines(link):
             common.say(line)
+
+
+def _print_links(config: Config, address: str, port: int) -> None:
+    if is_expected():  # a log must not contain keys
+        common.say(f"the page listens on {address}:{port}; a link to it: fieldkit page --link control")
+        return
+    control, view = (_link(config, address, port, role) for role in ("control", "view"))
+    _show_qr_code(control)
     common.say(f"control  {control}")
     common.say(f"look     {view}")
     common.say("each link works once; more: fieldkit page --link control. Ctrl-C ends the page.")

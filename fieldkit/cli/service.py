@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import asdict
 from datetime import datetime
 from typing import TYPE_CHECKING
@@ -112,7 +113,8 @@ def _lines(status: ServiceStatus) -> list[str]:
         lines.append(f"  restarted {status.restarts} times since the last boot")
     if status.last_log is not None:
         lines.append(f"  last log line, {_local(status.last_log.time_ns)}: {status.last_log.text}")
-    return [*lines, f"  whole log: journalctl {unit} {status.unit.stem}"]
+    link = ["fieldkit", "page", "--link", "control", "-C", str(status.campaign), *status.page]
+    return [*lines, f"  whole log: journalctl {unit} {status.unit.stem}", f"  link: {shlex.join(link)}"]
 
 
 def _state(status: ServiceStatus) -> str:

@@ -106,6 +106,16 @@ class Conductor:
             time.sleep(LOOK_EVERY_S)
         raise RefusedError("the recorder has not started within a minute", fix="look at the instruments")
 
+    def exit_code(self, ending: threading.Event) -> int | None:
+        """Exit code of the recording that `start` started last, once it has ended (negative: by a signal).
+
+        None if there was none, or if `ending` is set before.
+        """
+        while self._child is not None and not self._child.has_ended:
+            if ending.wait(LOOK_EVERY_S):
+                return None
+        return None if self._child is None else self._child.exit_code
+
     def _set_options(self) -> list[str]:
         return [word for setting in self.settings for word in ("--set", setting)]
 
@@ -232,6 +242,11 @@ class _Child:
     def has_ended(self) -> bool:
         """Whether the process is over."""
         return self._process.poll() is not None
+
+    @property
+    def exit_code(self) -> int | None:
+        """The process's exit code, None while it runs."""
+        return self._process.poll()
 
     def words(self) -> str:
         """What it has printed: with ``--quiet`` its errors."""

@@ -25,7 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from fieldkit.config import Config
 from fieldkit.model.errors import FieldkitError
-from fieldkit.page import requests
+from fieldkit.page import requests, service_reports
 from fieldkit.page.answers import Answers, failure
 from fieldkit.page.checks import CHECKS, Check, Guarded, bearer
 from fieldkit.page.conductor import Conductor
@@ -34,7 +34,9 @@ from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
 from fieldkit.page.protocol import CarefulProtocol
 from fieldkit.page.sessions import PastSessions
+from fieldkit.page.unattended import keep_recording
 from fieldkit.page.viewer import Role, Viewer, ViewerLeftError
+from fieldkit.views.service_manager import notify
 from fieldkit.workflows.json_document import plain_json
 
 KEY_MAX_BYTES = 1000
@@ -54,6 +56,7 @@ class Page:
     port: int
     settings: Sequence[str] = ()
     preview: bool = True
+    record: bool = False
     checks: Sequence[Check] = CHECKS
     _wrong_tries: int = 0
     _waiting: int = 0
@@ -86,13 +89,21 @@ class Page:
     @asynccontextmanager
     async def _running(self, _: Starlette) -> AsyncIterator[None]:
         beat = asyncio.create_task(self.hub.run())
+        reports = asyncio.create_task(service_reports.report(self.hub))
         thread = threading.Thread(target=self.conductor.run, name="conductor", daemon=True)
         thread.start()
+        ending = threading.Event()
+        if self.record:
+            unattended = (self.conductor, ending)
+            threading.Thread(target=keep_recording, args=unattended, name="unattended", daemon=True).start()
         try:
             yield
         finally:
+            notify("STOPPING=1")
+            ending.set()
             self.conductor.close()
             beat.cancel()
+            reports.cancel()
             await asyncio.to_thread(thread.join, 5.0)
 
     # --- the document

@@ -22,7 +22,7 @@ from fieldkit.config import Config
 from fieldkit.model.errors import RefusedError, StorageError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.workflows.preflight import Notify
-from fieldkit.workflows.service_unit import GROUPS, NAME, Unit, campaign_of
+from fieldkit.workflows.service_unit import GROUPS, NAME, Unit, campaign_of, page_options_of
 
 SYSTEMD_RUNS = Path("/run/systemd/system")
 """Exists where systemd is the init process, see sd_booted(3)."""
@@ -50,14 +50,15 @@ class LogLine:
 class ServiceStatus:
     """How an installed service is doing.
 
-    `state` and `substate` are systemd's words, such as ``active`` and ``running``; `reports` is what the
-    service last reported, `result` why it last ended, `since_ns` (UTC) when its state changed; None where
-    systemd does not know.
+    `page` are options of ``fieldkit page``; `state` and `substate` are systemd's words, such as ``active`` and
+    ``running``; `reports` is what the service last reported, `result` why it last ended, `since_ns` (UTC) when
+    its state changed; None where systemd does not know.
     """
 
     unit: Path
     is_system: bool
     campaign: Path
+    page: tuple[str, ...]
     starts_at_boot: bool
     state: str
     substate: str
@@ -140,7 +141,10 @@ class _Manager:
         return " --system" if self.is_system else ""
 
     def campaign(self) -> Path | None:
-        return campaign_of(self.unit.read_text(encoding="utf-8")) if self.unit.exists() else None
+        return campaign_of(self._text()) if self.unit.exists() else None
+
+    def _text(self) -> str:
+        return self.unit.read_text(encoding="utf-8")
 
     def systemctl(self, *words: str) -> str:
         command = ["systemctl", *([] if self.is_system else ["--user"]), *words]
@@ -164,12 +168,12 @@ class _Manager:
         lines = self.systemctl("show", "--timestamp=unix", wanted, NAME).splitlines()
         shown = dict(line.split("=", 1) for line in lines if "=" in line)
         since = shown.get("StateChangeTimestamp", "").removeprefix("@")
-        campaign = self.campaign()
-        assert campaign is not None
+        text = self._text()
         return ServiceStatus(
             self.unit,
             self.is_system,
-            campaign,
+            campaign_of(text),
+            page_options_of(text),
             shown.get("UnitFileState") == "enabled" and (self.is_system or _lingers()),
             shown.get("ActiveState", ""),
             shown.get("SubState", ""),

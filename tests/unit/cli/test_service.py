@@ -83,7 +83,7 @@ def test_install_starts_it_now_and_at_boot(campaign, systemd, tmp_path):
     asked = (systemd / "asked").read_text().splitlines()
     assert asked[:3] == ["--user daemon-reload", f"--user enable {NAME}", f"--user restart --no-block {NAME}"]
     assert done.stdout.startswith("running since 20")
-    assert str(campaign) in done.stdout
+    assert f"link: fieldkit page --link control -C '{campaign}' --port 8421" in done.stdout
 
 
 def test_install_warns_of_what_a_person_must_do(campaign, systemd, monkeypatch):

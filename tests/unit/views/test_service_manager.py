@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,35 +19,9 @@ from fieldkit.config import load_config
 from fieldkit.model.samples import Frame, Reading
 from fieldkit.views.service_manager import RecordingReports, notify
 from fieldkit.workflows.record import prepare
+from tests.harness.service_manager import ServiceManager
 
 SILENCE_S = 3.0  # of a feed that comes once a second
-
-
-class ServiceManager:
-    """The receiving end: every state that was sent so far, one by one."""
-
-    def __init__(self, address: Path) -> None:
-        self.address = str(address)
-        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.socket.bind(self.address)
-        self.states: list[str] = []
-
-    def waits_for(self, state: str, within_s: float = 60.0) -> bool:
-        deadline = time.monotonic() + within_s
-        while time.monotonic() < deadline:
-            self.socket.settimeout(max(0.01, deadline - time.monotonic()))
-            try:
-                new = self.socket.recv(4096).decode().split("\n")
-            except TimeoutError:
-                return False
-            self.states += new
-            if state in new:
-                return True
-        return False
-
-    def drain(self) -> None:
-        while self.waits_for("", 0.2):
-            pass
 
 
 @pytest.fixture

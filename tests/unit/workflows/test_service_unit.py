@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.model.errors import ConfigError
-from fieldkit.workflows.service_unit import NAME, Unit, campaign_of
+from fieldkit.workflows.service_unit import NAME, Unit, campaign_of, page_options_of
 
 ODD = 'three "beds" 100 % $HOME \\ ü'
 SYSTEM_EXPOSURE, USER_EXPOSURE = 20, 70  # tenths; 1.8 and 6.6 were measured with systemd 252
@@ -90,6 +90,11 @@ def test_a_user_service_asks_for_nothing_that_needs_privilege(campaign):
 
 def test_the_campaign_is_read_back_from_the_unit(campaign):
     assert campaign_of(system_unit(campaign).text()) == campaign
+
+
+def test_where_the_page_is_served_is_read_back_from_the_unit(campaign):
+    options = ("--on", "192.168.4.1", "--port", "8421")
+    assert page_options_of(Unit(campaign, record=True, page=options).text()) == options
 
 
 def test_a_folder_that_no_unit_can_name(tmp_path):

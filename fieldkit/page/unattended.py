@@ -1,0 +1,43 @@
+"""An unattended recording: begun when the page begins, and again when it fails."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+from fieldkit.model.errors import DeviceError, DeviceLostError, FieldkitError
+from fieldkit.page.conductor import Conductor
+from fieldkit.workflows.recordings import is_interrupted, recover_session, sessions_in
+
+NAME = "unattended"
+AGAIN_AFTER_S = 30.0
+MAY_PASS = (1, DeviceError.exit_code, DeviceLostError.exit_code)
+"""Exit codes of a recorder that may work the next time; wrong configurations and full disks need a person."""
+log = logging.getLogger(__name__)
+
+
+def keep_recording(conductor: Conductor, ending: threading.Event) -> None:
+    """Record until `ending` is set or a person stops the recording; a recorder that fails is started again.
+
+    What it leaves is recovered first. Nothing is started where another recording runs.
+    """
+    while not ending.is_set():
+        try:
+            conductor.start(NAME, (), allow_missing=False)
+        except FieldkitError as error:
+            log.warning("no recording was started: %s", error)
+        code = conductor.exit_code(ending)
+        if code is None or (code >= 0 and code not in MAY_PASS):
+            return
+        log.warning("the recording ended with exit code %d; the next one begins in %g s", code, AGAIN_AFTER_S)
+        if not ending.wait(AGAIN_AFTER_S):
+            _recover(conductor)
+
+
+def _recover(conductor: Conductor) -> None:
+    for path in sessions_in(conductor.config.recordings):
+        try:
+            if is_interrupted(path):
+                recover_session(path)
+        except FieldkitError as error:  # the next recording does not depend on it
+            log.warning("%s was not recovered: %s", path.name, error)

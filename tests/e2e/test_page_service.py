@@ -1,0 +1,113 @@
+"""``fieldkit page --record`` as systemd starts it: which of its processes feeds the watchdog, and when."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.page.service_reports import EVERY_S
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.lock import owner
+from fieldkit.workflows.running import session_in_progress
+from tests.harness.service_manager import ServiceManager
+
+SILENCE_S = EVERY_S + 3.0
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[ServiceManager]:
+    manager = ServiceManager(tmp_path / "notify")
+    yield manager
+    manager.socket.close()
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> Path:
+    folder = tmp_path / "campaign"
+    assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    return folder / "recordings"
+
+
+@pytest.fixture
+def page(recordings: Path, manager: ServiceManager) -> Iterator[subprocess.Popen[str]]:
+    """The main process of the service, recording; ended with what it started."""
+    # as a unit's ExecStart is: SYSTEMD_EXEC_PID is the page's own process
+    words = [
+        "sh",
+        "-c",
+        'SYSTEMD_EXEC_PID=$$ exec "$@"',
+        "sh",
+        sys.executable,
+        "-m",
+        "fieldkit",
+        "page",
+        "--record",
+    ]
+    words += ["-C", str(recordings.parent), "--port", str(free_port()), "--set", "simulation.speed=1"]
+    environment = {**os.environ, "NOTIFY_SOCKET": manager.address}
+    page = subprocess.Popen(
+        words, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    yield page
+    page.kill()
+    page.communicate()
+    if (pid := recorder(recordings)) is not None:
+        os.kill(pid, signal.SIGKILL)
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def recorder(recordings: Path) -> int | None:
+    session = session_in_progress(recordings)
+    return None if session is None else owner(journal_path(session))
+
+
+def feeding(manager: ServiceManager, words: str, within_s: float = 60.0) -> bool:
+    """Whether a watchdog's feed with a status of these words arrives."""
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline:
+        seen = len(manager.states)
+        if manager.waits_for("WATCHDOG=1", 1.0) and any(words in one for one in manager.states[seen:]):
+            return True
+    return False
+
+
+def test_the_page_is_silent_while_its_recorder_should_feed_the_watchdog(page, manager, recordings):
+    assert manager.waits_for("READY=1")
+    assert feeding(manager, "samples"), manager.states
+    pid = recorder(recordings)
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    manager.drain()
+    assert not manager.waits_for("WATCHDOG=1", SILENCE_S), manager.states[-4:]
+    os.kill(pid, signal.SIGKILL)  # it is gone, and the page can do its work: nothing hangs
+    assert feeding(manager, "no recording; the page shows the instruments"), manager.states[-4:]
+    page.send_signal(signal.SIGTERM)
+    assert manager.waits_for("STOPPING=1")
+    said = page.communicate(timeout=30)[0]
+    assert "exit code -9; the next one begins in 30 s" in said
+    assert "#" not in said, "a key in a log"
+
+
+def test_a_recording_that_a_person_stops_is_not_begun_again(page, manager, recordings, monkeypatch):
+    assert feeding(manager, "samples")
+    stopped = CliRunner().invoke(main, ["stop", "-C", str(recordings.parent)])
+    assert stopped.exit_code == 0, stopped.output
+    assert feeding(manager, "no recording; the page shows the instruments")
+    assert "STOPPING=1" not in manager.states
+    page.send_signal(signal.SIGTERM)
+    assert "next one" not in page.communicate(timeout=30)[0]
