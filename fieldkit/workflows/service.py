@@ -50,9 +50,9 @@ class LogLine:
 class ServiceStatus:
     """How an installed service is doing.
 
-    `page` are options of ``fieldkit page``; `state` and `substate` are systemd's words, such as ``active`` and
-    ``running``; `reports` is what the service last reported, `result` why it last ended, `since_ns` (UTC) when
-    its state changed; None where systemd does not know.
+    `page` are options of ``fieldkit page``; `state` and `substate` are systemd's words, such as ``active``
+    and ``running``; `reports` is what the service last reported, `result` why it last ended, `since_ns`
+    (UTC) when its state changed; None where systemd does not know.
     """
 
     unit: Path
