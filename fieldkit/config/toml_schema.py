@@ -204,7 +204,11 @@ class EstimatorTable(Table):
     scale: float = Field(
         default=1.0, gt=0, description='kappa: measured over true share of the sun; or "@name"'
     )
-    scale_sd: float = Field(default=0.08, ge=0, description="standard uncertainty of scale")
+    scale_sd: float = Field(
+        default=0.08,
+        ge=0,
+        description="standard uncertainty of scale with paper and full; learned: prior.gain_sd",
+    )
     exchange_sd: float = Field(
         default=0.15, ge=0, description="relative standard uncertainty of air.exchange_m_s"
     )

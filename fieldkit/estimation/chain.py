@@ -129,7 +129,7 @@ class _Group:
     def _start(self, history: History, row: int) -> None:
         if can_start(history, row, self._layout):
             self._first = row
-            known = logged(history, row, self._layout, self._settings)
+            known = logged(history, row, self._layout, self._columns.regions, self._settings)
             self._learner = Learner(self._layout, self._settings, self._input(history, row, None), known)
 
     def _input(self, history: History, row: int, before: MinuteInputs | None) -> MinuteInputs:

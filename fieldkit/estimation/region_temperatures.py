@@ -71,6 +71,24 @@ def shifted_temperatures(
             yield shifted
 
 
+def difference_covariance_k2(
+    temperature_k: FloatArray, regions: Sequence[Region], settings: EstimatorSettings
+) -> FloatArray:
+    """Covariance (n - 1, n - 1) of the differences to the first of n regions from the emissivities.
+
+    Parameters
+    ----------
+    temperature_k
+        Surface temperatures of one minute, shape (n,). [K]
+    regions, settings
+        As for `shifted_temperatures`.
+    """
+    one_minute = temperature_k[np.newaxis]
+    shifts = [(shifted - one_minute)[0] for shifted in shifted_temperatures(one_minute, regions, settings)]
+    differences = np.reshape([shift[1:] - shift[0] for shift in shifts], (-1, len(regions) - 1))
+    return np.asarray(differences.T @ differences)
+
+
 def difference_k(
     bed_k: FloatArray, reference_k: FloatArray, bed: Region, reference: Region, settings: EstimatorSettings
 ) -> FloatArray:

@@ -416,6 +416,8 @@ def _prior_covariance(
         variance[:, layout.drift(region)] = settings.drift_sd_k_per_h**2
     covariance = np.zeros((*variance.shape, layout.size))
     covariance[:, range(layout.size), range(layout.size)] = variance
+    offsets = slice(layout.offset(1), layout.offset(layout.regions - 1) + 1)
+    covariance[:, offsets, offsets] += logged.emissivities_k2
     for place, drive in layout.smooth.items():
         covariance[:, place, place] = variance[:, drive] / 2.0
         covariance[:, place, drive] = covariance[:, drive, place] = variance[:, drive] / 2.0

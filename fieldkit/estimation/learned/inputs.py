@@ -6,7 +6,7 @@ light by an unknown change. Minutes without any bin are bridged by straight line
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.learned.layout import Layout
+from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
+from fieldkit.model.site import Region
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import FloatArray
@@ -85,7 +87,8 @@ class Logged:
     """Which quantities a chain's first minute has, and so which priors hold.
 
     `camera_k` and `camera_sd_k` are the camera's error that all regions share, as contact probes in the
-    regions show it, and its standard deviation. [K]
+    regions show it, and its standard deviation. `emissivities_k2` is the covariance of the differences to the
+    first region from uncertain emissivities (regions - 1, regions - 1). [K], [K2]
     """
 
     air: bool
@@ -93,10 +96,13 @@ class Logged:
     diffuse: bool
     camera_k: float
     camera_sd_k: float
+    emissivities_k2: FloatArray
 
 
-def logged(history: History, row: int, layout: Layout, settings: EstimatorSettings) -> Logged:
-    """What the minute bin in a row has."""
+def logged(
+    history: History, row: int, layout: Layout, regions: Sequence[Region], settings: EstimatorSettings
+) -> Logged:
+    """What the minute bin in a row has; `regions` are the columns of the history."""
     prior = settings.prior
     over_probe = history.temperature_k[row, layout.columns] - history.probe_k[row, layout.columns]
     known = over_probe[np.isfinite(over_probe)]
@@ -109,6 +115,11 @@ def logged(history: History, row: int, layout: Layout, settings: EstimatorSettin
         bool(np.isfinite(history.dhi_w_m2[row])),
         float(weight * known.mean() / information) if known.size else 0.0,
         float(information**-0.5),
+        difference_covariance_k2(
+            history.temperature_k[row, layout.columns],
+            [regions[column] for column in layout.columns],
+            settings,
+        ),
     )
 
 

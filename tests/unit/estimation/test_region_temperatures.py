@@ -7,7 +7,12 @@ import pytest
 
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.estimator import Estimator
-from fieldkit.estimation.region_temperatures import difference_k, remove_offsets, shifted_temperatures
+from fieldkit.estimation.region_temperatures import (
+    difference_covariance_k2,
+    difference_k,
+    remove_offsets,
+    shifted_temperatures,
+)
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.physics.energy_balance import SurfaceParameters, surface_temperature
@@ -95,6 +100,19 @@ def test_the_price_in_kelvin_is_that_of_the_difference_to_the_reference():
         np.array([305.0]), np.array([295.0]), TAPE, FLAT, replace(settings, own_emissivity_sd={"tape": 0.02})
     )
     assert alone[0] > both[0]
+
+
+def test_differences_of_one_minute_vary_together_as_the_emissivities_say():
+    settings = EstimatorSettings(emissivity_sd=0.02, own_emissivity_sd={"tape": 0.02})
+    kelvin = np.array([295.0, 305.0, 300.0])
+    found = difference_covariance_k2(kelvin, (FLAT, BED, TAPE), settings)
+    for place, (bed, bed_k) in enumerate([(BED, 305.0), (TAPE, 300.0)]):
+        alone = difference_k(np.array([bed_k]), kelvin[:1], bed, FLAT, settings)
+        assert found[place, place] == pytest.approx(alone[0] ** 2, rel=1e-9)
+    # the reference's error is in both differences, the bed's moves with it
+    reference, bed = 0.02 * kelvin_per_emissivity(kelvin[:2], 0.90, settings.reflected_temperature_k)
+    assert found[0, 1] == pytest.approx(-(bed - reference) * reference, rel=1e-9)
+    assert not difference_covariance_k2(kelvin, (FLAT, BED, TAPE), EstimatorSettings()).any()
 
 
 def test_a_light_meters_factor_is_as_much_a_scale_as_any(yard):

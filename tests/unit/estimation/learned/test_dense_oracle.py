@@ -89,7 +89,7 @@ def following(sd, time_min, minutes):
 
 def known(has_air, settings):
     """Longwave and diffuse light are measured, no probes."""
-    return Logged(has_air, True, True, 0.0, settings.prior.camera_offset_sd_k)
+    return Logged(has_air, True, True, 0.0, settings.prior.camera_offset_sd_k, np.zeros(()))
 
 
 class Dense:

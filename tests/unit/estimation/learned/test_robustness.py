@@ -315,3 +315,15 @@ def test_a_failing_solution_is_a_state_not_an_exception(monkeypatch):
         "the estimate failed numerically; it starts anew with the next minute"
     }
     assert_sound(chain.at(drawn.history))
+
+
+def test_a_bed_of_uncertain_emissivity_has_a_wider_region():
+    drawn = world()
+    beds = (*drawn.regions[:-1], replace(drawn.regions[-1], emissivity=0.90))
+    uncertain = replace(drawn.settings, own_emissivity_sd={beds[-1].name: 0.02})
+    before, after = (
+        SlopeChain(beds, settings).at(drawn.history).slopes for settings in (drawn.settings, uncertain)
+    )
+    widths = [[one.tilt_high_deg - one.tilt_low_deg for one in slopes] for slopes in (before, after)]
+    assert widths[1][-1] > widths[0][-1] + 1.0
+    assert widths[1][0] == pytest.approx(widths[0][0], abs=0.5)

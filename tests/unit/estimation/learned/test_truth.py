@@ -19,7 +19,7 @@ from fieldkit.physics.facet import angle_between_deg, normal
 
 ONE = Hypotheses(*(np.array([value]) for value in (16.0, 570.0, 0.03, 0.5, 1.0)))
 
-LOGGED = Logged(True, True, True, 0.0, 1.0)
+LOGGED = Logged(True, True, True, 0.0, 1.0, np.zeros(()))
 
 
 @lru_cache
@@ -185,9 +185,9 @@ def test_what_a_reading_would_bring_is_what_it_brings():
     before: Moments = moments(OneHypothesis(drawn.settings))
     prior, sd = drawn.settings.prior, 5.0
     # a prior and a reading together: variances add by their inverses
-    told_sd = (prior.longwave_sd_w_m2**-2 + sd**-2) ** -0.5
-    as_configured = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=told_sd))
-    after = moments(OneHypothesis(as_configured))
+    measured_sd = (prior.longwave_sd_w_m2**-2 + sd**-2) ** -0.5
+    measured = replace(drawn.settings, prior=replace(prior, longwave_sd_w_m2=measured_sd))
+    after = moments(OneHypothesis(measured))
     for target in range(3):
         promised = before.sd_if_known(f"tilt{target}", "longwave", sd)
         assert after.sd(f"tilt{target}") == pytest.approx(promised, rel=0.03)
