@@ -22,7 +22,7 @@ from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.learnt import Learnt
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading, Sample
-from fieldkit.model.site import Region
+from fieldkit.model.site import RegionRecord as RegionRecord
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions.json_forms import build
 
@@ -47,14 +47,6 @@ class MinuteRecord:
     irradiance_model: str = ""
     flags: Quality = Quality.GOOD
     learnt: Learnt | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RegionRecord:
-    """An outline of a region and when it began to hold."""
-
-    region: Region
-    time_ns: int
 
 
 Entry = Event | Health | ClockCheck | MinuteRecord | RegionRecord

@@ -5,7 +5,8 @@ from __future__ import annotations
 import codecs
 import shutil
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,19 @@ def remove_region(file: Path, name: str) -> None:
         text = _read(file)
         before, _, after = _cut(text, _find(file, text, name))
         _write(file, before + after.lstrip("\r\n"))
+
+
+@contextmanager
+def restoring(file: Path) -> Iterator[None]:
+    """Put the file back as it was if what is done in between raises."""
+    before = _read(file)
+    try:
+        yield
+    except BaseException:
+        with one_at_a_time(file.resolve().parent):
+            if _read(file) != before:
+                _write(file, before)
+        raise
 
 
 def _find(file: Path, text: str, name: str) -> int:

@@ -10,16 +10,18 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin, RegionColumns
+from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.radiation import how_to_state
+from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Quality, Reading, Sample, Severity
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import RegionRecord, Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.sun import sun_vectors
 
@@ -35,7 +37,8 @@ class Binner:
 
     The first camera stream with a known temperature scale is used; DNI comes from measured direct irradiance,
     else from global irradiance, else from the illuminance meter (`Instruments`). Samples of other streams are
-    skipped. `irradiance_model` describes in words how DNI is derived.
+    skipped. `irradiance_model` describes in words how DNI is derived. Regions that change hold in whole
+    minutes; every outline has a column of its own.
 
     Raises
     ------
@@ -46,31 +49,31 @@ class Binner:
     def __init__(
         self,
         site: Site,
-        regions: Sequence[Region],
+        regions: Regions,
         streams: Sequence[StreamInfo],
         settings: EstimatorSettings,
     ) -> None:
-        self._site, self._regions, self._settings = site, tuple(regions), settings
+        self._site, self._settings = site, settings
+        self.schedule = RegionSchedule.of(regions)
         self._instruments = Instruments(streams, settings)
         self._unreported = self._instruments.unknown
         self._absent = self._instruments.absent
         self.irradiance_model = self._instruments.label
-        self._camera: CameraStream | None = None
-        if (info := self._instruments.camera) is not None:
-            self._camera = CameraStream(
-                info, self._regions, settings.surface.emissivity, settings.reflected_temperature_k
-            )
+        self._cameras: dict[tuple[int, ...], CameraStream] = {}
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)
         self._late = 0
         self._sun_was_up = False
-        self._disturbances = DisturbanceMonitor(RegionColumns(self._regions))
+        self._disturbances = DisturbanceMonitor()
 
-    def add(self, sample: Sample | Event) -> list[Closed]:
-        """Take one sample or mark; returns the bins it closed, usually none.
+    def add(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
+        """Take one sample, mark or change of the regions; returns the bins it closed, usually none.
 
-        A mark may come as early as wanted: it counts from the minute in which it was made.
+        A mark may come as early as wanted: it counts from the minute in which it was made. So may a change.
         """
+        if isinstance(sample, RegionRecord):
+            self.schedule = self.schedule.changed(sample)
+            return []
         if isinstance(sample, Event):
             self._disturbances.add(sample)
             return []
@@ -81,12 +84,25 @@ class Binner:
             return closed
         minute = self._open.get(start)
         if minute is None:
-            minute = self._open[start] = OpenBin(start // MINUTE_NS, len(self._regions))
+            number = start // MINUTE_NS
+            minute = self._open[start] = OpenBin(number, self.schedule.at(number))
         if isinstance(sample, Reading):
             minute.add_reading(sample)
-        elif self._camera is not None and sample.stream == self._camera.info.name:
-            minute.add_frame(sample, self._camera)
+        elif (camera := self._camera(minute.columns)) is not None and sample.stream == camera.info.name:
+            minute.add_frame(sample, camera)
         return closed
+
+    def _camera(self, columns: NDArray[np.int64]) -> CameraStream | None:
+        """The camera that looks at these regions, None without a camera."""
+        info, key = self._instruments.camera, tuple(columns.tolist())
+        if info is not None and key not in self._cameras:
+            self._cameras = {key: self._looking_at(info, columns)} | dict(list(self._cameras.items())[:1])
+        return self._cameras.get(key)
+
+    def _looking_at(self, info: StreamInfo, columns: NDArray[np.int64]) -> CameraStream:
+        regions = [self.schedule.columns[column] for column in columns]
+        emissivity = self._settings.surface.emissivity
+        return CameraStream(info, regions, emissivity, self._settings.reflected_temperature_k)
 
     def finish(self) -> list[Closed]:
         """Close the open bins at the end of a recording."""
@@ -101,7 +117,7 @@ class Binner:
     def _close(self, minute: OpenBin, is_last: bool) -> Closed:
         light = self._instruments.light(minute, self._site, self._settings)
         entry, events = self._disturbances.update(
-            self._bin(minute, light), minute, light, self._settings, is_last=is_last
+            self._bin(minute, light), minute, light, self._settings, self.schedule, is_last=is_last
         )
         events.extend(self._sunset(entry, minute))
         events.extend(self._unknown_streams(minute))
@@ -114,7 +130,7 @@ class Binner:
     def _sunset(self, entry: MinuteBin, minute: OpenBin) -> Iterator[Event]:
         """Once the sun has set on the regions: what the next hour is worth."""
         is_up = bool(entry.sun[2] > 0.0)
-        if self._sun_was_up and not is_up and self._regions:
+        if self._sun_was_up and not is_up and minute.columns.size:
             text = "the sun is down: keep recording for an hour, the cooling gives inertia and offsets"
             yield Event(EventKind.ESTIMATOR, *end_of(minute), text)
         self._sun_was_up = is_up
@@ -131,12 +147,18 @@ class Binner:
         self._absent = ()
 
     def _bin(self, minute: OpenBin, light: MinuteIrradiance) -> MinuteBin:
-        count = len(self._regions)
-        temperature, spread, jitter = np.full((3, count), np.nan)
+        regions = self.schedule.columns
+        count = len(regions)
+        temperature, spread, jitter, probe = np.full((4, count), np.nan)
         pixels = np.zeros(count, np.int64)
-        if self._camera is not None:
-            temperature, spread, jitter = self._camera.means(minute.frame_sums)
-            pixels = self._camera.outline.pixels
+        if (camera := self._camera(minute.columns)) is not None:
+            means = camera.means(minute.frame_sums)
+            for values, found in zip((temperature, spread, jitter), means, strict=True):
+                values[minute.columns] = found
+            pixels[minute.columns] = camera.outline.pixels
+        held = [regions[column] for column in minute.columns]
+        if (probes := self._instruments.probe_k(minute, held)).size:
+            probe[minute.columns] = probes
         sun = sun_vectors(minute.time_ns, self._site, refraction=self._settings.refraction)
         low = sun[2] < math.sin(math.radians(self._settings.low_sun_deg))
         flags = minute.flags | light.flags | (Quality.LOW_SUN if low else Quality.GOOD)
@@ -158,5 +180,5 @@ class Binner:
             (Quality.GOOD,) * count,
             self._instruments.mean(minute, AIR_TEMPERATURE),
             self._instruments.mean(minute, WIND_SPEED),
-            self._instruments.probe_k(minute, self._regions),
+            probe if probes.size else probes,
         )

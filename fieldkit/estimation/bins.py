@@ -92,6 +92,27 @@ class MinuteBin:
         """UTC nanoseconds at which the minute begins."""
         return self.minute * MINUTE_NS
 
+    def only(self, columns: NDArray[np.int64]) -> MinuteBin:
+        """The bin of some regions, given as columns; those that it was made before are without frames."""
+        places = {int(column): place for place, column in enumerate(columns)}
+        return replace(
+            self,
+            temperature_k=_chosen(self.temperature_k, columns),
+            spread_k=_chosen(self.spread_k, columns),
+            jitter_k=_chosen(self.jitter_k, columns),
+            pixels=np.array([self.pixels[i] if i < self.pixels.size else 0 for i in columns], np.int64),
+            region_flags=tuple(
+                self.region_flags[i] if i < len(self.region_flags) else Quality.GOOD for i in columns
+            ),
+            probe_k=_chosen(self.probe_k, columns) if self.probe_k.size else self.probe_k,
+            reflagged=tuple((minute, places[one]) for minute, one in self.reflagged if one in places),
+        )
+
+
+def _chosen(values: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
+    """Values of some columns, NaN for those beyond the last."""
+    return np.array([values[i] if i < values.size else np.nan for i in columns], np.float64)
+
 
 class RegionPixels:
     """Regions flattened once into pixel indices, so that a frame costs one gather."""
@@ -191,11 +212,12 @@ class CameraStream:
 
 
 class OpenBin:
-    """One bin while its samples arrive, in any order."""
+    """One bin while its samples arrive, in any order; `columns` are the regions that hold in its minute."""
 
-    def __init__(self, minute: int, regions: int) -> None:
+    def __init__(self, minute: int, columns: NDArray[np.int64]) -> None:
         self.minute = minute
-        self.frame_sums = RegionSums(regions)
+        self.columns = columns
+        self.frame_sums = RegionSums(columns.size)
         self.flags = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
@@ -298,8 +320,10 @@ class History:
 
     @classmethod
     def of(cls, bins: Sequence[MinuteBin]) -> History:
-        """Stack bins in order of time."""
-        regions = bins[0].temperature_k.size if bins else 0
+        """Stack bins in order of time; a region that was drawn later is without frames before."""
+        regions = max((b.temperature_k.size for b in bins), default=0)
+        if any(b.temperature_k.size < regions for b in bins):
+            bins = [b.only(np.arange(regions)) for b in bins]
         as_closed = cls(
             np.array([b.minute for b in bins], np.int64),
             np.array([b.time_ns for b in bins], np.int64),
@@ -329,6 +353,13 @@ class History:
     def until(self, last: int) -> History:
         """The rows before index `last`, flagged as was known then."""
         return History(*(getattr(self, field.name)[:last] for field in fields(self)))._as_known()
+
+    def only(self, columns: NDArray[np.int64]) -> History:
+        """Some of the regions, given as columns."""
+        if np.array_equal(columns, np.arange(self.temperature_k.shape[1])):
+            return self
+        by_region = ("temperature_k", "region_flags", "probe_k", "shaded_from", "shaded_until")
+        return replace(self, **{name: getattr(self, name)[:, columns] for name in by_region})
 
     def _as_known(self) -> History:
         """With `SHADED` as known at the last minute."""

@@ -32,8 +32,9 @@ from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
 from fieldkit.model.learnt import Learnt
+from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Quality
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState, is_too_wide
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
@@ -55,60 +56,120 @@ class Estimated:
     learnt: Learnt | None = None
 
 
-def slope_series(
-    history: History, regions: Sequence[Region], settings: EstimatorSettings
-) -> Iterator[Estimated]:
-    """Slopes at every minute of a history."""
+def slope_series(history: History, regions: Regions, settings: EstimatorSettings) -> Iterator[Estimated]:
+    """Slopes at every minute of a history, whose columns are those of the regions."""
     chain = SlopeChain(regions, settings)
     for last in range(1, len(history) + 1):
         yield chain.at(history.until(last))
 
 
 class SlopeChain:
-    """Slopes of the targets of some regions at the last minute of a history that grows."""
+    """Slopes of the targets of some regions at the last minute of a history that grows.
 
-    def __init__(self, regions: Sequence[Region], settings: EstimatorSettings) -> None:
-        self._regions, self._settings = tuple(regions), settings
-        columns = RegionColumns(self._regions)
-        groups = -(-columns.targets.size // TOGETHER)
-        parts = np.array_split(columns.targets, groups) if groups and columns.references.size else []
-        self._groups = [_Group(columns, part, settings) for part in parts]
+    `schedule` may be replaced by one that has grown. A target that is added, redrawn or removed leaves the
+    others learning as before; a reference that is makes all of them learn anew.
+    """
+
+    def __init__(self, regions: Regions, settings: EstimatorSettings) -> None:
+        self.schedule, self._settings = RegionSchedule.of(regions), settings
+        self._groups: list[_Group] = []
+        self._active: tuple[int, ...] = ()
+        self._taken = 0
+        self._regroup(self.schedule.at(0))
 
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
-        if self._settings.model != "learned":
-            return Estimated(slopes(history, self._regions, self._settings))
-        history = remove_offsets(history, self._regions, self._settings)
-        for group in self._groups:
-            group.take(history)
+        minute = int(history.minute[-1]) if len(history) else 0
+        found = self._learned(history) if self._settings.model == "learned" else None
+        if found is None:
+            active = self.schedule.at(minute)
+            regions = [self.schedule.columns[column] for column in active]
+            model = "full" if self._settings.model == "learned" else self._settings.model
+            found = Estimated(slopes(history.only(active), regions, replace(self._settings, model=model)))
+        return replace(found, slopes=tuple(self._with_reason(one, minute) for one in found.slopes))
+
+    def _learned(self, history: History) -> Estimated | None:
+        """Slopes by what was learned; None without a reference or a target."""
+        drawn = self.schedule.columns[: history.temperature_k.shape[1]]
+        corrected = remove_offsets(history, drawn, self._settings)
+        for last in range(self._taken + 1, len(history) + 1):
+            self._regroup(self.schedule.at(int(history.minute[last - 1])))
+            for group in self._groups:
+                group.take(corrected.until(last))
+            self._taken = last
         if not self._groups:
-            return Estimated(slopes(history, self._regions, replace(self._settings, model="full")))
-        found = tuple(estimate for group in self._groups for estimate in group.estimates(history))
-        return Estimated(found, self._groups[0].learnt() if len(history) else None)
+            return None
+        found = [estimate for group in self._groups for estimate in group.estimates(corrected)]
+        order = [self.schedule.columns[column].name for column in self._active]
+        found.sort(key=lambda one: order.index(one.region))
+        return Estimated(tuple(found), self._groups[0].learnt() if len(history) else None)
+
+    def _regroup(self, active: NDArray[np.int64]) -> None:
+        """Follow a change of the regions: targets that hold on stay together, new ones form groups."""
+        if tuple(active.tolist()) == self._active:
+            return
+        self._active = tuple(active.tolist())
+        kinds = {column: self.schedule.columns[column].kind for column in self._active}
+        references = [column for column, kind in kinds.items() if kind is RegionKind.REFERENCE]
+        targets = [column for column, kind in kinds.items() if kind is RegionKind.TARGET]
+        kept = [group for group in self._groups if group.goes_on(references, targets)]
+        grouped = {column for group in kept for column in group.targets}
+        new = np.array([column for column in targets if column not in grouped], np.int64)
+        parts = np.array_split(new, -(-new.size // TOGETHER)) if new.size and references else []
+        made = [_Group(self.schedule, references, part, self._settings) for part in parts]
+        self._groups = [*kept, *made]
+
+    def _with_reason(self, estimate: SlopeEstimate, minute: int) -> SlopeEstimate:
+        """Say that too little is known because a region was redrawn."""
+        schedule, column = self.schedule, self.schedule.column(estimate.region, minute)
+        if estimate.state not in (SlopeState.NO_DATA, SlopeState.TOO_FEW) or column is None:
+            return estimate
+        references = [i for i in schedule.at(minute) if schedule.columns[i].kind is RegionKind.REFERENCE]
+        if any(schedule.is_redrawn(i) and schedule.since[i] > schedule.since[column] for i in references):
+            return replace(estimate, reason=f"{estimate.reason}; the reference was redrawn: begun anew")
+        if schedule.is_redrawn(column):
+            return replace(estimate, reason=f"{estimate.reason}; redrawn: begun anew")
+        return estimate
 
 
 class _Group:
-    """References and a few targets that learn together."""
+    """References and a few targets, given as columns of a schedule, that learn together.
 
-    def __init__(self, columns: RegionColumns, targets: Indices, settings: EstimatorSettings) -> None:
-        self._columns, self._targets, self._settings = columns, targets, settings
-        self._layout = Layout.of(columns, targets, settings.azimuth == "known")
+    A target that holds no more stays in what is learned, without frames.
+    """
+
+    def __init__(
+        self,
+        schedule: RegionSchedule,
+        references: Sequence[int],
+        targets: Indices,
+        settings: EstimatorSettings,
+    ) -> None:
+        self.targets = set(targets.tolist())
+        self._places = np.array([*references, *targets.tolist()], np.int64)
+        self._references, self._held = list(references), set(self.targets)
+        columns = RegionColumns(tuple(schedule.columns[place] for place in self._places))
+        self._columns, self._targets, self._settings = columns, columns.targets, settings
+        self._layout = Layout.of(columns, columns.targets, settings.azimuth == "known")
         self._learner: Learner | None = None
         self._found: list[KnownSlope] = []
         self._moments = Moments((), np.empty(0), np.empty((0, 0)))
-        self._taken = self._first = 0
+        self._first = 0
         self._shade: NDArray[np.bool_] = np.zeros((0, 2, 0), np.bool_)
         self._has_failed = False
 
+    def goes_on(self, references: Sequence[int], targets: Sequence[int]) -> bool:
+        """Whether the group goes on with these regions: it holds to its references and to some target."""
+        self._held = self.targets & set(targets)
+        return list(references) == self._references and bool(self._held)
+
     def take(self, history: History) -> None:
-        """Take the minutes not taken yet, each with the shade as known then."""
-        for last in range(self._taken + 1, len(history) + 1):
-            try:
-                self._take_last(history.until(last))
-                self._has_failed = False
-            except np.linalg.LinAlgError:  # recording and other regions go on
-                self._learner, self._has_failed = None, True
-            self._taken = last
+        """Take the last minute, with the shade as known then."""
+        try:
+            self._take_last(history.only(self._places))
+            self._has_failed = False
+        except np.linalg.LinAlgError:  # recording and other regions go on
+            self._learner, self._has_failed = None, True
 
     def _take_last(self, history: History) -> None:
         row = len(history) - 1
@@ -145,8 +206,10 @@ class _Group:
         return made
 
     def estimates(self, history: History) -> list[SlopeEstimate]:
-        """Slope of each target at the last minute taken."""
-        return [self._estimate(history, index) for index in range(self._targets.size)]
+        """Slope of each target that holds at the last minute taken."""
+        chosen, count = history.only(self._places), len(self._references)
+        held = [i for i in range(self._targets.size) if int(self._places[count + i]) in self._held]
+        return [self._estimate(chosen, index) for index in held]
 
     def _estimate(self, history: History, index: int) -> SlopeEstimate:
         region = self._columns.regions[self._targets[index]]

@@ -18,11 +18,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import MinuteBin, OpenBin, RegionColumns
+from fieldkit.estimation.bins import MinuteBin, OpenBin
 from fieldkit.estimation.instruments import MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.shade import ShadedMinutes, ShadeMarks, ShadeTest, ShadeTestMonitor
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
+from fieldkit.model.site import RegionKind
 from fieldkit.model.units import SECOND_NS
 
 SUDDEN_CHANGE = 0.15
@@ -41,15 +43,19 @@ Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 
 class DisturbanceMonitor:
-    """Flags bins with clouds, shade on one region, and frames that moved or froze; reports what changes."""
+    """Flags bins with clouds, shade on one region, and frames that moved or froze; reports what changes.
 
-    def __init__(self, columns: RegionColumns) -> None:
-        self._columns = columns
+    A region that is redrawn is watched anew, and so are all against a reference that is.
+    """
+
+    def __init__(self) -> None:
+        self._schedule = RegionSchedule.of(())
+        self._references: tuple[int, ...] = ()
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
-        self._shade = {int(column): ShadeMonitor() for column in columns.targets}
+        self._shade: dict[int, ShadeMonitor] = {}
         self._tests = ShadeTestMonitor()
-        self._marks = ShadeMarks(columns.regions)
+        self._marks = ShadeMarks()
         self._minutes = ShadedMinutes()
         self._marked: set[ShadeTest] = set()
         self._shaded: set[int] = set()
@@ -68,19 +74,31 @@ class DisturbanceMonitor:
         minute: OpenBin,
         light: MinuteIrradiance,
         settings: EstimatorSettings,
+        schedule: RegionSchedule,
         *,
         is_last: bool = False,
     ) -> tuple[MinuteBin, list[Event]]:
         """The bin with its flags, and the events to report; `is_last` at the end of a recording."""
+        self._follow(schedule, minute)
         events = self._clouds(entry, light, settings)
         if self._light.cloudy or events or entry.start_ns < self._settled_ns:
             entry = replace(entry, flags=entry.flags | Quality.CLOUD)
-        reference_k = mean_of(entry.temperature_k[self._columns.references])
+        reference_k = mean_of(entry.temperature_k[list(self._references)])
         jump = self._reference.update(entry.minute, reference_k)
         if jump is not None:
             events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
         entry = self._shades(entry, reference_k, minute, events, is_last)
         return self._frames(entry, minute, events), events
+
+    def _follow(self, schedule: RegionSchedule, minute: OpenBin) -> None:
+        """Watch the regions that hold in this minute."""
+        kinds = {int(column): schedule.columns[column].kind for column in minute.columns}
+        references = tuple(column for column, kind in kinds.items() if kind is RegionKind.REFERENCE)
+        if references != self._references:
+            self._reference, self._shade = Cusum(least_sd=GUST_SD_K), {}
+        targets = [column for column, kind in kinds.items() if kind is RegionKind.TARGET]
+        self._shade = {column: self._shade.get(column) or ShadeMonitor() for column in targets}
+        self._schedule, self._references = schedule, references
 
     def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
         events = []
@@ -102,7 +120,7 @@ class DisturbanceMonitor:
         self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event], is_last: bool
     ) -> MinuteBin:
         ended = self._tests.update(entry.minute, entry.temperature_k, self._light.cloudy)
-        marked = self._marks.tests(entry.minute, is_last=is_last)
+        marked = self._marks.tests(entry.minute, self._schedule, is_last=is_last)
         tested = self._tests.columns | {test.column for test in (*ended, *(set(marked) ^ self._marked))}
         self._marked = set(marked)
         slow = self._slow_shades(entry, reference_k, tested)
@@ -116,7 +134,7 @@ class DisturbanceMonitor:
 
     def _slow_shades(self, entry: MinuteBin, reference_k: float, tested: set[int]) -> set[int]:
         """Targets that have cooled against the reference, apart from regions in a shade test."""
-        if tested & {int(column) for column in self._columns.references}:
+        if tested & set(self._references):
             self._reference, tested = Cusum(least_sd=GUST_SD_K), set(self._shade)
         # a forecast must be fitted neither to the shaded minutes nor to those before
         self._shade.update({column: ShadeMonitor() for column in tested & set(self._shade)})
@@ -133,14 +151,14 @@ class DisturbanceMonitor:
         tests = {test.column: self._test_event(test, at_ns) for test in ended}
         changed, self._shaded = sorted((shaded ^ self._shaded) - set(tests)), shaded
         texts = [
-            f"{self._columns.regions[column].name} is {'shaded' if column in shaded else 'sunlit again'}"
+            f"{self._schedule.columns[column].name} is {'shaded' if column in shaded else 'sunlit again'}"
             for column in changed
         ]
         warnings = [Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING) for text in texts]
         return [*warnings, *tests.values()]
 
     def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
-        name = self._columns.regions[test.column].name
+        name = self._schedule.columns[test.column].name
         data = {"shade_test": name, "begin_ns": test.begin_ns, "end_ns": test.end_ns}
         return Event(EventKind.ESTIMATOR, *at_ns, f"shade test of {name}, {test.minutes:.0f} min", data=data)
 

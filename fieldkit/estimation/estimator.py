@@ -17,8 +17,9 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.learnt import Learnt
+from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Event, Quality, Sample
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import tilt_azimuth
 
@@ -61,19 +62,37 @@ class Minute:
 
 
 class Estimator:
-    """Collects samples into minute bins (`Binner`) and estimates slopes from these (`slopes`)."""
+    """Collects samples into minute bins (`Binner`) and estimates slopes from these (`slopes`).
+
+    `regions` may change: by a schedule given here, or by a `RegionRecord` added before the minute from which
+    it holds.
+    """
 
     def __init__(
         self,
         site: Site,
-        regions: Sequence[Region],
+        regions: Regions,
         streams: Sequence[StreamInfo],
         settings: EstimatorSettings | None = None,
     ) -> None:
-        self.site, self.regions, self.settings = site, tuple(regions), settings or EstimatorSettings()
-        self._binner = Binner(site, self.regions, streams, self.settings)
+        self.site, self.settings = site, settings or EstimatorSettings()
+        self._binner = Binner(site, regions, streams, self.settings)
         self._bins: list[MinuteBin] = []
-        self._chain = SlopeChain(self.regions, self.settings)
+        self._chain = SlopeChain(regions, self.settings)
+
+    @property
+    def schedule(self) -> RegionSchedule:
+        """Every outline of the regions, with the minutes in which it holds."""
+        return self._binner.schedule
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """The regions that hold in the last minute closed, at first those that hold from the beginning."""
+        return self.schedule.regions_at(self._minute_now)
+
+    @property
+    def _minute_now(self) -> int:
+        return self._bins[-1].minute if self._bins else 0
 
     @property
     def irradiance_model(self) -> str:
@@ -82,19 +101,27 @@ class Estimator:
 
     @property
     def bins(self) -> tuple[MinuteBin, ...]:
-        """All bins closed so far."""
-        return tuple(self._bins)
+        """All bins closed so far, of `regions`."""
+        columns = self.schedule.at(self._minute_now)
+        if self.schedule.is_constant:
+            return tuple(self._bins)
+        return tuple(one.only(columns) for one in self._bins)
 
-    def add(self, sample: Sample | Event) -> list[Minute]:
-        """Take one sample or mark; returns the minutes it closed, usually none."""
+    @property
+    def history(self) -> History:
+        """All bins closed so far, of every outline in `schedule`."""
+        return History.of(self._bins)
+
+    def add(self, sample: Sample | Event | RegionRecord) -> list[Minute]:
+        """Take one sample, mark or change of regions; returns the minutes it closed, usually none."""
         return [self.minute(closed) for closed in self.collect(sample)]
 
     def finish(self) -> list[Minute]:
         """Close the open minutes at the end of a recording."""
         return [self.minute(closed) for closed in self.collect_rest()]
 
-    def collect(self, sample: Sample | Event) -> list[Closed]:
-        """Take one sample or mark; returns the bins it closed, each of which `minute` turns into slopes.
+    def collect(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
+        """Take one sample, mark or change of regions; returns the bins it closed, each of which `minute` turns into slopes.
 
         Takes microseconds; `minute` may take a second and more, and may run in another thread.
         """
@@ -108,15 +135,17 @@ class Estimator:
         """Slopes at the end of a bin; every bin is to be given once, in order."""
         entry, events = closed
         self._bins.append(entry)
-        estimated = self._chain.at(History.of(self._bins))
+        schedule = self._chain.schedule = self.schedule
+        estimated = self._chain.at(self.history)
         zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
-        names = [region.name for region in self.regions]
+        held = entry if schedule.is_constant else entry.only(schedule.at(entry.minute))
+        names = [region.name for region in schedule.regions_at(entry.minute)]
         return Minute(
             entry.time_ns,
             estimated.slopes,
-            dict(zip(names, entry.temperature_k.tolist(), strict=True)),
-            dict(zip(names, entry.spread_k.tolist(), strict=True)),
-            dict(zip(names, entry.pixels.tolist(), strict=True)),
+            dict(zip(names, held.temperature_k.tolist(), strict=True)),
+            dict(zip(names, held.spread_k.tolist(), strict=True)),
+            dict(zip(names, held.pixels.tolist(), strict=True)),
             entry.illuminance_lx,
             entry.dni_w_m2,
             self.irradiance_model,

@@ -10,14 +10,14 @@ operator marked. `ShadedMinutes` joins both and says which earlier minutes have 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event
-from fieldkit.model.site import Region
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.slab import Slab, conducted_flux
@@ -102,7 +102,8 @@ class _Shade:
 class ShadeTestMonitor:
     """Finds a region that alone loses its sun sharply, and when it has it again, from minute temperatures.
 
-    `shaded` holds the minutes and columns found so far. Without other regions nothing can be found.
+    `shaded` holds the minutes and columns found so far. Without other regions nothing can be found; one that
+    does not hold in a minute has no temperature in it.
     """
 
     def __init__(self) -> None:
@@ -119,8 +120,9 @@ class ShadeTestMonitor:
 
     def update(self, minute: int, temperature_k: FloatArray, is_cloudy: bool) -> list[ShadeTest]:
         """Take the temperatures (regions,) of a minute; returns the tests that have ended with it."""
-        if temperature_k.size < 2 or not np.isfinite(temperature_k).any():
+        if not np.isfinite(temperature_k).any():
             return []
+        self._widen(temperature_k.size)
         sunlight = self._sunlight_w_m2(minute, temperature_k)
         ended = self._returned(minute, sunlight)
         if len(self._lit) >= LEAST_LIT and not is_cloudy:
@@ -129,6 +131,15 @@ class ShadeTestMonitor:
             self._lit.append(sunlight)
         self._before = (minute, sunlight)
         return ended
+
+    def _widen(self, regions: int) -> None:
+        """Give a region that was drawn later its place in what is remembered."""
+        if not self._kelvin or self._kelvin[0][1].size == regions:
+            return
+        self._kelvin = deque((minute, _wider(kelvin, regions)) for minute, kelvin in self._kelvin)
+        self._lit = deque((_wider(one, regions) for one in self._lit), maxlen=LEAST_LIT)
+        if self._before is not None:
+            self._before = self._before[0], _wider(self._before[1], regions)
 
     def _sunlight_w_m2(self, minute: int, temperature_k: FloatArray) -> FloatArray:
         """Absorbed sunlight of the regions up to a constant, as of nominal sand."""
@@ -195,6 +206,10 @@ class ShadeTestMonitor:
         return ended
 
 
+def _wider(values: FloatArray, size: int) -> FloatArray:
+    return np.concatenate([values, np.full(size - values.size, np.nan)])
+
+
 def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: FloatArray) -> FloatArray:
     """A temperature at every minute, linear across minutes without one; NaN if there is none at all."""
     known = np.isfinite(kelvin)
@@ -207,19 +222,25 @@ def _filled(minutes: NDArray[np.int64], found_at: NDArray[np.int64], kelvin: Flo
 class ShadeMarks:
     """Shade tests that the operator marked; a mark counts from the minute in which it was made."""
 
-    regions: Sequence[Region]
-    _events: list[tuple[int, int, Event]] = field(default_factory=list)
+    _events: list[tuple[int, Event]] = field(default_factory=list)
 
     def add(self, event: Event) -> None:
         """Take an event; one that is not about the shade of a region is skipped."""
-        names = [region.name for region in self.regions]
-        if (name := event.data.get("shade_test")) in names:
+        if "shade_test" in event.data:
             noted_ns = int(event.data.get("noted_ns", event.time_ns))
-            self._events.append((noted_ns // MINUTE_NS, names.index(str(name)), event))
+            self._events.append((noted_ns // MINUTE_NS, event))
 
-    def tests(self, minute: int, *, is_last: bool) -> list[ShadeTest]:
-        """The tests marked by the end of a minute, up to then; `is_last` counts marks made later too."""
-        marked = [one for one in self._events if one[0] <= minute or is_last]
+    def tests(self, minute: int, schedule: RegionSchedule, *, is_last: bool) -> list[ShadeTest]:
+        """The tests marked by the end of a minute, up to then; `is_last` counts marks made later too.
+
+        A mark is about the region as it was drawn when the mark was made.
+        """
+        marked = [
+            (noted, column, event)
+            for noted, event in self._events
+            if noted <= minute or is_last
+            if (column := schedule.column(str(event.data["shade_test"]), noted)) is not None
+        ]
         marked.sort(key=lambda one: (one[2].time_ns, one[0], one[2].text))
         tests, begun = [], dict[int, int]()
         for _, column, event in marked:

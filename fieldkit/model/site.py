@@ -6,6 +6,8 @@ normal from north, clockwise.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -73,22 +75,31 @@ class Region:
     azimuth_deg: float = float("nan")
     emissivity: float = float("nan")
 
-    def mask(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    def mask(self, shape: tuple[int, int], within: tuple[slice, slice] | None = None) -> NDArray[np.bool_]:
         """Pixels whose centre lies inside the polygon or on its edge, shape (rows, cols).
 
-        Even-odd rule, so an outline that crosses itself is still defined.
+        Even-odd rule, so an outline that crosses itself is still defined. `within` asks for a part of the
+        frame alone, as `box` gives it.
         """
         # Not cv2.fillPoly: it also fills every pixel that the outline touches, so no mask would stay the same
         # (1200 random polygons, all differ), and estimates would include mixed pixels from the edge.
-        y, x = np.mgrid[0 : shape[0], 0 : shape[1]].astype(np.float64)
-        inside = np.zeros(shape, dtype=np.bool_)
-        on_edge = np.zeros(shape, dtype=np.bool_)
-        for (x0, y0), (x1, y1) in zip(self.vertices, (*self.vertices[1:], self.vertices[0]), strict=True):
-            cross = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
-            on_edge |= (np.abs(cross) < 1e-9) & ((x - x0) * (x - x1) + (y - y0) * (y - y1) <= 0)
+        rows, cols = within or (slice(0, shape[0]), slice(0, shape[1]))
+        y, x = (np.arange(part.start, part.stop, dtype=np.float64) for part in (rows, cols))
+        found = np.zeros((y.size, x.size), dtype=np.bool_)
+        edges = list(zip(self.vertices, (*self.vertices[1:], *self.vertices[:1]), strict=True))
+        for (x0, y0), (x1, y1) in edges:
             if y0 != y1:
-                inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
-        return inside | on_edge
+                crossed = (y0 > y) != (y1 > y)
+                at = x0 + (y[crossed] - y0) * (x1 - x0) / (y1 - y0)
+                found[crossed] ^= x < at[:, np.newaxis]
+        for start, end in edges:
+            found[_pixels_on(start, end, rows, cols)] = True
+        return found
+
+    def box(self, shape: tuple[int, ...]) -> tuple[slice, slice]:
+        """The rows and columns of a frame of `shape` (rows, cols) that can have pixels of the region."""
+        xs, ys = zip(*self.vertices, strict=True)
+        return _span(ys, shape[0]), _span(xs, shape[1])
 
     @property
     def crosses_itself(self) -> bool:
@@ -127,6 +138,48 @@ class Region:
         if not (kept.all() and inward.any()):
             raise ValueError(f"nothing of region {self.name!r} is {pixels:g} px inside its edge")
         return replace(self, vertices=tuple((float(x), float(y)) for x, y in moved))
+
+
+@dataclass(frozen=True, slots=True)
+class RegionRecord:
+    """An outline of a region and when it began to hold, or the region's removal at that time.
+
+    `time_ns` is UTC; an outline holds from the first full minute that begins at or after it.
+    """
+
+    region: Region
+    time_ns: int
+    is_removed: bool = False
+
+
+def _span(values: Sequence[float], size: int) -> slice:
+    """The whole numbers from 0 to below `size` between the least and the largest value."""
+    if not all(map(math.isfinite, values)):
+        return slice(0, 0)
+    return slice(min(max(0, math.floor(min(values))), size), min(max(0, math.ceil(max(values)) + 1), size))
+
+
+def _pixels_on(
+    start: tuple[float, float], end: tuple[float, float], rows: slice, cols: slice
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns within a part of the frame of the pixels whose centre lies on an edge.
+
+    They are looked for along its longer side, beside the line.
+    """
+    (x0, y0), (x1, y1) = start, end
+    is_steep = abs(y1 - y0) >= abs(x1 - x0)
+    (a0, b0), (a1, b1) = ((y0, x0), (y1, x1)) if is_steep else ((x0, y0), (x1, y1))
+    long, short = (rows, cols) if is_steep else (cols, rows)
+    part = _span((a0, a1), long.stop)
+    along = np.arange(max(part.start, long.start), part.stop)
+    slope = (b1 - b0) / (a1 - a0) if a1 != a0 else 0.0
+    beside = np.rint(np.clip(b0 + (along - a0) * slope, short.start - 2, short.stop + 1)).astype(np.int64)
+    along, beside = np.tile(along, 3), np.concatenate([beside - 1, beside, beside + 1])
+    x, y = (beside, along) if is_steep else (along, beside)
+    cross = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+    on_edge = (np.abs(cross) < 1e-9) & ((x - x0) * (x - x1) + (y - y0) * (y - y1) <= 0)
+    on_edge &= (beside >= short.start) & (beside < short.stop)
+    return y[on_edge] - rows.start, x[on_edge] - cols.start
 
 
 def _meet(

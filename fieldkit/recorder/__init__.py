@@ -6,7 +6,7 @@ then to the estimator, then to the views. A failing device, estimator or view ne
 
 from fieldkit.recorder.device_reader import Sampling
 from fieldkit.recorder.estimator_thread import EstimatorThread
-from fieldkit.recorder.recorder import Recorder, Summary, View
+from fieldkit.recorder.recorder import Recorder, ShutterRequest, Summary, View
 from fieldkit.recorder.sample_queue import SampleQueue
 
-__all__ = ["EstimatorThread", "Recorder", "SampleQueue", "Sampling", "Summary", "View"]
+__all__ = ["EstimatorThread", "Recorder", "SampleQueue", "Sampling", "ShutterRequest", "Summary", "View"]

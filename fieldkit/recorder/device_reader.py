@@ -8,8 +8,9 @@ the other devices continue.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class DeviceReader:
         self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
         self._end_ns = end_ns
         self._stopping = threading.Event()
+        self._shutter_requests: SimpleQueue[str] = SimpleQueue()
         self._last: Sample | None = None
         self._before_loss: Sample | None = None
         self._quality = Quality.GOOD
@@ -79,6 +81,10 @@ class DeviceReader:
     def stop(self) -> None:
         """Ask the thread to end; it ends within one read."""
         self._stopping.set()
+
+    def run_shutter(self, request: str) -> None:
+        """Ask for a shutter correction, from any thread; an event with ``data["request"]`` answers."""
+        self._shutter_requests.put(request)
 
     def join(self, timeout_s: float) -> bool:
         """Wait for the thread; False if it is still blocked in a read."""
@@ -109,6 +115,7 @@ class DeviceReader:
                     EventKind.LOST, f"reading stopped by an unexpected error: {error!r}", Severity.ERROR
                 )
             finally:
+                self._answer_shutter_requests()
                 self._close()
 
     def _begin(self) -> None:
@@ -158,6 +165,7 @@ class DeviceReader:
         if self._end_ns is not None:
             until_ns = min(until_ns, self._end_ns)
         while self._is_active() and (now := self._clock.mono_ns()) < until_ns:
+            self._answer_shutter_requests()
             camera.skip_until(min(until_ns, now + SECOND_NS))
 
     def _read_one(self) -> None:
@@ -165,6 +173,7 @@ class DeviceReader:
         assert self._device is not None
         deadline_ns = self._clock.mono_ns() + round(self._deadline_s() * SECOND_NS)
         while self._is_active():
+            self._answer_shutter_requests()
             sample = self._device.read(READ_TIMEOUT_S)
             if sample is not None and sample.mono_ns >= self._started_ns:
                 self.received += 1
@@ -178,6 +187,16 @@ class DeviceReader:
                 return
             if self._clock.mono_ns() >= deadline_ns:
                 raise DeviceLostError(f"silent for {self._deadline_s():.1f} s")
+
+    def _answer_shutter_requests(self) -> None:
+        """Run the shutter in the thread that reads: a camera's commands and frames share its cable."""
+        while not self._shutter_requests.empty():
+            request, can = self._shutter_requests.get(), False
+            if isinstance(self._device, Camera) and self._is_active():
+                can = self._device.run_shutter()
+            text = "shutter correction started" if can else "this camera cannot run its shutter now"
+            severity = Severity.INFO if can else Severity.WARNING
+            self._report(EventKind.SHUTTER, text, severity, {"request": request})
 
     def _report_indicators(self, sample: Sample) -> None:
         """Report a change of the meter's indicators (hold, low battery ...), at most once a minute."""
@@ -256,6 +275,7 @@ class DeviceReader:
     def _pause(self, seconds: float) -> None:
         until_ns = self._clock.mono_ns() + round(seconds * SECOND_NS)
         while self._is_active() and (left := until_ns - self._clock.mono_ns()) > 0:
+            self._answer_shutter_requests()
             self._clock.sleep(min(left / SECOND_NS, READ_TIMEOUT_S))
 
     def _close(self) -> None:
@@ -269,7 +289,7 @@ class DeviceReader:
         kind: EventKind,
         text: str,
         severity: Severity = Severity.INFO,
-        data: dict[str, float] | None = None,
+        data: Mapping[str, float | str] | None = None,
     ) -> None:
         now = self._clock.mono_ns()
         utc = self._clock.to_utc_ns(now)

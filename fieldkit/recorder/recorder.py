@@ -6,12 +6,13 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
+from types import MappingProxyType
 from typing import Protocol, TypeAlias
 
 from fieldkit.estimation.estimator import Estimator, Minute
@@ -19,6 +20,7 @@ from fieldkit.model.clock import Clock
 from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
+from fieldkit.model.site import RegionRecord
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import EstimatorThread
 from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
@@ -28,7 +30,7 @@ from fieldkit.sessions.writer import SessionWriter
 
 log = logging.getLogger(__name__)
 
-Shown: TypeAlias = Sample | Event | Minute | Health
+Shown: TypeAlias = Sample | Event | RegionRecord | Minute | Health
 
 
 class View(Protocol):
@@ -39,6 +41,13 @@ class View(Protocol):
 
     def close(self) -> None:
         """The recording is over."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShutterRequest:
+    """A shutter correction is to run now; `request` is the id for the event that answers."""
+
+    request: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +68,8 @@ class Summary:
 class Recorder:
     """Records opened devices into a session until `stop`, the planned end, or a full disk.
 
-    `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `marks`
-    yields the notes made since its last call, `last_marks` those left at the end. `end_ns` is monotonic;
+    `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `requests`
+    yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is monotonic;
     `stopping` may be set before the recorder exists. Call `run` once.
     """
 
@@ -73,8 +82,8 @@ class Recorder:
     sampling: Sampling = field(default_factory=Sampling)
     views: Sequence[View] = ()
     end_ns: int | None = None
-    marks: Callable[[], Iterable[Event]] = tuple
-    last_marks: Callable[[], Iterable[Event]] = tuple
+    requests: Callable[[], Iterable[Event | RegionRecord | ShutterRequest]] = tuple
+    last_requests: Callable[[], Iterable[Event | RegionRecord | ShutterRequest]] = tuple
     disk_reserve_bytes: int = 64_000_000
     stopping: threading.Event = field(default_factory=threading.Event)
 
@@ -158,14 +167,14 @@ class Recorder:
                 log.warning("%s is blocked in a read and was abandoned", reader.info.name)
 
     def _finish_events(self) -> None:
-        """Store the last marks, the pending events, and the reason for an early end.
+        """Carry out the last requests, store the pending events, and the reason for an early end.
 
-        Raises `StorageError` if a mark cannot be stored even in the space reserved for the end: the session
-        is then left to recovery, which reads the mark.
+        Raises `StorageError` if an answer cannot be stored even in the space reserved for the end: the session
+        is then left to recovery, which reads the request.
         """
         with suppress(OSError):  # an event may need the space; if it cannot be freed, closing reports it
             self.writer.release_reserve()
-        if not self._keep_marks(self.last_marks()):
+        if not self._carry_out(self.last_requests()):
             raise StorageError(
                 f"the last marks could not be stored in {self.writer.path}; they are kept beside it",
                 fix=f"free some space, then: fieldkit recover {self.writer.path}",
@@ -223,18 +232,36 @@ class Recorder:
         self._stored(lambda: self.writer.event(event))
         self._views.show(event)
 
-    def _keep_marks(self, marks: Iterable[Event]) -> bool:
-        """Store marks; stops at the first that cannot be stored, whose file stays for the next call."""
-        for mark in marks:
-            if not self._stored(partial(self.writer.event, mark)):
+    def _carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
+        """Store and follow requests; stops at the first that cannot be stored, which comes again."""
+        for request in requests:
+            if isinstance(request, ShutterRequest):
+                self._run_shutter(request.request)
+                continue
+            if not self._stored(partial(self.writer.put, request)):
                 return False
-            self._views.show(mark)
-            self._estimate(mark)
+            self._views.show(request)
+            self._estimate(request)
         return True
 
-    def _report(self, kind: EventKind, text: str, severity: Severity = Severity.INFO) -> None:
+    def _run_shutter(self, request: str) -> None:
+        """Ask the cameras' readers, whose events answer; without any camera the answer is here."""
+        cameras = [reader for reader in self._readers if reader.info.is_camera and reader.is_running]
+        for reader in cameras:
+            reader.run_shutter(request)
+        if not cameras:
+            text = "no shutter correction: no camera is being read"
+            self._report(EventKind.SHUTTER, text, Severity.WARNING, {"request": request})
+
+    def _report(
+        self,
+        kind: EventKind,
+        text: str,
+        severity: Severity = Severity.INFO,
+        data: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         now = self.clock.mono_ns()
-        self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity))
+        self._keep_event(Event(kind, now, self.clock.to_utc_ns(now), text, "", severity, dict(data)))
 
     def _stored(self, write: Callable[[], None]) -> bool:
         """Write; a failure pauses frames, and a second one during the pause ends the recording."""
@@ -257,7 +284,7 @@ class Recorder:
         health = snapshot.health
         for event in chain(snapshot.events, self._storage.summary(health.mono_ns, health.time_ns)):
             self._keep_event(event)
-        self._keep_marks(self.marks())
+        self._carry_out(self.requests())
         self._views.show(health)
         if self._health.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
@@ -265,7 +292,7 @@ class Recorder:
 
     # --- estimates and views
 
-    def _estimate(self, sample: Sample | Event) -> None:
+    def _estimate(self, sample: Sample | Event | RegionRecord) -> None:
         if self._estimating is None:
             return
         try:

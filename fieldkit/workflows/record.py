@@ -29,10 +29,11 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
 from fieldkit.views.latest import Latest
-from fieldkit.workflows.marks import MarkReader, marks_folder
 from fieldkit.workflows.opening import Instruments, open_instruments
 from fieldkit.workflows.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.workflows.recordings import session_path
+from fieldkit.workflows.redrawing import Redrawing
+from fieldkit.workflows.requests import RequestReader, inbox
 from fieldkit.workflows.running import await_preview_end, only_recorder
 from fieldkit.workflows.session import Session, open_session
 
@@ -130,7 +131,9 @@ class PreparedRecording:
         start_ns = instruments.clock.mono_ns()
         header = header_of(config, self.name, instruments.streams, command_line)
         writer = SessionWriter(self.path, header, instruments.clock)
-        marks = MarkReader(marks_folder(self.path), instruments.clock)
+        camera = next((info for info in instruments.streams if info.is_camera), None)
+        redrawing = Redrawing(config.regions, camera.shape if camera else None, config.site)
+        requests = RequestReader(inbox(self.path), instruments.clock, redrawing)
         estimator = Estimator(config.site, config.regions, instruments.streams, config.estimator_settings())
         end_ns = None if self.duration_s is None else start_ns + round(self.duration_s * SECOND_NS)
         try:
@@ -144,8 +147,8 @@ class PreparedRecording:
                 sampling=sampling_of(config),
                 views=(*views, *self._feed(end_ns)),
                 end_ns=end_ns,
-                marks=marks,
-                last_marks=marks.close,
+                requests=requests,
+                last_requests=requests.close,
                 disk_reserve_bytes=disk_reserve_bytes(config),
                 stopping=stopping or threading.Event(),
             ).run()

@@ -64,15 +64,15 @@ def began(path: Path) -> tuple[int, int, str]:
 
 
 def recover_session(path: Path) -> RecoveryReport:
-    """Finish an interrupted session from its journal, with the marks that were left for it.
+    """Finish an interrupted session from its journal, with the requests that were left for it.
 
     May be interrupted and run again; a finished session is not changed. Raises `SessionError`,
     `StorageError`, or `RefusedError` while the session is being written.
     """
     from fieldkit.sessions.recovery import recover
-    from fieldkit.workflows.marks import left_marks, marks_folder
+    from fieldkit.workflows.requests import inbox, left_requests
 
-    return recover(path, left_marks(marks_folder(path)))
+    return recover(path, left_requests(inbox(path)))
 
 
 def delete_crash_files(sessions: Iterable[Path]) -> list[Path]:

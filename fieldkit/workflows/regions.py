@@ -87,7 +87,7 @@ def add_region(
     table = {
         "name": name,
         "kind": "reference" if reference else "target",
-        "points_px": [[_short(x), _short(y)] for x, y in corners],
+        "points_px": _written(corners),
         **properties,
     }
     edit.add_region(file, table)
@@ -95,13 +95,24 @@ def add_region(
 
 
 def edit_region(
-    file: Path, name: str, *, shrink_px: float | None = None, **properties: Unpack[RegionProperties]
+    file: Path,
+    name: str,
+    *,
+    points: Sequence[Point] = (),
+    reference: bool | None = None,
+    shrink_px: float | None = None,
+    **properties: Unpack[RegionProperties],
 ) -> dict[str, Any]:
-    """Change properties of a region in a ``fieldkit.toml``, or move its edges inwards; the changed keys.
+    """Change a region in a ``fieldkit.toml``: its corners, what it is for, its properties; the changed keys.
 
-    Raises `ConfigError` if there is no such region, if nothing is to change, or if the result is invalid.
+    `shrink_px` moves its edges inwards. Raises `ConfigError` if there is no such region, if nothing is to
+    change, or if the result is invalid.
     """
     changes: dict[str, Any] = dict(properties)
+    if points:
+        changes["points_px"] = _written(points)
+    if reference is not None:
+        changes["kind"] = "reference" if reference else "target"
     if shrink_px is not None:
         changes["points_px"] = _shrunk_points(read_regions(file)[0], name, shrink_px)
     if not changes:
@@ -152,7 +163,12 @@ def _shrunk_points(config: Config, name: str, pixels: float) -> list[list[int | 
         corners = region.shrunk(pixels).vertices if region else ()
     except ValueError as error:
         raise ConfigError(str(error), fix="a smaller --shrink") from error
-    return [[_short(round(x, 1)), _short(round(y, 1))] for x, y in corners]
+    return _written([(round(x, 1), round(y, 1)) for x, y in corners])
+
+
+def _written(corners: Sequence[Point]) -> list[list[int | float]]:
+    """Corners as they stand in ``fieldkit.toml``."""
+    return [[_short(x), _short(y)] for x, y in corners]
 
 
 def _short(value: float) -> int | float:
@@ -164,7 +180,8 @@ def _short(value: float) -> int | float:
 class RegionInspection:
     """The result of checking one region; `spread_k` and `edge_k` are NaN without a frame.
 
-    `edge_k` is how much the outer two pixels differ from the inside, in kelvin.
+    `edge_k` is how much the outer two pixels differ from the inside, in kelvin; `shrink_px` by how many
+    pixels to move the edges inwards so that they differ no more, None where that is not needed or no remedy.
     """
 
     region: Region
@@ -173,6 +190,12 @@ class RegionInspection:
     edge_k: float = math.nan
     failures: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    shrink_px: int | None = None
+
+    @property
+    def text(self) -> str:
+        """All issues in words; empty where there are none."""
+        return "; ".join(self.failures + self.warnings)
 
     @property
     def level(self) -> Level:
@@ -182,8 +205,7 @@ class RegionInspection:
     def row(self) -> tuple[str, ...]:
         """One line of the table."""
         spread = "-" if math.isnan(self.spread_k) else f"{self.spread_k:.2f} K"
-        issues = "; ".join(self.failures + self.warnings)
-        verdict = f"{self.level}: {issues}" if issues else "ok"
+        verdict = f"{self.level}: {self.text}" if self.text else "ok"
         return self.region.name, slope_text(self.region), f"{self.pixels} px", spread, verdict
 
     def document(self) -> dict[str, Any]:
@@ -211,23 +233,47 @@ def check_regions(
 
     Without a shape the regions are only checked against each other.
     """
-    rows, cols = shape or _around(regions)
-    masks = [region.mask((rows, cols)) for region in regions]
-    inspections = [
-        RegionInspection(region, int(mask.sum())) for region, mask in zip(regions, masks, strict=True)
-    ]
-    for number, (inspection, mask) in enumerate(zip(inspections, masks, strict=True)):
-        _check_size(inspection, rows, cols)
-        for other, its_mask in zip(inspections[:number], masks[:number], strict=True):
-            if shared := int((mask & its_mask).sum()):
-                inspection.failures.append(f"shares {shared} px with {other.region.name}")
-        if shape is not None and inspection.pixels > MOST_OF_FRAME * rows * cols:
-            inspection.warnings.append(
-                f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
-            )
-        if frame is not None and inspection.pixels:
-            _check_evenness(inspection, mask, frame)
-    return inspections
+    return [check_region(one, shape, frame, regions[:number]) for number, one in enumerate(regions)]
+
+
+def check_region(
+    region: Region,
+    shape: tuple[int, ...] | None,
+    frame: FrameK | None = None,
+    others: Sequence[Region] = (),
+) -> RegionInspection:
+    """Check one region in a frame of `shape` (rows, cols), as fast as a finger draws it.
+
+    `frame` holds kelvin of that shape; the region must share no pixel with `others`. Without a shape its size
+    and place in the frame are not checked.
+    """
+    rows, cols = shape or _around(region)
+    box = region.box((rows, cols))
+    mask = region.mask((rows, cols), box)
+    inspection = RegionInspection(region, int(mask.sum()))
+    _check_size(inspection, rows, cols)
+    for other in others:
+        if shared := int((mask & other.mask((rows, cols), box)).sum()):
+            inspection.failures.append(f"shares {shared} px with {other.name}")
+    if shape is not None and inspection.pixels > MOST_OF_FRAME * rows * cols:
+        inspection.warnings.append(
+            f"covers {inspection.pixels / (rows * cols):.0%} of the frame, not one bed"
+        )
+    if frame is not None and inspection.pixels:
+        _check_evenness(inspection, mask, frame[box], frame)
+    return inspection
+
+
+def check_configured(config: Config, *, unless: Config) -> None:
+    """Raise `ConfigError` for regions that cannot be used, apart from what is wrong in `unless` already."""
+    before = {_failed(one) for one in inspect_regions(unless)}
+    found = [_failed(one) for one in inspect_regions(config) if one.failures and _failed(one) not in before]
+    if found:
+        raise ConfigError("; ".join(found), fix="nothing was changed; draw it again")
+
+
+def _failed(inspection: RegionInspection) -> str:
+    return f"region {inspection.region.name}: {'; '.join(inspection.failures)}"
 
 
 def mean_of_first_frames_k(path: Path) -> FrameK:
@@ -255,10 +301,10 @@ def _usable_frames_k(samples: Iterable[Sample], camera: StreamInfo) -> Iterator[
             yield frame_k(camera, sample.counts, sample.metadata_rows)
 
 
-def _around(regions: Sequence[Region]) -> tuple[int, int]:
-    """A frame large enough for every region."""
-    corners = [corner for region in regions for corner in region.vertices] or [(0.0, 0.0)]
-    return math.ceil(max(y for _, y in corners)) + 1, math.ceil(max(x for x, _ in corners)) + 1
+def _around(region: Region) -> tuple[int, int]:
+    """A frame large enough for a region."""
+    xs, ys = zip(*region.vertices, strict=True)
+    return math.ceil(max(ys)) + 1, math.ceil(max(xs)) + 1
 
 
 def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
@@ -270,12 +316,15 @@ def _check_size(inspection: RegionInspection, rows: int, cols: int) -> None:
         inspection.failures.append("its outline crosses itself: give the corners in order around it")
 
 
-def _check_evenness(inspection: RegionInspection, mask: NDArray[np.bool_], frame: FrameK) -> None:
+def _check_evenness(
+    inspection: RegionInspection, mask: NDArray[np.bool_], around: FrameK, frame: FrameK
+) -> None:
     """Temperature spread of the region, and whether its rim differs from its inside."""
-    inspection.spread_k = float(frame[mask].std())
+    inspection.spread_k = float(around[mask].std())
     inspection.edge_k = _edge_k(inspection.region, frame)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
         name, pixels = inspection.region.name, _pixels_to_shrink(inspection.region, frame)
+        inspection.shrink_px = pixels
         advice = (
             f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
         )
@@ -284,13 +333,13 @@ def _check_evenness(inspection: RegionInspection, mask: NDArray[np.bool_], frame
 
 def _edge_k(region: Region, frame: FrameK) -> float:
     """How much the outer pixels of a region differ from those inside; NaN if there are none of either."""
-    shape = frame.shape[0], frame.shape[1]
+    shape, box = (frame.shape[0], frame.shape[1]), region.box(frame.shape)
     try:
-        inside = region.shrunk(EDGE_PX).mask(shape)
+        inside = region.shrunk(EDGE_PX).mask(shape, box)
     except ValueError:
         return math.nan
-    rim = region.mask(shape) & ~inside
-    return float(frame[rim].mean() - frame[inside].mean()) if rim.any() and inside.any() else math.nan
+    rim, around = region.mask(shape, box) & ~inside, frame[box]
+    return float(around[rim].mean() - around[inside].mean()) if rim.any() and inside.any() else math.nan
 
 
 def _pixels_to_shrink(region: Region, frame: FrameK) -> int | None:
@@ -310,5 +359,5 @@ def _edges_inside(region: Region, frame: FrameK) -> Iterator[tuple[int, float]]:
             smaller = region.shrunk(pixels)
         except ValueError:
             return
-        if smaller.mask((frame.shape[0], frame.shape[1])).sum() >= MIN_PIXELS:
+        if smaller.mask((frame.shape[0], frame.shape[1]), smaller.box(frame.shape)).sum() >= MIN_PIXELS:
             yield pixels, _edge_k(smaller, frame)

@@ -1,4 +1,4 @@
-"""The running recording of a campaign: only one at a time; which session, whether it responds; stop, mark.
+"""The running recording of a campaign: only one at a time; which session, whether it responds; stop; requests.
 
 Nothing here opens the session: another process is writing it.
 """
@@ -19,14 +19,17 @@ from datetime import time as time_of_day
 from pathlib import Path
 
 from fieldkit.config import Config
+from fieldkit.config.edit import restoring
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
 from fieldkit.model.site import Site
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import SessionLock, is_locked, owner
 from fieldkit.views import formatting
-from fieldkit.workflows.marks import Mark, When, drop_mark, marks_folder, shade_test
+from fieldkit.workflows.marks import Mark, When, shade_test
 from fieldkit.workflows.recordings import is_interrupted
+from fieldkit.workflows.regions import check_configured, read_regions
+from fieldkit.workflows.requests import Acknowledgement, NewRegions, Request, Shutter, inbox, send
 
 LOCK_NAME = ".recording"
 """File in ``recordings/`` that the recorder of a campaign holds locked, so that there is only one."""
@@ -204,26 +207,73 @@ def _continue(silent: UnresponsiveRecorder, pid: int, notify: Callable[[str], No
         os.kill(pid, signal.SIGCONT)
 
 
-# --- marks: notes on the running recording
+# --- requests to the running recording; an event of its session answers each
 
 
 def add_mark(config: Config, mark: Mark) -> Path:
-    """Add a note to the running recording; its session.
+    """Add a note to the running recording; its session. Raises as `sent`."""
+    return sent(config, mark).session
 
-    Raises `RefusedError` if none is running or it has just ended, `StorageError` if the note cannot be
-    written.
+
+def request_shutter(config: Config) -> SentRequest:
+    """Ask for a shutter correction of the camera now. Raises as `sent`."""
+    return sent(config, Shutter())
+
+
+def acknowledge(config: Config, alarm: str) -> SentRequest:
+    """Acknowledge the alarm of that id. Raises as `sent`."""
+    return sent(config, Acknowledgement(alarm))
+
+
+def change_regions(config: Config, change: Callable[[Path], object]) -> SentRequest | None:
+    """Change the regions of ``fieldkit.toml``, and of the recording if one is running.
+
+    `change` is one of the functions of `fieldkit.workflows.regions` but for its first argument:
+    ``partial(add_region, name="b15", rect=(60, 60, 30, 30))``. Estimates of the running session use the new
+    regions from the next full minute on; ``None`` is returned where nothing is being recorded.
+
+    Raises
+    ------
+    ConfigError
+        The regions would be invalid, or unusable for the recording; nothing is changed then.
+    RefusedError, StorageError
+        As `sent`; the file is changed then, and the recording is not.
+    """
+    if session_in_progress(config.recordings) is None:
+        change(config.path)
+        return None
+    with restoring(config.path):
+        change(config.path)
+        changed = read_regions(config.path)[0]
+        check_configured(changed, unless=config)
+    return sent(config, NewRegions(changed.regions))
+
+
+@dataclass(frozen=True, slots=True)
+class SentRequest:
+    """A request on its way: the session, and the id that the event that answers will carry."""
+
+    session: Path
+    id: str
+
+
+def sent(config: Config, request: Request) -> SentRequest:
+    """Send a request to the running recording.
+
+    Raises `RefusedError` if none is running or it has just ended, `StorageError` if the request cannot be
+    written, `ConfigError` if a mark is too long.
     """
     session = running_session(config)
     try:
-        drop_mark(marks_folder(session), mark)
+        return SentRequest(session, send(inbox(session), request))
     except FileNotFoundError:
+        what = "mark" if isinstance(request, Mark) else "request"
         raise RefusedError(
-            f"{session.name} has just ended and is being sealed: the mark comes too late",
+            f"{session.name} has just ended and is being sealed: the {what} comes too late",
             fix=f"write it down beside {session.name}",
         ) from None
     except OSError as error:
-        raise StorageError(f"the mark could not be written beside {session}: {error.strerror}") from error
-    return session
+        raise StorageError(f"the request could not be written beside {session}: {error.strerror}") from error
 
 
 def mark_of(config: Config, text: str, *, kind: str = "", at: str = "-0s", to: str | None = None) -> Mark:

@@ -20,7 +20,8 @@ from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.marks import Mark, drop_mark, marks_folder
+from fieldkit.workflows.marks import Mark
+from fieldkit.workflows.requests import inbox, send
 from fieldkit.workflows.opening import open_instruments
 from fieldkit.workflows.record import PreparedRecording
 from fieldkit.workflows.sources import config_for
@@ -249,7 +250,7 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
     def takes_no_sample(self: SessionWriter, sample: Sample) -> None:
         if full or (sample.stream, sample.seq) == ("lux", 20):
             if not full:
-                drop_mark(marks_folder(path), Mark("the last"))
+                send(inbox(path), Mark("the last"))
             full.append(sample)
             raise StorageError("database or disk is full")
         append(self, sample)
@@ -347,13 +348,13 @@ class Noting:
     """Looks on, and notes something as ``fieldkit mark`` does, at the first second."""
 
     def __init__(self, session: Path) -> None:
-        self.folder = marks_folder(session)
+        self.folder = inbox(session)
         self.noted = 0
 
     def show(self, item: object) -> None:
         if isinstance(item, Health) and self.noted == 0:
             self.noted += 1
-            drop_mark(self.folder, Mark("first"))
+            send(self.folder, Mark("first"))
 
     def close(self) -> None:
         """Nothing is held."""

@@ -15,7 +15,7 @@ from fieldkit.sessions.lock import SessionLock
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.marks import MarkReader
+from fieldkit.workflows.requests import RequestReader
 from fieldkit.workflows.running import session_in_progress
 from tests.harness.recording import CountedClock, header
 
@@ -50,8 +50,8 @@ def mark(campaign, *arguments: str):
 def test_a_mark_reaches_the_session_that_is_recorded(campaign, recording):
     result = mark(campaign, "cloud over the ridge", "-k", "cloud", "--at", "-30s", "--json")
     assert result.exit_code == 0
-    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
-    assert (event.text, event.data) == ("cloud over the ridge", {"label": "cloud"})
+    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert (event.text, event.data["label"]) == ("cloud over the ridge", "cloud")
     assert event.time_ns == NOON_NS - 30 * 10**9
     assert json.loads(result.stdout)["session"].endswith("running.h5")
 
@@ -73,10 +73,10 @@ def stored(folder: Path, event: Event) -> Event:
 def test_a_long_mark_is_kept_whole_with_its_span(campaign, recording, tmp_path, text):
     result = mark(campaign, text, "-k", "cloud", "--from", "-4m", "--to", "-1m")
     assert result.exit_code == 0
-    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     kept = stored(tmp_path, event)
     assert kept.text == text
-    assert kept.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
+    assert kept.data == {**event.data, "label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
 
 
 @pytest.mark.parametrize("arguments", [("x" * 3000,), ("shade", "-k", "k" * 1100), ("\x01" * 300,)])
@@ -94,19 +94,19 @@ def test_bytes_of_a_latin_1_terminal_are_kept_as_they_were_typed(campaign, recor
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert b"caf\\xe9 opens" in done.stderr
-    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
-    assert (event.text, event.data) == ("caf\\xe9 opens", {"label": "\\xfcbel"})
+    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    assert (event.text, event.data["label"]) == ("caf\\xe9 opens", "\\xfcbel")
 
 
 def test_a_span_has_two_ends(campaign, recording):
     assert mark(campaign, "shade", "--from", "-4m", "--to", "-1m").exit_code == 0
-    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     assert event.time_ns == NOON_NS - 240 * 10**9
-    assert event.data == {"end_ns": NOON_NS - 60 * 10**9}
+    assert event.data["end_ns"] == NOON_NS - 60 * 10**9
 
 
 def test_a_mark_on_a_session_that_is_being_sealed_is_refused_not_lost(campaign, recording):
-    MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS)).close()
+    RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS)).close()
     result = mark(campaign, "packed up")
     assert result.exit_code == 9
     assert "running.h5 has just ended and is being sealed" in result.stderr
@@ -156,7 +156,8 @@ def test_a_shade_test_needs_no_quotes(campaign, recording):
     added = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", "--reference", *corners])
     assert added.exit_code == 0, added.output
     assert mark(campaign, "shade-test", "b15", "end", "--at", "-30s").exit_code == 0
-    (event,) = MarkReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    del event.data["request"]
     assert event.data == {"shade_test": "b15", "phase": "end", "noted_ns": NOON_NS}
 
 

@@ -33,7 +33,8 @@ from fieldkit.model.samples import Severity
 from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
-from fieldkit.workflows.marks import Mark, drop_mark, marks_folder
+from fieldkit.workflows.marks import Mark
+from fieldkit.workflows.requests import inbox, send
 from fieldkit.workflows.sources import config_for, source_of
 from tests.harness.recording import START_NS, CountedClock, fill, header, sample
 
@@ -248,9 +249,9 @@ def test_session_of_which_only_the_journal_is_left_is_offered_too(campaign: Path
 
 def test_mark_that_the_recorder_had_no_time_to_take_is_recovered_with_kind_and_end(campaign: Path) -> None:
     path = campaign / "recordings" / "20261212T025512Z-b.h5"
-    marks_folder(path).mkdir()
-    drop_mark(marks_folder(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
-    drop_mark(marks_folder(path), Mark("moved"))
+    inbox(path).mkdir()
+    send(inbox(path), Mark("lightning", "storm", "2026-12-12T03:00:00Z", "2026-12-12T03:10:00Z"))
+    send(inbox(path), Mark("moved"))
     run(recover, path)
     events = {event["text"]: event for event in json.loads(run(show, path, "--json").stdout)["events"]}
     assert events["lightning"]["label"] == "storm"

@@ -21,18 +21,18 @@ from fieldkit.workflows.running import unresponsive_recorder
 RECORDING = """
 import os, signal, sys, time
 from pathlib import Path
-from fieldkit.workflows.marks import marks_folder
+from fieldkit.workflows.requests import inbox
 from fieldkit.sessions.writer import SessionWriter
 from tests.harness.recording import CountedClock, fill, header
 
 clock = CountedClock()
 writer = SessionWriter(Path(sys.argv[1]), header((24, 32)), clock)
 fill(writer, 10, clock)
-marks_folder(Path(sys.argv[1])).mkdir()
+inbox(Path(sys.argv[1])).mkdir()
 signal.signal(signal.SIGTERM, lambda *_: (getattr(writer, sys.argv[2])(), sys.exit()))
 print("recording", flush=True)
 while True:
-    os.utime(marks_folder(Path(sys.argv[1])).parent / "lock")  # as if it wrote, all the time
+    os.utime(inbox(Path(sys.argv[1])).parent / "lock")  # as if it wrote, all the time
     time.sleep(0.05)
 """
 

@@ -26,7 +26,7 @@ def frame(counts: np.ndarray, second: float, quality: Quality = Quality.GOOD) ->
 
 
 def minute_of(camera: CameraStream, *frames: Frame) -> OpenBin:
-    minute = OpenBin(7, 2)
+    minute = OpenBin(7, np.arange(2))
     for one in frames:
         minute.add_frame(one, camera)
     return minute

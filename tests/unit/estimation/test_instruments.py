@@ -59,7 +59,7 @@ def test_a_cloudless_day_from_before_sunrise_has_no_clouds(meter, start):
 @pytest.mark.parametrize("flag", [Quality.BAD_CRC, Quality.FROZEN, Quality.OVERRANGE, Quality.STALE])
 def test_flagged_contact_readings_are_excluded_from_the_mean(flag):
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
-    minute = OpenBin(0, 0)
+    minute = OpenBin(0, np.arange(0))
     for second, value in enumerate([25.0, 9000.0, 27.0]):
         quality = flag if value > 100.0 else Quality.GOOD
         minute.add_reading(Reading("probe", second, second * 10**9, (value, 20.0), quality=quality))
@@ -68,7 +68,7 @@ def test_flagged_contact_readings_are_excluded_from_the_mean(flag):
 
 def test_a_probe_all_of_whose_readings_are_in_doubt_has_no_temperature():
     instruments = Instruments((StreamInfo("probe", "temperature", "degC", (2,)),), EstimatorSettings())
-    minute = OpenBin(0, 0)
+    minute = OpenBin(0, np.arange(0))
     minute.add_reading(Reading("probe", 0, 0, (9000.0, 20.0), quality=Quality.BAD_CRC))
     assert np.isnan(instruments.contact_k(minute)).tolist() == [True, True]
 
@@ -220,7 +220,7 @@ def chosen(*streams: StreamInfo, **settings: object) -> str:
 def beam(readings: dict[str, float], *streams: StreamInfo, settings: EstimatorSettings = DEFAULTS) -> float:
     """Direct normal irradiance of a minute with one reading of each stream at 22 degrees of sun."""
     instruments = Instruments(streams, settings)
-    minute = OpenBin(AT_22_DEGREES // 60_000_000_000, 0)
+    minute = OpenBin(AT_22_DEGREES // 60_000_000_000, np.arange(0))
     for name, value in readings.items():
         minute.add_reading(Reading(name, AT_22_DEGREES, AT_22_DEGREES, (value,)))
     (found,) = instruments.light(minute, SITE, settings).dni_w_m2

@@ -17,7 +17,7 @@ from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.sessions.reader import open_session
 from fieldkit.views.terminal_view import PlainView
-from fieldkit.workflows.marks import MarkReader
+from fieldkit.workflows.requests import RequestReader
 from tests.harness.learnt import learnt
 
 LENGTH_S = 100
@@ -173,8 +173,8 @@ def test_what_is_noted_last_and_what_the_estimator_notices_is_in_the_session(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     last = Event(EventKind.MARK, 1, 1, "packing up")
-    genuine = MarkReader.close
-    monkeypatch.setattr(MarkReader, "close", lambda self: [last, *genuine(self)])
+    genuine = RequestReader.close
+    monkeypatch.setattr(RequestReader, "close", lambda self: [last, *genuine(self)])
     done = record(campaign, "--set", "simulation.faults=['cloud']", "--json")
     assert done.exit_code == 0, done.output
     counts, events = stored(the_session(campaign))

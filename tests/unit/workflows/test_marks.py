@@ -7,7 +7,8 @@ import pytest
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import EventKind, Severity
 from fieldkit.simulation.simulated_clock import SimulatedClock
-from fieldkit.workflows.marks import Mark, MarkReader, drop_mark, left_marks, marks_folder
+from fieldkit.workflows.marks import Mark
+from fieldkit.workflows.requests import RequestReader, inbox, left_requests, send
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
@@ -29,28 +30,33 @@ def clock():
     return SimulatedClock(NOON_NS)
 
 
+def noted(event):
+    """What an event keeps of a mark, apart from the id of the request."""
+    return {key: value for key, value in event.data.items() if key != "request"}
+
+
 @pytest.fixture
 def folder(tmp_path):
-    folder = marks_folder(tmp_path / "x.h5")
+    folder = inbox(tmp_path / "x.h5")
     folder.mkdir(parents=True)
     return folder
 
 
 def test_a_mark_becomes_an_event_now_and_is_read_once(folder, clock):
-    drop_mark(folder, Mark("wind picks up"))
-    (event,) = MarkReader(folder, clock)()
+    number = send(folder, Mark("wind picks up"))
+    (event,) = RequestReader(folder, clock)()
     assert (event.kind, event.text) == (EventKind.MARK, "wind picks up")
     assert (event.time_ns, event.mono_ns) == (NOON_NS, clock.mono_ns())
-    assert event.data == {}
-    assert list(MarkReader(folder, clock)()) == []
+    assert event.data == {"request": number}
+    assert list(RequestReader(folder, clock)()) == []
 
 
 def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
-    drop_mark(folder, Mark("cloud", "cloud", at=-240.0, to=-60.0))
-    (event,) = MarkReader(folder, clock)()
+    send(folder, Mark("cloud", "cloud", at=-240.0, to=-60.0))
+    (event,) = RequestReader(folder, clock)()
     assert event.time_ns == NOON_NS - 240 * 10**9
     assert event.mono_ns == clock.mono_ns() - 240 * 10**9
-    assert event.data == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
+    assert noted(event) == {"label": "cloud", "end_ns": NOON_NS - 60 * 10**9}
 
 
 @pytest.mark.parametrize(
@@ -58,35 +64,35 @@ def test_seconds_before_now_count_from_the_recordings_own_now(folder, clock):
     [("shade-test b15", "begin"), ("Shade test of b15 begin", "begin"), ("shade-test b15 end", "end")],
 )
 def test_a_shade_test_says_which_region_and_when_that_was_known(folder, clock, text, phase):
-    drop_mark(folder, Mark(text, at=-30.0))
-    (event,) = MarkReader(folder, clock)()
+    send(folder, Mark(text, at=-30.0))
+    (event,) = RequestReader(folder, clock)()
     assert (event.text, event.time_ns) == (text, NOON_NS - 30 * 10**9)
-    assert event.data == {"shade_test": "b15", "phase": phase, "noted_ns": NOON_NS}
+    assert noted(event) == {"shade_test": "b15", "phase": phase, "noted_ns": NOON_NS}
 
 
 def test_a_shade_test_told_afterwards_has_both_ends(folder, clock):
-    drop_mark(folder, Mark("shade-test b15", at=-360.0, to=-60.0))
-    (event,) = MarkReader(folder, clock)()
-    assert event.data == {"shade_test": "b15", "end_ns": NOON_NS - 60 * 10**9, "noted_ns": NOON_NS}
+    send(folder, Mark("shade-test b15", at=-360.0, to=-60.0))
+    (event,) = RequestReader(folder, clock)()
+    assert noted(event) == {"shade_test": "b15", "end_ns": NOON_NS - 60 * 10**9, "noted_ns": NOON_NS}
 
 
 def test_an_absolute_time_is_taken_in_its_own_zone(folder, clock):
-    drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30.25-07:00"))
-    (event,) = MarkReader(folder, clock)()
+    send(folder, Mark("shadow", at="2016-01-01T11:59:30.25-07:00"))
+    (event,) = RequestReader(folder, clock)()
     assert event.time_ns == NOON_NS - 29_750_000_000
     assert event.mono_ns == clock.mono_ns() - 29_750_000_000
 
 
 def test_marks_come_in_the_order_they_were_dropped(folder, clock):
     for number in range(20):
-        file = drop_mark(folder, Mark(f"mark {number}"))
+        file = folder / f"{send(folder, Mark(f'mark {number}'))}.json"
         os.utime(file, (1e9 + number, 1e9 + number))
-    assert [event.text for event in MarkReader(folder, clock)()] == [f"mark {number}" for number in range(20)]
+    assert [event.text for event in RequestReader(folder, clock)()] == [f"mark {number}" for number in range(20)]
 
 
 def test_a_half_written_mark_is_not_seen(folder, clock):
     (folder / ".half").write_text('{"text": "ha')
-    assert list(MarkReader(folder, clock)()) == []
+    assert list(RequestReader(folder, clock)()) == []
 
 
 @pytest.mark.parametrize(
@@ -95,33 +101,33 @@ def test_a_half_written_mark_is_not_seen(folder, clock):
     + [json.dumps({"text": "x", key: when}) for key in ("at", "to") for when in TOO_FAR],
 )
 def test_a_file_that_is_no_mark_becomes_a_warning_and_stops_nothing(folder, clock, content):
-    drop_mark(folder, Mark("good"))
+    send(folder, Mark("good"))
     (folder / "0.json").write_text(content)
-    events = {event.severity: event for event in MarkReader(folder, clock)()}
+    events = {event.severity: event for event in RequestReader(folder, clock)()}
     assert events[Severity.INFO].text == "good"
     assert "could not be read" in events[Severity.WARNING].text
     assert content in events[Severity.WARNING].text
 
 
 def test_a_folder_that_cannot_be_made_is_no_marks(tmp_path, clock):
-    marks = MarkReader(tmp_path / "absent" / "marks", clock)
+    marks = RequestReader(tmp_path / "absent" / "marks", clock)
     assert [*marks(), *marks.close()] == []
 
 
 def test_after_the_last_look_no_mark_can_be_dropped(folder, clock):
-    marks = MarkReader(folder, clock)
-    drop_mark(folder, Mark("the last"))
+    marks = RequestReader(folder, clock)
+    send(folder, Mark("the last"))
     last = marks.close()
     with pytest.raises(FileNotFoundError):
-        drop_mark(folder, Mark("too late"))
+        send(folder, Mark("too late"))
     assert [event.text for event in last] == ["the last"]
 
 
 def test_marks_of_a_recording_that_was_killed_at_its_last_look_are_left(folder, clock):
-    marks = MarkReader(folder, clock)
-    drop_mark(folder, Mark("the last"))
+    marks = RequestReader(folder, clock)
+    send(folder, Mark("the last"))
     marks.close()  # nobody goes through them
-    assert [event.text for event in left_marks(folder)] == ["the last"]
+    assert [event.text for event in left_requests(folder)] == ["the last"]
 
 
 @pytest.fixture
@@ -141,42 +147,42 @@ def hiccup(monkeypatch):
 
 
 def test_marks_that_cannot_be_looked_at_just_now_are_found_later(folder, clock, hiccup):
-    drop_mark(folder, Mark("wind"))
-    marks = MarkReader(folder, clock)
+    send(folder, Mark("wind"))
+    marks = RequestReader(folder, clock)
     with hiccup():
         assert list(marks()) == []
     assert [event.text for event in marks()] == ["wind"]
 
 
 def test_marks_that_cannot_be_read_at_the_end_keep_the_session_from_being_sealed(folder, clock, hiccup):
-    drop_mark(folder, Mark("wind"))
-    marks = MarkReader(folder, clock)
+    send(folder, Mark("wind"))
+    marks = RequestReader(folder, clock)
     with hiccup():
         with pytest.raises(StorageError, match="stale file handle") as caught:
             marks.close()
         with pytest.raises(StorageError, match="stale file handle"):
-            left_marks(folder)
+            left_requests(folder)
     assert "fieldkit recover" in caught.value.fix
-    assert [event.text for event in left_marks(folder)] == ["wind"]
+    assert [event.text for event in left_requests(folder)] == ["wind"]
 
 
 def test_a_mark_that_cannot_be_removed_is_taken_once(folder, clock, monkeypatch):
-    drop_mark(folder, Mark("dropped with sudo"))
+    send(folder, Mark("dropped with sudo"))
 
     def refused(*_):
         raise PermissionError
 
     monkeypatch.setattr("pathlib.Path.unlink", refused)
-    marks = MarkReader(folder, clock)
+    marks = RequestReader(folder, clock)
     assert [event.text for event in (*marks(), *marks())] == ["dropped with sudo"]
 
 
 def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
     """As on a full disk: the recorder stops at it, and looks again a second later."""
     for number in range(3):
-        file = drop_mark(folder, Mark(f"mark {number}"))
+        file = folder / f"{send(folder, Mark(f'mark {number}'))}.json"
         os.utime(file, (1e9 + number, 1e9 + number))
-    marks = MarkReader(folder, clock)
+    marks = RequestReader(folder, clock)
     events = marks()
     assert [next(events).text, next(events).text] == ["mark 0", "mark 1"]
     events.close()  # the second was not stored
@@ -186,8 +192,8 @@ def test_a_mark_that_could_not_be_stored_stays_and_comes_again(folder, clock):
 
 
 def test_a_time_without_a_zone_is_not_guessed(folder, clock):
-    drop_mark(folder, Mark("shadow", at="2016-01-01T11:59:30"))
-    (event,) = MarkReader(folder, clock)()
+    send(folder, Mark("shadow", at="2016-01-01T11:59:30"))
+    (event,) = RequestReader(folder, clock)()
     assert event.severity is Severity.WARNING
     assert "has no time zone" in event.text
     assert event.time_ns == NOON_NS

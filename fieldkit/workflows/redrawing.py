@@ -1,0 +1,109 @@
+"""Regions that are redrawn while a recording runs: what changes, from which minute on, or why nothing does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import Region, RegionRecord, Site
+from fieldkit.model.units import MINUTE_NS
+from fieldkit.sessions.entry_rows import event_fits
+from fieldkit.sessions.layout import MAX_REGIONS, check_region
+from fieldkit.views import formatting
+from fieldkit.workflows.regions import check_regions
+
+
+@dataclass
+class Redrawing:
+    """The regions of a recording as they are now; `shape` is of its camera's frames (rows, cols)."""
+
+    regions: tuple[Region, ...]
+    shape: tuple[int, ...] | None
+    site: Site
+
+    def __post_init__(self) -> None:
+        self._known = {region.name for region in self.regions}
+
+    def redrawn(
+        self, wanted: Sequence[Region], request: str, mono_ns: int, time_ns: int
+    ) -> Iterator[RegionRecord | Event]:
+        """The changes that lead to the regions wanted, and the event that answers; the event alone if refused.
+
+        A change holds from the next full minute on, so that no minute is seen through two outlines. Each
+        counts as made once the caller asks for what follows.
+        """
+        if refusals := self._refusals(wanted):
+            yield self._answer(f"regions not changed: {'; '.join(refusals)}", request, mono_ns, time_ns)
+            return
+        since_ns = (time_ns // MINUTE_NS + 1) * MINUTE_NS
+        done: dict[str, list[str]] = {}
+        for record, what in list(_changes(self.regions, wanted, since_ns)):
+            yield record
+            self._follow(record)
+            done.setdefault(what, []).append(record.region.name)
+        yield self._answer(self._words(done, since_ns), request, mono_ns, time_ns, done, since_ns)
+
+    def _follow(self, record: RegionRecord) -> None:
+        regions = {region.name: region for region in self.regions}
+        if record.is_removed:
+            del regions[record.region.name]
+        else:
+            regions[record.region.name] = record.region
+        self.regions = tuple(regions.values())
+        self._known.add(record.region.name)
+
+    def _refusals(self, wanted: Sequence[Region]) -> list[str]:
+        """What is wrong with the regions wanted that is not wrong with those of now already."""
+        before = set(self._failures(self.regions))
+        found = [failure for failure in self._failures(wanted) if failure not in before]
+        names = [region.name for region in wanted]
+        found += [f"{name} is there twice" for name in dict.fromkeys(names) if names.count(name) > 1]
+        if len(self._known | set(names)) > MAX_REGIONS:
+            found.append(f"a session has room for {MAX_REGIONS} regions")
+        return found
+
+    def _failures(self, regions: Sequence[Region]) -> list[str]:
+        try:
+            for region in regions:
+                check_region(region)
+        except ValueError as error:
+            return [str(error)]
+        inspections = check_regions(regions, self.shape)
+        return [f"{one.region.name}: {failure}" for one in inspections for failure in one.failures]
+
+    def _words(self, done: dict[str, list[str]], since_ns: int) -> str:
+        if not done:
+            return "regions unchanged: they are as requested"
+        changes = ", ".join(f"{', '.join(names)} {what}" for what, names in done.items())
+        return f"regions changed: {changes}; from {formatting.clock_time(since_ns, self.site)} on"
+
+    def _answer(
+        self,
+        text: str,
+        request: str,
+        mono_ns: int,
+        time_ns: int,
+        done: dict[str, list[str]] | None = None,
+        since_ns: int = 0,
+    ) -> Event:
+        severity = Severity.WARNING if done is None else Severity.INFO
+        data = {"request": request, "from_ns": since_ns, **done} if done else {"request": request}
+        event = Event(EventKind.REGION, mono_ns, time_ns, text, severity=severity, data=data)
+        if event_fits(event):
+            return event
+        return Event(EventKind.REGION, mono_ns, time_ns, text[:200], "", severity, {"request": request})
+
+
+def _changes(
+    regions: Sequence[Region], wanted: Sequence[Region], since_ns: int
+) -> Iterator[tuple[RegionRecord, str]]:
+    """What differs, each with its word: removals first, so that their pixels are free."""
+    before = {region.name: repr(region) for region in regions}  # in which NaN is equal to NaN
+    names = {region.name for region in wanted}
+    for region in regions:
+        if region.name not in names:
+            yield RegionRecord(region, since_ns, is_removed=True), "removed"
+    for region in wanted:
+        if before.get(region.name) != repr(region):
+            yield RegionRecord(region, since_ns), "changed" if region.name in before else "added"

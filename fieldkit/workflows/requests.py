@@ -1,0 +1,210 @@
+"""Requests to the recorder while it records: small files in its inbox, each answered by an event.
+
+A request is one JSON file beside the journal, named by its id: a mark, new regions, a shutter correction, the
+acknowledgement of an alarm. Once a second the recorder takes them in order and carries them out. The event of
+the session that answers has ``data["request"]``, the id, and says what was done, or why it was not.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from fieldkit.disk import replacing
+from fieldkit.model.clock import Clock
+from fieldkit.model.errors import ConfigError, StorageError, message_of
+from fieldkit.model.samples import Event, EventKind, Severity
+from fieldkit.model.site import Region, RegionRecord
+from fieldkit.recorder import ShutterRequest
+from fieldkit.sessions.entry_rows import event_fits
+from fieldkit.sessions.json_forms import build
+from fieldkit.workflows.marks import Mark, mark_details, mark_event
+from fieldkit.workflows.redrawing import Redrawing
+
+_LATEST_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class NewRegions:
+    """All regions as they shall be from now on."""
+
+    regions: tuple[Region, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Shutter:
+    """A shutter correction of the camera, now."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledgement:
+    """Somebody has seen the alarm of that id."""
+
+    alarm: str
+
+
+Request = Mark | NewRegions | Shutter | Acknowledgement
+_KINDS: dict[str, type[Request]] = {
+    "mark": Mark,
+    "regions": NewRegions,
+    "shutter": Shutter,
+    "acknowledge": Acknowledgement,
+}
+_NAMES = {kind: name for name, kind in _KINDS.items()}
+
+
+def inbox(session: Path) -> Path:
+    """The folder in which the recorder of a session looks for requests."""
+    # its name is that of the first kind: recovery must find the marks that older recorders left
+    return session.with_name(session.name + ".journal") / "marks"
+
+
+def send(folder: Path, request: Request) -> str:
+    """Write a request into an inbox atomically; its id.
+
+    Raises `ConfigError` if it is too long to be stored whole, and `OSError` if it cannot be written: without
+    the folder the recording no longer accepts requests.
+    """
+    number = uuid.uuid4().hex
+    _check_length(request, number)
+    with replacing(folder / f"{number}.json", synced=False) as draft:
+        body = {"do": _NAMES[type(request)], **asdict(request)}
+        draft.write_text(json.dumps(body, ensure_ascii=False) + "\n", encoding="utf-8")
+    return number
+
+
+def _check_length(request: Request, number: str) -> None:
+    if not isinstance(request, Mark):
+        return
+    data = {**mark_details(request, _LATEST_NS, _LATEST_NS), "request": number}
+    if not event_fits(Event(EventKind.MARK, 0, 0, request.text, data=data)):
+        size = len(f"{request.text}{request.label}".encode())
+        fix = "split it in two, and use one short word as its kind"
+        raise ConfigError(f"the mark is too long to be stored whole: {size} bytes", fix=fix)
+
+
+@dataclass
+class RequestReader:
+    """Yields what the recorder is to do for the requests in its inbox, once each, oldest first.
+
+    Events are to be stored, changes of regions stored and followed, shutters run. A request's file is removed
+    when the next one is asked for: a caller that cannot store something stops there and receives it again.
+    The folder exists only until `close`, so that no request is sent that would not be read.
+    `redrawing` knows the regions, None where they cannot change.
+    """
+
+    folder: Path
+    clock: Clock
+    redrawing: Redrawing | None = None
+    _taken: set[str] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        with suppress(OSError):  # a recording without requests is better than none
+            self.folder.mkdir(exist_ok=True)
+
+    def __call__(self) -> Iterator[Event | RegionRecord | ShutterRequest]:
+        """What is to be done for the requests sent since the last call.
+
+        An invalid file becomes a warning with its text, so that no note is lost. A folder that cannot be read
+        is tried again at the next call.
+        """
+        try:
+            files = _oldest_first(self.folder)
+        except StorageError:
+            files = []
+        yield from self._take(files)
+
+    def _take(self, files: Iterable[Path]) -> Iterator[Event | RegionRecord | ShutterRequest]:
+        for file in files:
+            if file.name not in self._taken:
+                yield from self._carry_out(file)
+                self._taken.add(file.name)
+                with suppress(OSError):  # a folder owned by another user, as after sudo
+                    file.unlink()
+
+    def _carry_out(self, file: Path) -> Iterator[Event | RegionRecord | ShutterRequest]:
+        mono_ns = self.clock.mono_ns()
+        now = mono_ns, self.clock.to_utc_ns(mono_ns)
+        request = _read(file, *now)
+        if isinstance(request, Shutter):
+            yield ShutterRequest(file.stem)
+        elif isinstance(request, NewRegions) and self.redrawing is not None:
+            yield from self.redrawing.redrawn(request.regions, file.stem, *now)
+        else:
+            yield _answer(request, file.stem, *now)
+
+    def close(self) -> Iterator[Event | RegionRecord | ShutterRequest]:
+        """What is to be done for the last requests; a later one finds no folder.
+
+        Raises `StorageError` if they cannot be read: this is the last attempt, and sealing removes them.
+        """
+        with suppress(OSError):
+            self.folder = self.folder.rename(_closed(self.folder))
+        return self._take(_oldest_first(self.folder))
+
+
+def left_requests(folder: Path) -> list[Event]:
+    """Events for requests that an interrupted recording did not read; their files stay.
+
+    "Now" is the time at which each was sent, by the computer's clock; `mono_ns` is unknown. Only marks and
+    acknowledgements can still be kept. Raises `StorageError`.
+    """
+    files = [*_oldest_first(_closed(folder)), *_oldest_first(folder)]
+    return [replace(_left(file, file.stat().st_mtime_ns), mono_ns=0) for file in files]
+
+
+def _left(file: Path, sent_ns: int) -> Event:
+    return _answer(_read(file, 0, sent_ns), file.stem, 0, sent_ns)
+
+
+def _answer(request: Request | Event, number: str, mono_ns: int, time_ns: int) -> Event:
+    """The event that answers a request which needs nothing but to be kept."""
+    match request:
+        case Event():
+            event = request
+        case Acknowledgement():
+            data = {"acknowledge": request.alarm}
+            event = Event(EventKind.MARK, mono_ns, time_ns, f"acknowledged: {request.alarm}", data=data)
+        case _:
+            text = f"the recording ended before this was done: {_NAMES[type(request)]}"
+            event = Event(EventKind.MODE, mono_ns, time_ns, text, severity=Severity.WARNING)
+    return replace(event, data={**event.data, "request": number})
+
+
+def _closed(folder: Path) -> Path:
+    """The folder's name once no more requests are accepted."""
+    return folder.with_name(f"{folder.name}-closed")
+
+
+def _oldest_first(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
+    except OSError as error:
+        raise StorageError(
+            f"the marks in {folder} cannot be read: {error.strerror or error}",
+            fix="check that the disk is accessible, then: fieldkit recover",
+        ) from error
+
+
+def _read(file: Path, mono_ns: int, time_ns: int) -> Request | Event:
+    """A request; of a mark, and of a file that is none, already the event."""
+    text = file.name
+    try:
+        text = file.read_text(encoding="utf-8", errors="replace")
+        request = _request(json.loads(text))
+        return mark_event(request, mono_ns, time_ns) if isinstance(request, Mark) else request
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
+        text = f"a mark could not be read ({message_of(error)}): {text.strip()}"
+        return Event(EventKind.MARK, mono_ns, time_ns, text, severity=Severity.WARNING)
+
+
+def _request(body: Any) -> Request:
+    fields = dict(body)
+    kind = _KINDS[fields.pop("do", "mark")]  # older recorders knew marks alone
+    return Mark(**fields) if kind is Mark else build(kind, fields)
+
