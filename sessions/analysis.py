@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import IntegrityError, SessionError
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import is_damaged, is_usable
 from fieldkit.model.site import Region
 from fieldkit.model.units import MINUTE_NS
@@ -142,7 +143,8 @@ def region_series(
     session : Session
         An open session.
     regions : sequence of Region, optional
-        The regions, in pixel coordinates; those of the session by default.
+        The regions, in pixel coordinates, the same in all frames; those of the session by default, each as it
+        was drawn when the frame was taken.
     stream : str, optional
         The camera's stream; may be omitted where the session has only one camera.
     calibration : callable, optional
@@ -159,9 +161,11 @@ def region_series(
         A region covers no pixel of the frame, or there is no such camera.
     """
     info = camera_of(session, stream)
-    chosen = tuple(session.regions if regions is None else regions)
+    schedule = session.region_schedule if regions is None else RegionSchedule.of(regions)
     reader, convert = session.stream(info.name), _to_kelvin(info, calibration)
-    series = [_region_series(reader, region, convert) for region in chosen]
+    minutes = session.times_ns(info.name) // MINUTE_NS
+    chosen = schedule.latest if regions is None else tuple(regions)
+    series = [_drawn_series(reader, schedule, region, minutes, convert) for region in chosen]
     # a chunk's own checksum vouches for its pixels; the stamps and flags need the seal, or the whole frame
     flags = reader.column("flags") if session.columns_are_sealed(info.name) else reader.flags()
     for one in series:
@@ -182,6 +186,31 @@ class _RegionSeries(NamedTuple):
     spread: FloatArray
     flags: NDArray[np.uint16]
     pixels: int
+
+
+def _drawn_series(
+    reader: StreamReader,
+    schedule: RegionSchedule,
+    region: Region,
+    minutes: NDArray[np.int64],
+    convert: Callable[[FrameBlock], FloatArray],
+) -> _RegionSeries:
+    """Mean and spread of a region as it was drawn in each minute; NaN where it was not."""
+    if schedule.is_constant:
+        return _region_series(reader, region, convert)
+    mean, spread = np.full((2, len(reader)), np.nan)
+    flags, pixels = np.zeros(len(reader), np.uint16), 0
+    for drawn, since, until in schedule.versions(region.name):
+        holds = (minutes >= since) & (minutes < until)
+        if holds.any():
+            found = _region_series(reader, drawn, convert)
+            mean[holds], spread[holds], flags[holds] = (
+                found.mean[holds],
+                found.spread[holds],
+                found.flags[holds],
+            )
+            pixels = found.pixels
+    return _RegionSeries(mean, spread, flags, pixels)
 
 
 def _region_series(

@@ -51,6 +51,7 @@ class EntryRows:
             name: {column.name: column for column in columns}
             for name, columns in entry_columns(header).items()
         }
+        self._drawn_before = frozenset(self._regions)
         self._places = max(1, len(self._regions))
         self._versions: dict[str, int] = {}
         self._anchor_ns = anchor_ns
@@ -68,6 +69,13 @@ class EntryRows:
         if isinstance(entry, MinuteRecord):
             yield "irradiance", _irradiance_row(entry)
             yield "estimates", self._estimates_row(entry)
+            for estimate in entry.estimates:
+                if estimate.region not in self._drawn_before:
+                    label = {"region": encode_text(estimate.region, 64)}
+                    yield (
+                        "later_estimates",
+                        {"time": entry.time_ns // 1000, **label, **_estimate_row(estimate)},
+                    )
             if entry.learnt is not None:
                 yield "learnt", self._learnt_row(entry.time_ns, entry.learnt)
         elif isinstance(entry, RegionRecord):
@@ -88,13 +96,9 @@ class EntryRows:
         row["flags"] = np.zeros(count, np.uint16)
         row["model"], row["reason"] = np.zeros(count, "S64"), np.zeros(count, "S160")
         for estimate in minute.estimates:
-            place = self._regions[estimate.region]
-            for name in _NUMBERS:
-                row[name][place] = getattr(estimate, name)
-            row["window_start"][place] = estimate.window_start_ns // 1000
-            row["state"][place], row["flags"][place] = estimate.state, int(estimate.flags)
-            row["model"][place] = encode_text(estimate.model, 64)
-            row["reason"][place] = encode_text(estimate.reason, 160)
+            if estimate.region in self._drawn_before:
+                for name, value in _estimate_row(estimate).items():
+                    row[name][self._regions[estimate.region]] = value
         return {"time": minute.time_ns // 1000, **row}
 
     def _learnt_row(self, time_ns: int, learnt: Learnt) -> Row:
@@ -108,7 +112,7 @@ class EntryRows:
         for name in _BY_REGION:
             row[name] = np.full(self._places, np.nan)
             for region, value in getattr(learnt, name).items():
-                if region in self._regions:
+                if region in self._drawn_before:
                     row[name][self._regions[region]] = value
         return {"time": time_ns // 1000, "chi_square": learnt.chi_square, **row}
 
@@ -122,6 +126,7 @@ class EntryRows:
             "time": record.time_ns // 1000, "region": number, "version": version, "kind": int(region.kind),
             "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
             "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
+            "removed": int(record.is_removed),
         }  # fmt: skip
 
     def _health_row(self, health: Health) -> Row:
@@ -149,6 +154,15 @@ def _fitting(value: Any, column: Column) -> Any:
     per = 1000 if column.attributes.get("units") == TIME_UNITS else 1  # read as nanoseconds
     lowest, highest = -(-np.iinfo(kind).min // per), np.iinfo(kind).max // per
     return np.asarray(np.clip(np.array(value, object), lowest, highest), kind)
+
+
+def _estimate_row(estimate: SlopeEstimate) -> Row:
+    return {
+        **{name: getattr(estimate, name) for name in _NUMBERS},
+        "window_start": estimate.window_start_ns // 1000,
+        "state": estimate.state, "flags": int(estimate.flags),
+        "model": encode_text(estimate.model, 64), "reason": encode_text(estimate.reason, 160),
+    }  # fmt: skip
 
 
 def _irradiance_row(minute: MinuteRecord) -> Row:
@@ -248,7 +262,7 @@ def regions_from(table: Table) -> list[RegionRecord]:
             tuple((float(x), float(y)) for x, y in corners), float(table["tilt_deg"][n]),
             float(table["azimuth_deg"][n]), float(table["emissivity"][n]),
         )  # fmt: skip
-        records.append(RegionRecord(region, int(table["time"][n]) * 1000))
+        records.append(RegionRecord(region, int(table["time"][n]) * 1000, bool(table["removed"][n])))
     return records
 
 
@@ -260,6 +274,15 @@ def estimates_from(table: Table, regions: tuple[str, ...]) -> list[SlopeEstimate
         for place, region in enumerate(regions)
         if decode_text(table["model"][n][place]) or table["state"][n][place] != SlopeState.NO_DATA
     ]
+
+
+def later_estimates_from(table: Table) -> list[SlopeEstimate]:
+    """The estimates of regions that were drawn during the recording."""
+    columns = {
+        name: values[:, np.newaxis] for name, values in table.items() if name not in ("time", "region")
+    }
+    by_place = {"time": table["time"], **columns}
+    return [_estimate(by_place, n, 0, decode_text(region)) for n, region in enumerate(table["region"])]
 
 
 def _estimate(table: Table, n: int, place: int, region: str) -> SlopeEstimate:

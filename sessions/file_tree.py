@@ -24,6 +24,7 @@ from fieldkit.sessions.layout import (
     FORMAT_VERSION,
     INTEGRITY_COLUMNS,
     MAX_LEARNT,
+    MAX_VERTICES,
     RECORDING,
     TIME_MAP_COLUMNS,
     Column,
@@ -175,7 +176,7 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     if name == "health":
         put_scale(group, "stream", labels(info.name for info in header.streams))
     if name == "regions":
-        put_scale(group, "vertex", np.arange(columns[-2].shape[0], dtype="<i4"), units="1")
+        put_scale(group, "vertex", np.arange(MAX_VERTICES, dtype="<i4"), units="1")
         put_scale(group, "xy", labels(["x", "y"], 1))
     put_columns(group, columns)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +35,18 @@ MAX_LEARNT = 16
 """Parameters that a row of what was learnt has room for."""
 
 RESERVED_NAMES = frozenset(
-    {"entry", "irradiance", "estimates", "learnt", "regions", "events", "clock", "health", "calibration"}
+    {
+        "entry",
+        "irradiance",
+        "estimates",
+        "later_estimates",
+        "learnt",
+        "regions",
+        "events",
+        "clock",
+        "health",
+        "calibration",
+    }
     | {"config", "integrity", "time_map"}
 )
 """Groups of the file itself; no stream may have such a name."""
@@ -123,9 +134,9 @@ def check_region(region: Region) -> None:
 
 FORMAT_NAME = "fieldkit-session"
 
-FORMAT_VERSION = "1.2"
+FORMAT_VERSION = "1.3"
 
-TABLES_SINCE = {"learnt": (1, 2)}
+TABLES_SINCE = {"learnt": (1, 2), "later_estimates": (1, 3)}
 """Tables that files of earlier versions do not have."""
 
 TIME_UNITS = "microseconds since 1970-01-01T00:00:00Z"
@@ -269,6 +280,7 @@ def entry_columns(header: SessionHeader) -> dict[str, list[Column]]:
             Column("model", "S64"),
         ],
         "estimates": [_time(), *_estimate_columns(regions)],
+        "later_estimates": [_time(), Column("region", "S64"), *_of_one_region(_estimate_columns(1))],
         "learnt": [_time(), *_learnt_columns(regions)],
         "regions": _region_columns(),
         "events": [
@@ -337,6 +349,11 @@ def _estimate_columns(regions: int) -> list[Column]:
     ]
 
 
+def _of_one_region(columns: list[Column]) -> list[Column]:
+    """The same columns with one region in a row."""
+    return [replace(column, shape=(), dims=()) for column in columns]
+
+
 LEARNT_NUMBERS = tuple(item.name for item in fields(LearntParameter) if item.type == "float")
 """Columns of what was learnt that are numbers, named as in `LearntParameter`."""
 
@@ -370,6 +387,7 @@ def _region_columns() -> list[Column]:
         Column("n_vertices", "<u2", attributes={"units": "1"}),
         Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
         Column("label", "S64"),
+        Column("removed", "u1", attributes={"long_name": "1: the region ends here", "units": "1"}),
     ]
 
 

@@ -28,6 +28,7 @@ from fieldkit.model.clock import ClockCheck
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError, message_of
 from fieldkit.model.learnt import Learnt
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, Health, Quality, Sample
 from fieldkit.model.site import Region, Site
 from fieldkit.model.slope import SlopeEstimate
@@ -64,7 +65,15 @@ from fieldkit.sessions.stored import (
 from fieldkit.sessions.stream import Stream
 from fieldkit.sessions.stream_reader import Readings, StreamReader
 from fieldkit.sessions.superblock import CHECK_PATH, MendedFile, is_clean
-from fieldkit.sessions.time_map import TimeStep, check_rows, mapped, mapped_event, mapped_health, mapped_ns
+from fieldkit.sessions.time_map import (
+    TimeStep,
+    added_ns,
+    check_rows,
+    mapped,
+    mapped_event,
+    mapped_health,
+    mapped_ns,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -209,9 +218,25 @@ class SessionReader:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """The regions as they were drawn last."""
+        """The regions as they were drawn last; also those that were removed."""
         drawn = {record.region.name: record.region for record in self.region_history()}
         return tuple(drawn.values()) or self.header.regions
+
+    @property
+    def region_schedule(self) -> RegionSchedule:
+        """The regions with the minutes in which they hold, as they were changed during the recording.
+
+        Times are as the active time map corrects them. Before version 1.3 the last outline always holds.
+        """
+        if self.format_version < (1, 3):
+            return RegionSchedule.of(self.regions)
+        changes, steps = self.region_changes(), self.time_map()
+        drawn = self.region_history()[: -len(changes) or None]
+        schedule = RegionSchedule.of([record.region for record in drawn] or self.header.regions)
+        for record in changes:
+            add_ns = added_ns(steps, record.time_ns - self.anchor_ns)
+            schedule = schedule.changed(replace(record, time_ns=record.time_ns + add_ns))
+        return schedule
 
     @property
     def config_toml(self) -> str:
@@ -371,9 +396,16 @@ class SessionReader:
         """Every outline of every region and since when it holds."""
         return entry_rows.regions_from(self.table("regions"))
 
+    def region_changes(self) -> list[RegionRecord]:
+        """What was changed of the regions during the recording, in order."""
+        began_ns = self.identity.start_ns
+        return [record for record in self.region_history() if record.time_ns > began_ns]
+
     def estimates(self) -> list[SlopeEstimate]:
-        """The slopes as they were estimated while recording."""
-        return entry_rows.estimates_from(self.table("estimates"), self.header.region_names)
+        """The slopes as they were estimated while recording, in order of time."""
+        found = entry_rows.estimates_from(self.table("estimates"), self.header.region_names)
+        later = entry_rows.later_estimates_from(self.table("later_estimates"))
+        return sorted([*found, *later], key=lambda one: one.time_ns) if later else found
 
     def learnt(self) -> dict[int, Learnt]:
         """What the data taught while recording, by the UTC nanoseconds of each minute that has it."""

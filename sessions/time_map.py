@@ -54,7 +54,7 @@ def mapped(steps: Sequence[TimeStep], sample: Sample) -> Sample:
 def mapped_event(steps: Sequence[TimeStep], event: Event) -> Event:
     """The event with its time corrected by a map, and the other times of a mark or a shade test."""
     data = dict(event.data)
-    for name in ("begin_ns", "end_ns", "noted_ns"):
+    for name in ("begin_ns", "end_ns", "from_ns", "noted_ns"):
         if isinstance(time_ns := data.get(name), int):
             data[name] = time_ns + added_ns(steps, event.mono_ns + time_ns - event.time_ns)
     return replace(event, time_ns=event.time_ns + added_ns(steps, event.mono_ns), data=data)

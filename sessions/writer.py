@@ -61,6 +61,7 @@ class SessionWriter:
         self.is_closed = False
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
+        self._region_names = set(header.region_names)
         self._check = SampleCheck(header.streams)
         self._lock = threading.Lock()
         self._report: SealReport | None = None
@@ -147,7 +148,7 @@ class SessionWriter:
         learnt: Learnt | None = None,
     ) -> None:
         """Store the estimates made when a minute closed, and what the data had taught by then."""
-        unknown = {estimate.region for estimate in estimates} - set(self.header.region_names)
+        unknown = {estimate.region for estimate in estimates} - self._region_names
         if unknown:
             raise ValueError(f"estimates for regions the session does not have: {', '.join(sorted(unknown))}")
         self.put(MinuteRecord(time_ns, tuple(estimates), irradiance_w_m2, irradiance_model, flags, learnt))
@@ -169,6 +170,8 @@ class SessionWriter:
         """Store an entry of any kind."""
         with self._lock:
             self._store(entry)
+        if isinstance(entry, RegionRecord):
+            self._region_names.add(entry.region.name)
 
     def _store(self, record: Record) -> None:
         if self.is_closed:

@@ -67,6 +67,7 @@ COMMANDS: dict[str, tuple[CommandEntry, ...]] = {
         CommandEntry(
             "service", "fieldkit.cli.service", "Run the page, and a recording, from boot on (systemd)."
         ),
+        CommandEntry("shutter", "fieldkit.cli.shutter", "Run the camera's shutter correction now."),
     ),
     "Afterwards": (
         CommandEntry("ls", "fieldkit.cli.ls", "List the sessions of a campaign."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from fieldkit.model.errors import ConfigError
 
 if TYPE_CHECKING:
     from fieldkit.model.site import Region
+    from fieldkit.workflows.running import SentRequest
 
 Point = tuple[float, float]
 
@@ -76,21 +78,24 @@ def add(
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
     """
     from fieldkit.workflows.regions import add_region
+    from fieldkit.workflows.running import change_regions
 
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
     file = _file(ctx)
-    region = add_region(
-        file,
-        name,
+    added = partial(
+        add_region,
+        name=name,
         points=[first, *more] if first else [],
         rect=rect,
         reference=reference,
         **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
     )
+    region, sent = change_regions(file, added)
     if options(ctx).json:
-        print_json({"config": str(file), "region": region})
+        print_json({"config": str(file), "region": region, **_request(sent)})
     say(f"region {name} added to {file}")
+    _say_sent(sent)
     _report_issues(file, name)
 
 
@@ -115,19 +120,21 @@ def edit(
 ) -> None:
     """Change the region NAME in fieldkit.toml: its size or its measured properties.
 
-    Sessions keep the regions they were recorded with; with --campaign, estimate, report and map use the
-    new ones.
+    A running recording uses the change from the next full minute on. Finished sessions keep the regions they
+    were recorded with; with --campaign, estimate, report and map use the new ones.
     """
     from fieldkit.workflows.regions import edit_region
+    from fieldkit.workflows.running import change_regions
 
     properties = _known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset)
     if shrink is None and not properties:
         raise click.UsageError("give what to change: --shrink, --tilt, --azimuth, --emissivity or --offset")
     file = _file(ctx)
-    changes = edit_region(file, name, shrink_px=shrink, **properties)
+    changes, sent = change_regions(file, partial(edit_region, name=name, shrink_px=shrink, **properties))
     if options(ctx).json:
-        print_json({"config": str(file), "region": {"name": name, **changes}})
+        print_json({"config": str(file), "region": {"name": name, **changes}, **_request(sent)})
     say(f"region {name} changed in {file}")
+    _say_sent(sent)
     _report_issues(file, name)
 
 
@@ -137,12 +144,14 @@ def edit(
 def remove(ctx: click.Context, name: str) -> None:
     """Remove the region NAME from fieldkit.toml."""
     from fieldkit.workflows.regions import remove_region
+    from fieldkit.workflows.running import change_regions
 
     file = _file(ctx)
-    remove_region(file, name)
+    _, sent = change_regions(file, partial(remove_region, name=name))
     if options(ctx).json:
-        print_json({"config": str(file), "removed": name})
+        print_json({"config": str(file), "removed": name, **_request(sent)})
     say(f"region {name} removed from {file}")
+    _say_sent(sent)
 
 
 @command.command("list")
@@ -200,6 +209,15 @@ def _file(ctx: click.Context) -> Path:
     from fieldkit.config import find_campaign
 
     return find_campaign(options(ctx).directory or Path.cwd())
+
+
+def _request(sent: SentRequest | None) -> dict[str, str]:
+    return {} if sent is None else {"session": str(sent.session), "request": sent.id}
+
+
+def _say_sent(sent: SentRequest | None) -> None:
+    if sent is not None:
+        say(f"sent to the recording {sent.session.name}, which uses it from the next full minute on")
 
 
 def _known(**values: float | str | None) -> dict[str, Any]:

@@ -121,7 +121,7 @@ class Estimator:
         return [self.minute(closed) for closed in self.collect_rest()]
 
     def collect(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
-        """Take one sample, mark or change of regions; returns the bins it closed, each of which `minute` turns into slopes.
+        """Take one sample, mark or change of regions; returns the bins it closed, for `minute`.
 
         Takes microseconds; `minute` may take a second and more, and may run in another thread.
         """

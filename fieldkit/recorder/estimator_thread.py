@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from fieldkit.estimation.binner import Closed
 from fieldkit.estimation.estimator import Estimator
 from fieldkit.model.samples import Event, Sample
+from fieldkit.model.site import RegionRecord
 from fieldkit.recorder.sample_queue import SampleQueue
 
 
@@ -24,8 +25,8 @@ class EstimatorThread:
         self._estimator, self._queue = estimator, queue
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="estimator")
 
-    def add(self, sample: Sample | Event) -> None:
-        """Take one sample or mark."""
+    def add(self, sample: Sample | Event | RegionRecord) -> None:
+        """Take one sample, mark or change of regions."""
         self._estimate(self._estimator.collect(sample))
 
     def finish(self) -> None:

@@ -69,8 +69,8 @@ class Recorder:
     """Records opened devices into a session until `stop`, the planned end, or a full disk.
 
     `reopen(name)` reopens a device by its identity; `free_bytes` returns the disk's free space; `requests`
-    yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is monotonic;
-    `stopping` may be set before the recorder exists. Call `run` once.
+    yields what was asked for since its last call, `last_requests` what is left at the end. `end_ns` is
+    monotonic; `stopping` may be set before the recorder exists. Call `run` once.
     """
 
     devices: Sequence[Device]
@@ -169,8 +169,8 @@ class Recorder:
     def _finish_events(self) -> None:
         """Carry out the last requests, store the pending events, and the reason for an early end.
 
-        Raises `StorageError` if an answer cannot be stored even in the space reserved for the end: the session
-        is then left to recovery, which reads the request.
+        Raises `StorageError` if an answer cannot be stored even in the space reserved for the end: the
+        session is then left to recovery, which reads the request.
         """
         with suppress(OSError):  # an event may need the space; if it cannot be freed, closing reports it
             self.writer.release_reserve()

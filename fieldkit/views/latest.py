@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:
@@ -53,8 +53,11 @@ class Latest:
         self.time_ns = 0
         self._healths: tuple[Health, ...] = ()
 
-    def update(self, item: Frame | Reading | Event | Minute | Health) -> None:
+    def update(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
         """Replace the previous item of the same kind."""
+        if isinstance(item, RegionRecord):
+            self._redraw(item)
+            return
         self.time_ns = max(self.time_ns, item.time_ns)
         self.start_ns = self.start_ns or item.time_ns
         self.items += 1
@@ -68,6 +71,12 @@ class Latest:
             self._healths = (*self._healths, item)[-RATE_OVER_S - 1 :]
         else:
             self.minute = item
+
+    def _redraw(self, record: RegionRecord) -> None:
+        regions = {region.name: region for region in self.regions} | {record.region.name: record.region}
+        if record.is_removed:
+            del regions[record.region.name]
+        self.regions = tuple(regions.values())
 
     def _add_event(self, event: Event) -> None:
         self.events = tuple(formatting.by_time((*self.events, event))[-EVENTS_KEPT:])

@@ -19,7 +19,7 @@ from rich.screen import Screen
 
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Health, Reading
-from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting
 from fieldkit.views.latest import Latest
@@ -68,7 +68,7 @@ class TerminalView:
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
 
-    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
+    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
         """Keep an item for the next redraw."""
         self._latest.update(item)
         if self._thread.ident is None:
@@ -124,9 +124,9 @@ class PlainView:
         self._thread = threading.Thread(target=self._print, name="plain view", daemon=True)
         self._thread.start()
 
-    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
+    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
         """Print the item if it is an event or a minute; the first failure ends the printing."""
-        if isinstance(item, Frame | Reading | Health):
+        if isinstance(item, Frame | Reading | RegionRecord | Health):
             return
         kelvin = [] if isinstance(item, Event) else list(item.temperature_k.values())
         if kelvin and not any(map(math.isfinite, kelvin)):

@@ -125,7 +125,7 @@ def readable_sources(paths: Iterable[Path], *, present: bool = False) -> tuple[l
 
 
 def _require_target(source: Source) -> None:
-    if not any(region.kind is RegionKind.TARGET for region in source.regions):
+    if not any(region.kind is RegionKind.TARGET for region in source.regions.columns):
         raise ConfigError(
             f"{source.path} has no target region to estimate",
             fix="fieldkit roi add in its campaign, then once more with --campaign",
@@ -271,7 +271,9 @@ def carried_out(runs: Iterable[Run], executor: Executor, cache: Cache) -> Iterat
         else:
             texts = tuple(str(text) for text in entry["texts"])
             learnt = LearntSeries.unpacked(entry)
-            yield Outcome(run, Estimates(entry["rows"], texts, run.source.regions, learnt), cached=True)
+            yield Outcome(
+                run, Estimates(entry["rows"], texts, run.source.regions.latest, learnt), cached=True
+            )
     firsts = [same[0] for same in missing.values()]
     for outcome in _RunScheduler(executor, cache).outcomes(firsts) if firsts else ():
         yield from (replace(outcome, run=run) for run in missing[outcome.run.key])

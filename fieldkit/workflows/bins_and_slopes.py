@@ -17,13 +17,14 @@ from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.bins import History, MinuteBin
 from fieldkit.estimation.chain import slope_series
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.site import Region, Site
+from fieldkit.model.region_schedule import Regions, RegionSchedule
+from fieldkit.model.site import Site
 from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import SessionOrFile, marks_of, reading
 
 
 def read_minutes(
-    session: SessionOrFile, regions: Sequence[Region], wanted: Sequence[tuple[Site, EstimatorSettings]]
+    session: SessionOrFile, regions: Regions, wanted: Sequence[tuple[Site, EstimatorSettings]]
 ) -> list[History]:
     """The minute bins of a session for each site and `batch.bin_settings`, in one pass over its samples.
 
@@ -41,17 +42,17 @@ def read_minutes(
     return [History.of(bins) for bins in closed]
 
 
-def estimate(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Estimates:
+def estimate(history: History, regions: Regions, settings: EstimatorSettings) -> Estimates:
     """Slopes of every target at every minute."""
-    names = [region.name for region in regions]
+    schedule = RegionSchedule.of(regions)
     series = list(slope_series(history, regions, settings))
     minutes = [one.slopes for one in series]
     learnt = {int(time): one.learnt for time, one in zip(history.time_ns, series, strict=True) if one.learnt}
     temperature_k = [
-        history.temperature_k[row, names.index(one.region)]
+        history.temperature_k[row, schedule.column(one.region, int(history.minute[row]))]
         for row, minute in enumerate(minutes)
         for one in minute
     ]
     dni_w_m2 = np.repeat(history.dni_w_m2, [len(minute) for minute in minutes])
     measured: dict[str, ArrayLike] = {"temperature_k": temperature_k, "irradiance_w_m2": dni_w_m2}
-    return Estimates.of([one for minute in minutes for one in minute], measured, regions, learnt)
+    return Estimates.of([one for minute in minutes for one in minute], measured, schedule.latest, learnt)

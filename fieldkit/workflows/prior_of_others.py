@@ -39,5 +39,5 @@ def prior_of_others(runs: Sequence[Run], estimate: Estimate) -> Iterator[tuple[R
 
 def _learning(run: Run) -> Run:
     """The run with its known slopes as references."""
-    known = known_slopes(run.source.regions, (), run.source.path)
+    known = known_slopes(run.source.regions.latest, (), run.source.path)
     return replace(run, source=replace(run.source, regions=with_known(run.source.regions, known)))

@@ -1,4 +1,4 @@
-"""Regions that are redrawn while a recording runs: what changes, from which minute on, or why nothing does."""
+"""Regions redrawn while a recording runs: what changes, from which minute on, or why nothing does."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Redrawing:
     def redrawn(
         self, wanted: Sequence[Region], request: str, mono_ns: int, time_ns: int
     ) -> Iterator[RegionRecord | Event]:
-        """The changes that lead to the regions wanted, and the event that answers; the event alone if refused.
+        """The changes that lead to the regions wanted, and the event that answers; that alone if refused.
 
         A change holds from the next full minute on, so that no minute is seen through two outlines. Each
         counts as made once the caller asks for what follows.

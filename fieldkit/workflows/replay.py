@@ -67,8 +67,8 @@ def replay(
             minutes = list(minutes_of(session, estimator))
         else:
             minutes = play(session, estimator, speed, view_of(session, estimator))
-        estimates = final_estimates(estimates_of(minutes), estimator.regions)
-        return Replay(tuple(estimator.regions), tuple(minutes), estimates)
+        estimates = final_estimates(estimates_of(minutes), estimator.schedule.latest)
+        return Replay(estimator.schedule.latest, tuple(minutes), estimates)
 
 
 def play(session: SessionReader, estimator: Estimator, speed: float, view: View) -> list[Minute]:

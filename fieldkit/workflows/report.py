@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import slope_series
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
@@ -152,7 +151,7 @@ def _report_session(
                 minutes,
                 settings=estimator.settings,
                 site=estimator.site,
-                regions=estimator.regions,
+                regions=estimator.schedule.latest,
                 sd=options.sd,
                 frame=middle_frame(session),
                 others=by_other_models(minutes, estimator),
@@ -187,7 +186,7 @@ def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
         estimator = estimator_for(session, config, present=options.present)
-        columns = series(list(minutes_of(session, estimator)), estimator.regions)
+        columns = series(list(minutes_of(session, estimator)), estimator.schedule.latest)
     return Part(path, estimator.site, columns, estimator.settings)
 
 
@@ -225,12 +224,12 @@ def middle_frame(session: SessionReader) -> Frame | None:
 
 def by_other_models(minutes: Sequence[Minute], estimator: Estimator) -> dict[str, list[Minute]]:
     """The same minutes with slopes by the other `COMPARED` models, from the bins already made."""
-    history = History.of(estimator.bins)
+    history = estimator.history
     found: dict[str, list[Minute]] = {}
     for model in COMPARED:
         if model != estimator.settings.model:
             settings = replace(estimator.settings, model=model)
-            series = slope_series(history, estimator.regions, settings)
+            series = slope_series(history, estimator.schedule, settings)
             found[model] = [
                 replace(minute, estimates=one.slopes, learnt=one.learnt)
                 for minute, one in zip(minutes, series, strict=True)

@@ -207,4 +207,3 @@ def _request(body: Any) -> Request:
     fields = dict(body)
     kind = _KINDS[fields.pop("do", "mark")]  # older recorders knew marks alone
     return Mark(**fields) if kind is Mark else build(kind, fields)
-

@@ -1,4 +1,4 @@
-"""The running recording of a campaign: only one at a time; which session, whether it responds; stop; requests.
+"""The running recording of a campaign, one at a time: which session, whether it responds; stop, requests.
 
 Nothing here opens the session: another process is writing it.
 """
@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from datetime import time as time_of_day
 from pathlib import Path
+from typing import TypeVar
 
-from fieldkit.config import Config
+from fieldkit.config import Config, read_config
 from fieldkit.config.edit import restoring
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError, RefusedError, SessionError, StorageError
@@ -44,6 +45,7 @@ CLOCKS_DIFFER = timedelta(minutes=5)
 YEAR_S = 365.25 * 86_400.0
 FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
 """A mark further from now is a typing error; a simulated day may lie decades back."""
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
@@ -225,28 +227,39 @@ def acknowledge(config: Config, alarm: str) -> SentRequest:
     return sent(config, Acknowledgement(alarm))
 
 
-def change_regions(config: Config, change: Callable[[Path], object]) -> SentRequest | None:
-    """Change the regions of ``fieldkit.toml``, and of the recording if one is running.
+def change_regions(file: Path, change: Callable[[Path], T]) -> tuple[T, SentRequest | None]:
+    """Change the regions of a ``fieldkit.toml``, and those of its campaign's recording if one is running.
 
-    `change` is one of the functions of `fieldkit.workflows.regions` but for its first argument:
-    ``partial(add_region, name="b15", rect=(60, 60, 30, 30))``. Estimates of the running session use the new
-    regions from the next full minute on; ``None`` is returned where nothing is being recorded.
+    Estimates of the running session use the new regions from the next full minute on.
+
+    Parameters
+    ----------
+    file
+        The campaign's ``fieldkit.toml``.
+    change
+        What `fieldkit.workflows.regions` does to the file:
+        ``partial(add_region, name="b15", rect=(60, 60, 30, 30))``, or `edit_region`, or `remove_region`.
+
+    Returns
+    -------
+    tuple
+        What `change` returned, and the request to the recording; None where nothing is being recorded.
 
     Raises
     ------
     ConfigError
-        The regions would be invalid, or unusable for the recording; nothing is changed then.
+        The regions would be invalid, or the recording could not use them; nothing is changed then.
     RefusedError, StorageError
         As `sent`; the file is changed then, and the recording is not.
     """
-    if session_in_progress(config.recordings) is None:
-        change(config.path)
-        return None
-    with restoring(config.path):
-        change(config.path)
-        changed = read_regions(config.path)[0]
+    config, _ = read_config(file)
+    if config is None or session_in_progress(config.recordings) is None:
+        return change(file), None
+    with restoring(file):
+        made = change(file)
+        changed = read_regions(file)[0]
         check_configured(changed, unless=config)
-    return sent(config, NewRegions(changed.regions))
+    return made, sent(config, NewRegions(changed.regions))
 
 
 @dataclass(frozen=True, slots=True)

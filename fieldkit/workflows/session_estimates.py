@@ -185,16 +185,27 @@ class Estimates:
         import xarray as xr
 
         targets = [self.regions[place] for place in dict.fromkeys(self.rows["region"].tolist())]
-        grid = self.rows.reshape(-1, max(1, len(targets)))
+        time_ns, grid = self._grid()
         return xr.Dataset(
             {name: (("time", "region"), grid[name]) for name in ("state", *ANGLES, *MEASURED)},
             coords={
-                "time": ("time", grid["time_ns"][:, 0].astype("datetime64[ns]")),
+                "time": ("time", time_ns.astype("datetime64[ns]")),
                 "region": ("region", [target.name for target in targets]),
                 "true_tilt_deg": ("region", [target.tilt_deg for target in targets]),
                 "true_azimuth_deg": ("region", [target.azimuth_deg for target in targets]),
             },
         )
+
+    def _grid(self) -> tuple[NDArray[np.int64], NDArray[np.void]]:
+        """Times, and rows over times and targets; without data where a region did not hold."""
+        time_ns, row = np.unique(self.rows["time_ns"], return_inverse=True)
+        places = {place: column for column, place in enumerate(dict.fromkeys(self.rows["region"].tolist()))}
+        grid = np.zeros((time_ns.size, max(1, len(places))), ROW)
+        for name in (*ANGLES, *MEASURED):
+            grid[name] = np.nan
+        grid["state"] = SlopeState.NO_DATA
+        grid[row, [places[place] for place in self.rows["region"].tolist()]] = self.rows
+        return time_ns, grid
 
 
 def _short(estimate: SlopeEstimate) -> str:

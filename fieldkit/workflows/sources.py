@@ -16,8 +16,9 @@ from fieldkit.config import Config, config_from_text, find_campaign, load_config
 from fieldkit.config.toml_schema import known_keys
 from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
+from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import Site
 from fieldkit.sessions.reader import SessionReader, open_session
 
 TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
@@ -77,7 +78,7 @@ class Source:
     checksum: str
     session_id: str
     config: Config
-    regions: tuple[Region, ...]
+    regions: RegionSchedule
 
 
 def source_of(path: Path, *, present: bool = False) -> Source:
@@ -143,6 +144,8 @@ def qualified_key(name: str) -> str:
     )
 
 
-def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> tuple[Region, ...]:
-    """The regions of the session, or the campaign's present ones."""
-    return config.regions if present or not session.regions else session.regions
+def regions_for(session: SessionReader, config: Config, *, present: bool = False) -> RegionSchedule:
+    """The regions of the session as they changed, or the campaign's present ones."""
+    if present or not session.regions:
+        return RegionSchedule.of(config.regions)
+    return session.region_schedule

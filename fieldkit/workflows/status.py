@@ -12,7 +12,7 @@ import numpy as np
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.samples import Sample
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.latest import RATE_OVER_S, Latest
 from fieldkit.workflows.describe import recorded_learnt
@@ -49,7 +49,8 @@ def recording_status(config: Config) -> RecordingStatus:
 
 def latest_of(session: SessionReader) -> Latest:
     """What the live view of a session's recorder shows now, from what is stored."""
-    latest = Latest(session.site, session.regions, tuple(session.streams.values()), session.header.title)
+    regions = session.region_schedule.regions_at(session.end_ns // MINUTE_NS)
+    latest = Latest(session.site, regions, tuple(session.streams.values()), session.header.title)
     for event in session.events():
         latest.update(event)
     for health in session.health()[-RATE_OVER_S - 1 :]:

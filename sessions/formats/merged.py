@@ -76,9 +76,10 @@ def merge(session: SessionReader, imported: ImportedRecording, path: Path, sourc
     clock = StampedClock(began, session.anchor_ns)
     writer = SessionWriter(path, header, clock)
     try:
-        drawn = {(region.name, region.vertices) for region in header.regions}  # the writer has put these
+        began_ns = session.identity.start_ns
         for entry in session.entries():
-            if not isinstance(entry, RegionRecord) or (entry.region.name, entry.region.vertices) not in drawn:
+            # the regions drawn before the start are in the header
+            if not isinstance(entry, RegionRecord) or entry.time_ns > began_ns:
                 writer.put(entry)
         for severity, text in ((Severity.INFO, f"stream added from {source}"), *imported.notes):
             now = clock.mono_ns()

@@ -21,9 +21,9 @@ from fieldkit.sessions.reader import open_session
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.marks import Mark
-from fieldkit.workflows.requests import inbox, send
 from fieldkit.workflows.opening import open_instruments
 from fieldkit.workflows.record import PreparedRecording
+from fieldkit.workflows.requests import inbox, send
 from fieldkit.workflows.sources import config_for
 
 HALF_HOUR = ("--for", "30m", "--set", "simulation.speed=max", "-q")

@@ -17,19 +17,29 @@ from fieldkit.sessions.seal import _digests as _digests_now
 
 _SINCE_1_1 = ("integrity/object_sha256", "integrity/object", "integrity/columns_crc32", "time_map/crc32")
 _SINCE_1_2 = ("learnt",)
+_SINCE_1_3 = ("later_estimates", "regions/removed")
 
 
 def as_version_1_0(path: Path, without: Sequence[str] = ()) -> None:
     """Take out what later versions added (and columns that came `without` a new version), and seal it so."""
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
-        _take_out(file, (*_SINCE_1_1, *_SINCE_1_2, *without), "1.0")
+        _take_out(file, (*_SINCE_1_1, *_SINCE_1_2, *_SINCE_1_3, *without), "1.0")
     _seal_tables(path)
 
 
 def as_version_1_1(path: Path) -> None:
-    """Take out what version 1.2 added, and seal it so."""
+    """Take out what later versions added, and seal it so."""
+    _as_version(path, "1.1", (*_SINCE_1_2, *_SINCE_1_3))
+
+
+def as_version_1_2(path: Path) -> None:
+    """Take out what version 1.3 added, and seal it so."""
+    _as_version(path, "1.2", _SINCE_1_3)
+
+
+def _as_version(path: Path, version: str, without: Sequence[str]) -> None:
     with h5py.File(path, "r+", libver=LIBVER, track_order=True) as file:
-        _take_out(file, (*_SINCE_1_2, "integrity/object", "integrity/object_sha256"), "1.1")
+        _take_out(file, (*without, "integrity/object", "integrity/object_sha256"), version)
         _digests(file)
     _seal_tables(path)
     write_in_place(path, {"integrity/object_sha256": _digests_now(path)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -17,7 +17,8 @@ from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.errors import CalibrationError
 from fieldkit.model.learnt import Learnt
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.model.region_schedule import Regions, RegionSchedule
+from fieldkit.model.site import RegionKind
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.bins_and_slopes import read_minutes
 from fieldkit.workflows.calibrate.inputs import end_of, record_source
@@ -40,7 +41,7 @@ def sand(
     (history,) = read_minutes(session, regions, [(config.site, settings)])
     learnt = _learnt(history, with_known(regions, beds), settings)
     known = carried(settings, [(settings, learnt)])
-    steeper_deg = tilt_sd_deg if any(region.name in beds for region in regions) else 0.0
+    steeper_deg = tilt_sd_deg if any(region.name in beds for region in regions.columns) else 0.0
     steeper = _learnt(history, with_known(regions, beds, steeper_deg), settings) if steeper_deg else learnt
     budget = _budget(known["gain"], _gain(steeper) - _gain(learnt), tilt_sd_deg)
     gain_sd = combined_uncertainty(budget)
@@ -66,27 +67,27 @@ def sand(
     return Calibration(stamped(record), _summary(known, gain_sd, len(history)), used_by, config.calibration)
 
 
-def with_known(
-    regions: Sequence[Region], beds: Collection[str], steeper_deg: float = 0.0
-) -> tuple[Region, ...]:
+def with_known(regions: Regions, beds: Collection[str], steeper_deg: float = 0.0) -> RegionSchedule:
     """Regions to learn from: targets of `beds` as references, all of them steeper by `steeper_deg`.
 
     The flattest stays a target if no other is left: it would tell least as a reference.
     """
-    targets = [region for region in regions if region.kind is RegionKind.TARGET]
+    schedule = RegionSchedule.of(regions)
+    targets = [region for region in schedule.latest if region.kind is RegionKind.TARGET]
     known = sorted((one for one in targets if one.name in beds), key=lambda region: region.tilt_deg)
     if len(known) == len(targets):
         known = known[1:]
     names = {region.name for region in known}
-    return tuple(
+    columns = (
         replace(region, kind=RegionKind.REFERENCE, tilt_deg=region.tilt_deg + steeper_deg)
         if region.name in names
         else region
-        for region in regions
+        for region in schedule.columns
     )
+    return replace(schedule, columns=tuple(columns))
 
 
-def _learnt(history: History, regions: tuple[Region, ...], settings: EstimatorSettings) -> Learnt:
+def _learnt(history: History, regions: Regions, settings: EstimatorSettings) -> Learnt:
     found = SlopeChain(regions, settings).at(history)
     if found.learnt is None:
         reasons = sorted({slope.reason for slope in found.slopes if slope.reason})

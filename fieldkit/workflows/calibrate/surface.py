@@ -99,7 +99,7 @@ def surface(
     with reading(session) as opened:
         config = config_for(opened, settings)
         if config.tables.estimator.model == "learned":
-            given = known_slopes(regions_for(opened, config), beds, opened.path)
+            given = known_slopes(regions_for(opened, config).latest, beds, opened.path)
             learnt = sand(opened, config, given, tilt_sd_deg, name)
             notify_damage(opened, notify)
             return learnt

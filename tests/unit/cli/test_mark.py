@@ -156,7 +156,7 @@ def test_a_shade_test_needs_no_quotes(campaign, recording):
     added = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", "--reference", *corners])
     assert added.exit_code == 0, added.output
     assert mark(campaign, "shade-test", "b15", "end", "--at", "-30s").exit_code == 0
-    (event,) = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
+    *_, event = RequestReader(recording / "running.h5.journal" / "marks", SimulatedClock(NOON_NS))()
     del event.data["request"]
     assert event.data == {"shade_test": "b15", "phase": "end", "noted_ns": NOON_NS}
 

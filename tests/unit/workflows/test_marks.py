@@ -87,7 +87,9 @@ def test_marks_come_in_the_order_they_were_dropped(folder, clock):
     for number in range(20):
         file = folder / f"{send(folder, Mark(f'mark {number}'))}.json"
         os.utime(file, (1e9 + number, 1e9 + number))
-    assert [event.text for event in RequestReader(folder, clock)()] == [f"mark {number}" for number in range(20)]
+    assert [event.text for event in RequestReader(folder, clock)()] == [
+        f"mark {number}" for number in range(20)
+    ]
 
 
 def test_a_half_written_mark_is_not_seen(folder, clock):

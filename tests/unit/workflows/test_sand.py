@@ -29,13 +29,13 @@ LEARNED = {"estimator.model": "learned"}
 
 def test_known_slopes_are_references_and_may_be_steeper() -> None:
     found = with_known((FLAT, B05, B15, UNKNOWN), {"b05", "b15"}, steeper_deg=0.5)
-    assert [region.kind for region in found] == [RegionKind.REFERENCE] * 3 + [RegionKind.TARGET]
-    assert [region.tilt_deg for region in found[1:3]] == [5.5, 15.5]
+    assert [region.kind for region in found.latest] == [RegionKind.REFERENCE] * 3 + [RegionKind.TARGET]
+    assert [region.tilt_deg for region in found.latest[1:3]] == [5.5, 15.5]
 
 
 def test_the_flattest_stays_a_target_where_no_other_is_left() -> None:
     found = with_known((FLAT, B15, B05), {"b05", "b15"})
-    assert {region.name for region in found if region.kind is RegionKind.TARGET} == {"b05"}
+    assert {region.name for region in found.latest if region.kind is RegionKind.TARGET} == {"b05"}
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_each_session_gets_what_the_others_taught(runs: list[Run]) -> None:
 
     found = {run.source.path: prior for run, prior in prior_of_others(runs, estimate)}
     assert set(found) == {run.source.path for run in runs}
-    kinds = {region.name: region.kind for region in seen[0].source.regions}
+    kinds = {region.name: region.kind for region in seen[0].source.regions.latest}
     assert kinds["b15"] is RegionKind.REFERENCE
     prior = dict(one.split("=") for one in found[runs[0].source.path])
     assert float(prior["estimator.scale"]) == 1.0  # nobody taught anything

@@ -1,0 +1,22 @@
+"""``fieldkit shutter``: run the camera's shutter correction in the running recording."""
+
+from __future__ import annotations
+
+import click
+
+from fieldkit.cli import common
+
+
+@click.command(cls=common.Command)
+@click.pass_context
+def command(ctx: click.Context) -> None:
+    """Run the camera's shutter correction now, in the running recording.
+
+    An event of the session reports whether it was started: not every camera can.
+    """
+    from fieldkit.workflows.running import request_shutter
+
+    sent = request_shutter(common.campaign(ctx))
+    if common.options().json:
+        common.print_json({"session": str(sent.session), "request": sent.id})
+    common.say(f"sent to {sent.session.name}; an event of the session reports whether the shutter ran")
