@@ -29,7 +29,7 @@ import numpy as np
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Frame, Health, Quality, Reading
-from fieldkit.model.site import Region, Site
+from fieldkit.model.site import Region, RegionRecord, Site
 from fieldkit.sessions.json_forms import build
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
@@ -43,7 +43,7 @@ SMALL_ITEMS_KEPT = 4096
 """Readings, events and minutes that may wait for a reader; the oldest are dropped."""
 HEADER_MAX, BODY_MAX = 16_000_000, 64_000_000
 
-Item: TypeAlias = Frame | Reading | Event | Minute | Health
+Item: TypeAlias = Frame | Reading | Event | RegionRecord | Minute | Health
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class FeedStart:
 
 
 KINDS: dict[str, type[Any]] = {
-    kind.__name__: kind for kind in (FeedStart, Trend, Minute, Event, Health, Frame, Reading)
+    kind.__name__: kind for kind in (FeedStart, Trend, Minute, Event, RegionRecord, Health, Frame, Reading)
 }
 
 

@@ -13,6 +13,7 @@ import time
 from typing import TYPE_CHECKING
 
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading
+from fieldkit.model.site import RegionRecord
 from fieldkit.views import formatting
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class RecordingReports:
         self._awaits_sample = self._is_main = is_main_process()
         self._next_s = 0.0
 
-    def show(self, item: Frame | Reading | Event | Minute | Health) -> None:
+    def show(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:
         """Report what the item means to the service manager."""
         if isinstance(item, Health):
             self._alive(item)

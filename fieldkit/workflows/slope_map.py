@@ -285,7 +285,7 @@ def _mapped(
     estimator = estimator_for(session, config, present=present)
     instruments = Instruments(tuple(session.streams.values()), estimator.settings)
     camera = instruments.camera
-    if camera is None or not RegionColumns(estimator.regions).references.size:
+    if camera is None or not RegionColumns(estimator.schedule.columns).references.size:
         missing = "camera whose temperatures are known" if camera is None else "reference region"
         raise NoAnswerError(f"{session.path} has no {missing}, so it has no slope map")
     minutes = list(minutes_of(session, estimator))
