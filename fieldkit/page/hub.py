@@ -20,7 +20,7 @@ from fieldkit import __version__
 from fieldkit.config import Config
 from fieldkit.estimation.estimator import Minute
 from fieldkit.model.samples import Event, Frame, Health, Reading, is_showable
-from fieldkit.model.site import Region
+from fieldkit.model.site import Region, RegionRecord
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import outgoing
 from fieldkit.page.pictures import Mode, picture
@@ -33,7 +33,7 @@ from fieldkit.workflows.json_document import plain_json
 from fieldkit.workflows.preflight import sampling_of
 
 Phase = Literal["preview", "starting", "recording", "sealing", "no-instruments"]
-Item = Frame | Reading | Event | Minute | Health
+Item = Frame | Reading | Event | RegionRecord | Minute | Health
 FASTEST_PICTURES_S = 0.03
 """A simulated field may run faster than time; eyes do not."""
 MAX_VIEWERS = 8
