@@ -89,9 +89,9 @@ class Region:
         edges = list(zip(self.vertices, (*self.vertices[1:], *self.vertices[:1]), strict=True))
         for (x0, y0), (x1, y1) in edges:
             if y0 != y1:
-                crossed = (y0 > y) != (y1 > y)
-                at = x0 + (y[crossed] - y0) * (x1 - x0) / (y1 - y0)
-                found[crossed] ^= x < at[:, np.newaxis]
+                first, end = np.searchsorted(y, sorted((y0, y1)))
+                at = x0 + (y[first:end] - y0) * (x1 - x0) / (y1 - y0)
+                found[first:end] ^= x < at[:, np.newaxis]
         for start, end in edges:
             found[_pixels_on(start, end, rows, cols)] = True
         return found

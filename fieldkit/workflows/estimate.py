@@ -35,6 +35,7 @@ def estimate(
     *,
     model: Model | None = None,
     present: bool = False,
+    regions: Sequence[Region] | None = None,
     **values: Any,
 ) -> Estimates:
     """Estimate the slopes of a session minute by minute, as it was configured or with other parameters.
@@ -50,6 +51,8 @@ def estimate(
         The surface model, ``estimator.model``.
     present
         Use the campaign's ``fieldkit.toml`` and regions as they are now.
+    regions
+        Regions drawn afterwards, in place of those of the session, for all of it; the session is not changed.
 
     Returns
     -------
@@ -62,12 +65,14 @@ def estimate(
     SessionError
         If the session cannot be read or is still being recorded.
     ConfigError
-        For a key or value that no estimate has.
+        For a key or value that no estimate has, or a region that cannot be used in the session's frames.
     """
     keys = {**(settings or {}), **values}
     if model is not None:
         keys["estimator.model"] = model
-    return estimate_run(run_of(source_of(path_of(session), present=present), settings_from(keys)), Cache())
+    return estimate_run(
+        run_of(source_of(path_of(session), present=present, regions=regions), settings_from(keys)), Cache()
+    )
 
 
 def estimate_table(

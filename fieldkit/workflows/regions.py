@@ -321,9 +321,10 @@ def _check_evenness(
 ) -> None:
     """Temperature spread of the region, and whether its rim differs from its inside."""
     inspection.spread_k = float(around[mask].std())
-    inspection.edge_k = _edge_k(inspection.region, frame)
+    rims = _Rims(inspection.region, frame)
+    inspection.edge_k = rims.edge_k(0)
     if abs(inspection.edge_k) > UNEVEN_EDGE_K:
-        name, pixels = inspection.region.name, _pixels_to_shrink(inspection.region, frame)
+        name, pixels = inspection.region.name, rims.pixels_to_shrink()
         inspection.shrink_px = pixels
         advice = (
             f"roi edit {name} --shrink {pixels}" if pixels else f"roi remove {name}, then draw it smaller"
@@ -331,33 +332,51 @@ def _check_evenness(
         inspection.warnings.append(f"edge pixels differ by {inspection.edge_k:+.1f} K: fieldkit {advice}")
 
 
-def _edge_k(region: Region, frame: FrameK) -> float:
-    """How much the outer pixels of a region differ from those inside; NaN if there are none of either."""
-    shape, box = (frame.shape[0], frame.shape[1]), region.box(frame.shape)
-    try:
-        inside = region.shrunk(EDGE_PX).mask(shape, box)
-    except ValueError:
-        return math.nan
-    rim, around = region.mask(shape, box) & ~inside, frame[box]
-    return float(around[rim].mean() - around[inside].mean()) if rim.any() and inside.any() else math.nan
+class _Rims:
+    """The rims of a region made smaller and smaller; each smaller one is masked once, and only if needed."""
 
+    def __init__(self, region: Region, frame: FrameK) -> None:
+        self._region, self._shape, self._box = (
+            region,
+            (frame.shape[0], frame.shape[1]),
+            region.box(frame.shape),
+        )
+        self._around = frame[self._box]
+        self._known: dict[int, tuple[int, float]] = {}
 
-def _pixels_to_shrink(region: Region, frame: FrameK) -> int | None:
-    """Pixels to shrink a region by so that it covers only its bed; None if too little would be left.
+    def edge_k(self, pixels: int) -> float:
+        """How much the outer pixels of the smaller region differ from those inside; NaN without either."""
+        (count, total), (inner, inner_total) = self._sums(pixels), self._sums(pixels + EDGE_PX)
+        if inner == 0 or count <= inner:
+            return math.nan
+        return (total - inner_total) / (count - inner) - inner_total / inner
 
-    On an uneven bed the edge difference need only fall below the warning.
-    """
-    edges = list(_edges_inside(region, frame))
-    limits = (CLEAN_EDGE_K, UNEVEN_EDGE_K)
-    return next((pixels for limit in limits for pixels, edge_k in edges if abs(edge_k) <= limit), None)
+    def pixels_to_shrink(self) -> int | None:
+        """Pixels to shrink the region by so that it covers only its bed; None if too little would be left.
 
+        On an uneven bed the edge difference need only fall below the warning.
+        """
+        found: int | None = None
+        for pixels in range(1, MOST_SHRUNK_PX + 1):
+            if self._sums(pixels)[0] < MIN_PIXELS:
+                break
+            edge_k = abs(self.edge_k(pixels))
+            if edge_k <= CLEAN_EDGE_K:
+                return pixels
+            if found is None and edge_k <= UNEVEN_EDGE_K:
+                found = pixels
+        return found
 
-def _edges_inside(region: Region, frame: FrameK) -> Iterator[tuple[int, float]]:
-    """Pairs of pixels to shrink by and the edge difference in kelvin that remains."""
-    for pixels in range(1, MOST_SHRUNK_PX + 1):
+    def _sums(self, pixels: int) -> tuple[int, float]:
+        """Number of pixels and sum of kelvin of the region so many pixels smaller."""
+        if pixels not in self._known:
+            self._known[pixels] = self._summed(pixels)
+        return self._known[pixels]
+
+    def _summed(self, pixels: int) -> tuple[int, float]:
         try:
-            smaller = region.shrunk(pixels)
+            smaller = self._region.shrunk(pixels) if pixels else self._region
         except ValueError:
-            return
-        if smaller.mask((frame.shape[0], frame.shape[1]), smaller.box(frame.shape)).sum() >= MIN_PIXELS:
-            yield pixels, _edge_k(smaller, frame)
+            return 0, 0.0
+        kelvin = self._around[smaller.mask(self._shape, self._box)]
+        return kelvin.size, float(kelvin.sum())

@@ -9,7 +9,7 @@ needs other rooms: configuration, estimation, reports, plots.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from fieldkit.estimation.settings import Model
+    from fieldkit.model.site import Region
     from fieldkit.workflows.check import CheckedSession
     from fieldkit.workflows.export import Export, Kind
     from fieldkit.workflows.report import Report
@@ -49,12 +50,13 @@ class Session(SessionReader):
         *,
         model: Model | None = None,
         present: bool = False,
+        regions: Sequence[Region] | None = None,
         **values: Any,
     ) -> Estimates:
         """Slopes minute by minute; see `fieldkit.estimate`."""
         from fieldkit.workflows.estimate import estimate
 
-        return estimate(self, settings, model=model, present=present, **values)
+        return estimate(self, settings, model=model, present=present, regions=regions, **values)
 
     def slope_map(
         self, window: Window = None, *, settings: Settings = (), present: bool = False

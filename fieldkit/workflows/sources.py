@@ -18,8 +18,9 @@ from fieldkit.disk import sha256
 from fieldkit.model.errors import ConfigError, FieldkitError, SessionError, message_of
 from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind
-from fieldkit.model.site import Site
+from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import SessionReader, open_session
+from fieldkit.workflows.regions import check_regions
 
 TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
@@ -81,19 +82,31 @@ class Source:
     regions: RegionSchedule
 
 
-def source_of(path: Path, *, present: bool = False) -> Source:
+def source_of(path: Path, *, present: bool = False, regions: Sequence[Region] | None = None) -> Source:
     """Read what an estimate needs of a session; `present` takes the campaign's configuration and regions.
 
-    Raises `SessionError` if it cannot be read or is still being recorded, `ConfigError`.
+    `regions` replace those of the session. Raises `SessionError` if it cannot be read or is still being
+    recorded, `ConfigError`, also for regions that cannot be used in its frames.
     """
     with open_session(path) as session:
         if session.state == "recording":
             raise SessionError(f"{path} is still being recorded", fix="fieldkit stop, or wait until it ends")
         config = config_for(session, present=present)
-        regions = regions_for(session, config, present=present)
+        drawn = (
+            regions_for(session, config, present=present) if regions is None else drawn_on(session, regions)
+        )
         # a session may consist of its journal alone: then there is no file to digest
         checksum = sha256(path) if path.exists() else ""
-        return Source(path.resolve(), checksum, session.session_id, config, regions)
+        return Source(path.resolve(), checksum, session.session_id, config, drawn)
+
+
+def drawn_on(session: SessionReader, regions: Sequence[Region]) -> RegionSchedule:
+    """Regions drawn on a finished session; raises `ConfigError` for one that cannot be used in its frames."""
+    camera = next((info for info in session.streams.values() if info.is_camera), None)
+    found = check_regions(regions, camera.shape if camera else None)
+    if failures := [f"{one.region.name}: {failure}" for one in found for failure in one.failures]:
+        raise ConfigError("; ".join(failures), fix="draw them again on the session's frames")
+    return RegionSchedule.of(regions)
 
 
 def config_for(session: SessionReader, settings: Settings = (), *, present: bool = False) -> Config:

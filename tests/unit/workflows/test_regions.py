@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fieldkit.model.site import Region, RegionKind
-from fieldkit.workflows.regions import check_regions
+from fieldkit.workflows.regions import check_region, check_regions
 
 
 def region(name: str, *corners: tuple[float, float]) -> Region:
@@ -47,6 +47,15 @@ def test_a_rim_that_sees_something_else_is_a_warning():
     assert too_large.warnings == ["edge pixels differ by -10.0 K: fieldkit roi edit drawn --shrink 2"]
     assert right.level == "ok"
     assert right.spread_k == 0.0
+    assert (too_large.shrink_px, right.shrink_px) == (2, None)
+
+
+def test_one_region_alone_gets_the_verdict_that_it_gets_among_the_others():
+    frame = 300.0 + np.random.default_rng(2).standard_normal((120, 160))
+    drawn = [square("a", 0, 20), square("b", 15, 20), region("c", (70, 20), (120, 31), (96, 88))]
+    among = check_regions(drawn, frame.shape, frame)
+    alone = [check_region(one, frame.shape, frame, drawn[:number]) for number, one in enumerate(drawn)]
+    assert [one.document() for one in alone] == [one.document() for one in among]
 
 
 def test_a_region_over_the_whole_frame_is_a_warning():

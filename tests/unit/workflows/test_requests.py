@@ -1,14 +1,25 @@
 import json
 import os
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import EventKind, Severity
+from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from fieldkit.workflows.marks import Mark
-from fieldkit.workflows.requests import RequestReader, inbox, left_requests, send
+from fieldkit.workflows.redrawing import Redrawing
+from fieldkit.workflows.requests import (
+    Acknowledgement,
+    NewRegions,
+    RequestReader,
+    Shutter,
+    inbox,
+    left_requests,
+    send,
+)
 
 NOON_NS = 1_451_674_800_000_000_000  # 2016-01-01T19:00:00Z, noon in Denver
 
@@ -199,3 +210,66 @@ def test_a_time_without_a_zone_is_not_guessed(folder, clock):
     assert event.severity is Severity.WARNING
     assert "has no time zone" in event.text
     assert event.time_ns == NOON_NS
+
+
+@pytest.fixture
+def bed():
+    return Region("b15", RegionKind.TARGET, ((60.0, 60.0), (89.0, 60.0), (89.0, 89.0), (60.0, 89.0)), 15.0)
+
+
+def regions_of(items):
+    return [item for item in items if isinstance(item, RegionRecord)]
+
+
+def test_new_regions_hold_from_the_next_full_minute(folder, clock, bed):
+    number = send(folder, NewRegions((bed,)))
+    reader = RequestReader(folder, clock, Redrawing((), (120, 160), Site(37.7, -105.9, 2317.0)))
+    record, event = reader()
+    assert (repr(record.region), record.time_ns) == (repr(bed), NOON_NS + 60 * 10**9)
+    assert event.data == {"request": number, "from_ns": record.time_ns, "added": ["b15"]}
+    assert reader.redrawing.regions == (record.region,)
+
+
+@pytest.mark.parametrize(
+    ("corners", "why"),
+    [
+        (((60, 60), (200, 60), (200, 90)), "outside the frame of 160 x 120 pixels"),
+        (((60, 60), (65, 60), (65, 65)), "too small"),
+        (((60, 60), (90, 90), (90, 60), (60, 90)), "crosses itself"),
+        (((60, 60), (90, 60)), "has 2 corners"),
+        (((10, 10), (40, 10), (40, 40), (10, 40)), "shares"),
+    ],
+)
+def test_a_bad_region_is_refused_and_the_others_stay(folder, clock, bed, corners, why):
+    flat = Region("flat", RegionKind.REFERENCE, ((10, 10), (40, 10), (40, 40), (10, 40)))
+    redrawing = Redrawing((flat,), (120, 160), Site(37.7, -105.9, 2317.0))
+    number = send(folder, NewRegions((flat, replace(bed, vertices=corners))))
+    (event,) = RequestReader(folder, clock, redrawing)()
+    assert (event.kind, event.severity) == (EventKind.REGION, Severity.WARNING)
+    assert event.text.startswith("regions not changed: ")
+    assert why in event.text
+    assert event.data == {"request": number}
+    assert redrawing.regions == (flat,)
+
+
+def test_regions_that_could_not_be_stored_come_again_and_those_stored_stay(folder, clock, bed):
+    beds = tuple(
+        replace(bed, name=f"b{n}", vertices=((n, 0), (n + 20, 0), (n + 20, 20), (n, 20))) for n in (0, 30)
+    )
+    send(folder, NewRegions(beds))
+    reader = RequestReader(folder, clock, Redrawing((), (120, 160), Site(37.7, -105.9, 2317.0)))
+    items = reader()
+    assert [next(items).region.name, next(items).region.name] == ["b0", "b30"]
+    items.close()  # the second was not stored
+    assert [one.region.name for one in regions_of(reader())] == ["b30"]
+
+
+def test_requests_that_a_killed_recording_did_not_carry_out_are_named(folder, bed):
+    for request in (NewRegions((bed,)), Shutter(), Acknowledgement("disk")):
+        send(folder, request)
+    events = {event.text for event in left_requests(folder)}
+    assert events == {
+        "the recording ended before this was done: regions",
+        "the recording ended before this was done: shutter",
+        "acknowledged: disk",
+    }

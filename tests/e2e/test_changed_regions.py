@@ -1,0 +1,292 @@
+"""Regions that are added, redrawn and removed while a simulated field is recorded."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import fieldkit
+from fieldkit.cli import main
+from fieldkit.config import Config, load_config
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.samples import Event, EventKind, Health, Severity
+from fieldkit.model.site import Region, RegionKind, RegionRecord
+from fieldkit.model.slope import SlopeEstimate
+from fieldkit.sessions.layout import journal_path
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.opening import open_instruments
+from fieldkit.workflows.record import PreparedRecording
+from fieldkit.workflows.recordings import recover_session
+from fieldkit.workflows.replay import replay
+from fieldkit.workflows.requests import Acknowledgement, NewRegions, Request, Shutter, inbox, send
+from tests.harness.older import as_version_1_2
+
+SAME_DEG = 1e-9
+ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
+Estimates = dict[tuple[int, str], SlopeEstimate]
+
+
+class Operator:
+    """Sends requests at seconds of a recording, sees its minutes, and interrupts it if asked to."""
+
+    def __init__(self, session: Path, plan: Mapping[int, Sequence[Request]], ends_at: int | None = None):
+        self.session, self.plan, self.ends_at = session, plan, ends_at
+        self.seconds = 0
+        self.ids: list[str] = []
+        self.minutes: list[Minute] = []
+        self.records: list[RegionRecord] = []
+
+    def show(self, item: object) -> None:
+        if isinstance(item, Minute):
+            self.minutes.append(item)
+        elif isinstance(item, RegionRecord):
+            self.records.append(item)
+        elif isinstance(item, Health):
+            self.seconds += 1
+            self.ids += [send(inbox(self.session), one) for one in self.plan.get(self.seconds, ())]
+            if self.seconds == self.ends_at:
+                raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    @property
+    def estimates(self) -> Estimates:
+        return by_minute(one for minute in self.minutes for one in minute.estimates)
+
+
+def by_minute(estimates: Iterator[SlopeEstimate]) -> Estimates:
+    return {(one.time_ns // 1000, one.region): one for one in estimates}  # stored to the microsecond
+
+
+def same(found: Estimates, live: Estimates) -> None:
+    """Every live estimate is found again, to 1e-9 degrees, in the same state and for the same reason."""
+    assert live
+    for key, one in live.items():
+        other = found[key]
+        assert (other.state, other.reason, other.n_bins) == (one.state, one.reason, one.n_bins)
+        for name in ANGLES:
+            assert getattr(other, name) == pytest.approx(getattr(one, name), abs=SAME_DEG, nan_ok=True)
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("changed") / "sand"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(folder.parent / "home"))
+        assert CliRunner().invoke(main, ["init", "--simulated", str(folder)]).exit_code == 0
+    return folder
+
+
+def config_of(campaign: Path, model: str = "full") -> Config:
+    settings = ["simulation.speed=max", f'estimator.model="{model}"']
+    return load_config(campaign / "fieldkit.toml", settings=settings)
+
+
+def record(config: Config, path: Path, operator: Operator, seconds: float) -> Operator:
+    with open_instruments(config, duration_s=seconds) as tools:
+        PreparedRecording(config, tools, path, duration_s=seconds).run([operator])
+    return operator
+
+
+def halves(region: Region) -> tuple[Region, Region]:
+    """The upper half of a bed under another name, and the lower half under its own."""
+    (left, top), (right, bottom) = (f(np.array(region.vertices), axis=0).tolist() for f in (np.min, np.max))
+    middle = (top + bottom) // 2
+    upper = ((left, top), (right, top), (right, middle - 1), (left, middle - 1))
+    lower = ((left, middle + 1), (right, middle + 1), (right, bottom), (left, bottom))
+    return replace(region, name="upper", vertices=upper), replace(region, vertices=lower)
+
+
+Drawn = tuple[Region, ...]
+
+
+@pytest.fixture(scope="module")
+def drawn(campaign: Path) -> dict[str, Drawn]:
+    """Lists of regions: as at first, with b05 halved, without b15, with a region that overlaps another."""
+    first = config_of(campaign).regions
+    upper, lower = halves(next(one for one in first if one.name == "b05"))
+    halved = (*(lower if one.name == "b05" else one for one in first), upper)
+    without = tuple(one for one in halved if one.name != "b15")
+    return {
+        "first": first, "halved": halved, "without": without, "bad": (*without, replace(upper, name="bad"))
+    }  # fmt: skip
+
+
+def plan(drawn: dict[str, Drawn]) -> dict[int, list[Request]]:
+    """Halved in minute 6; in minute 11 b15 is removed, drawn again and removed; then what is refused."""
+    halved, without = NewRegions(drawn["halved"]), NewRegions(drawn["without"])
+    return {
+        400: [halved],
+        420: [Shutter()],
+        700: [halved, without],
+        705: [halved],
+        710: [without],
+        800: [NewRegions(drawn["bad"]), Acknowledgement("frozen-camera")],
+    }
+
+
+@pytest.fixture(scope="module")
+def recorded(campaign: Path, drawn: dict[str, Drawn]) -> Operator:
+    path = campaign / "recordings" / "changed.h5"
+    return record(config_of(campaign), path, Operator(path, plan(drawn)), 1200.0)
+
+
+def events_of(operator: Operator) -> dict[str, Event]:
+    """The event that answers each request."""
+    with open_session(operator.session) as session:
+        answers = {str(event.data["request"]): event for event in session.events() if "request" in event.data}
+    assert set(answers) == set(operator.ids)
+    return answers
+
+
+def test_stored_replayed_and_estimated_again_the_slopes_are_those_of_the_recording(
+    recorded: Operator,
+) -> None:
+    live = recorded.estimates
+    assert {name for _, name in live} == {"b05", "b15", "b25", "upper"}
+    with open_session(recorded.session) as session:
+        stored = by_minute(iter(session.estimates()))
+    again = by_minute(one for minute in replay(recorded.session).minutes for one in minute.estimates)
+    estimated = by_minute(iter(fieldkit.estimate(recorded.session)))
+    for found in (stored, again, estimated):
+        assert set(found) == set(live)
+        same(found, live)
+    findings = fieldkit.check(recorded.session).findings
+    assert {(one.level, one.what) for one in findings if one.what == "slopes"} == {("ok", "slopes")}
+    assert not [one for one in findings if one.level == "FAIL"]
+
+
+def minutes_with(operator: Operator, region: str) -> list[int]:
+    return [number for number, one in enumerate(operator.minutes) if region in one.temperature_k]
+
+
+def test_a_region_holds_from_the_next_full_minute_until_it_is_removed(recorded: Operator) -> None:
+    count = len(recorded.minutes)
+    assert minutes_with(recorded, "upper") == list(range(7, count))
+    assert minutes_with(recorded, "b15") == list(range(12))
+    assert minutes_with(recorded, "b05") == minutes_with(recorded, "b25") == list(range(count))
+    pixels = [minute.pixels["b05"] for minute in recorded.minutes]
+    assert pixels[0] == pixels[6] > pixels[7] == pixels[-1]
+
+
+def test_a_redrawn_target_begins_anew_and_the_others_go_on(recorded: Operator) -> None:
+    after = {one.region: one for one in recorded.minutes[8].estimates}
+    assert after["b05"].reason.endswith("redrawn: begun anew")
+    assert after["b25"].n_bins == 9
+
+
+def test_every_request_is_answered_by_an_event_with_its_id(recorded: Operator) -> None:
+    answers = [events_of(recorded)[one] for one in recorded.ids]
+    texts = [event.text for event in answers]
+    assert texts[0].startswith("regions changed: b05 changed, upper added; from 12:07")
+    assert texts[1] == "camera: shutter correction started"
+    assert texts[2] == "regions unchanged: they are as requested"
+    assert [text.split(";")[0] for text in texts[3:6]] == [
+        "regions changed: b15 removed", "regions changed: b15 added", "regions changed: b15 removed"
+    ]  # fmt: skip
+    assert answers[7].data["acknowledge"] == "frozen-camera"
+
+
+def test_a_region_that_shares_pixels_is_refused_and_nothing_changes(recorded: Operator) -> None:
+    refusal = events_of(recorded)[recorded.ids[6]]
+    assert (refusal.kind, refusal.severity) == (EventKind.REGION, Severity.WARNING)
+    assert refusal.text.startswith("regions not changed: bad: shares ")
+    assert "bad" not in {record.region.name for record in recorded.records}
+
+
+def test_tables_maps_and_reports_hold_each_region_where_it_held(recorded: Operator) -> None:
+    with fieldkit.open_session(recorded.session) as session:
+        series = session.region_series()
+        minute = (series.time_ns // 60_000_000_000) - (session.start_ns // 60_000_000_000)
+        known = dict(zip(series.regions, np.isfinite(series.mean_k).T, strict=True))
+        assert (known["upper"] == (minute >= 7)).all()
+        assert (known["b15"] == (minute < 12)).all()
+        table = session.estimate().to_xarray()
+        assert int(np.isfinite(table.temperature_k.sel(region="b15")).sum()) == 12
+        mapped = session.slope_map("all")
+        assert {one.name for one in mapped.regions} == {"flat", "b05", "b25", "upper"}
+        assert session.report().path.stat().st_size > 0
+
+
+def test_regions_drawn_afterwards_hold_for_all_of_a_session(
+    recorded: Operator, drawn: dict[str, Drawn]
+) -> None:
+    before = recorded.session.read_bytes()
+    found = fieldkit.estimate(recorded.session, regions=drawn["first"])
+    as_drawn = {one.name for one in drawn["first"] if one.kind is RegionKind.TARGET}
+    assert set(found.final) == as_drawn
+    assert len(found) == len(as_drawn) * len(recorded.minutes)
+    same(by_minute(iter(found)), by_minute(iter(recorded.minutes[6].estimates)))
+    with pytest.raises(ConfigError, match="bad: shares"):
+        fieldkit.estimate(recorded.session, regions=drawn["bad"])
+    assert recorded.session.read_bytes() == before
+
+
+def interrupted(config: Config, path: Path, plan: dict[int, list[Request]]) -> Operator:
+    """A recording that ends without sealing after 15 minutes."""
+    operator = Operator(path, plan, ends_at=900)
+    with pytest.raises(KeyboardInterrupt):
+        record(config, path, operator, 1200.0)
+    return operator
+
+
+@pytest.mark.parametrize("lost", ["nothing", "file"])
+def test_after_recovery_the_slopes_are_those_of_the_recording(
+    campaign: Path, drawn: dict[str, Drawn], lost: str
+) -> None:
+    path = campaign / "recordings" / f"interrupted-{lost}.h5"
+    operator = interrupted(config_of(campaign), path, plan(drawn))
+    if lost == "file":
+        path.unlink()
+    recover_session(path)
+    assert not journal_path(path).exists()
+    with open_session(path) as session:
+        same(by_minute(iter(session.estimates())), operator.estimates)
+    same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
+
+
+def test_the_learned_model_goes_on_with_the_other_targets(campaign: Path, drawn: dict[str, Drawn]) -> None:
+    path = campaign / "recordings" / "learned.h5"
+    operator = record(config_of(campaign, "learned"), path, Operator(path, plan(drawn)), 900.0)
+    same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
+    last = {one.region: one.n_bins for one in operator.minutes[13].estimates}
+    assert last == {"b05": 7, "b25": 14, "upper": 7}
+
+
+def test_a_reference_that_is_redrawn_makes_all_learn_anew(campaign: Path, drawn: dict[str, Drawn]) -> None:
+    _, lower = halves(drawn["first"][0])
+    assert lower.kind is RegionKind.REFERENCE
+    path = campaign / "recordings" / "reference.h5"
+    operator = Operator(path, {250: [NewRegions((lower, *drawn["first"][1:]))]})
+    record(config_of(campaign, "learned"), path, operator, 480.0)
+    same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
+    assert {one.reason for one in operator.minutes[6].estimates} == {
+        "2 of 5 minutes so far; the reference was redrawn: begun anew"
+    }
+
+
+def test_a_slope_measured_afterwards_changes_no_estimate(campaign: Path, drawn: dict[str, Drawn]) -> None:
+    measured = tuple(replace(one, tilt_deg=14.2) if one.name == "b15" else one for one in drawn["first"])
+    path = campaign / "recordings" / "measured.h5"
+    operator = record(config_of(campaign), path, Operator(path, {250: [NewRegions(measured)]}), 480.0)
+    assert {one.region: one.n_bins for one in operator.minutes[6].estimates} == {"b05": 7, "b15": 7, "b25": 7}
+    with open_session(path) as session:
+        assert {region.name: region.tilt_deg for region in session.regions}["b15"] == 14.2
+
+
+def test_a_session_of_version_1_2_keeps_its_regions_all_the_time(
+    campaign: Path, drawn: dict[str, Drawn]
+) -> None:
+    path = campaign / "recordings" / "older.h5"
+    operator = record(config_of(campaign), path, Operator(path, {}), 300.0)
+    as_version_1_2(path)
+    with open_session(path) as session:
+        assert session.format_version == (1, 2)
+        assert session.region_schedule.is_constant
+        assert repr(session.regions) == repr(drawn["first"])
+    same(by_minute(iter(fieldkit.estimate(path))), operator.estimates)
