@@ -172,7 +172,8 @@ def _answer(request: Request | Event, number: str, mono_ns: int, time_ns: int) -
             event = Event(EventKind.MARK, mono_ns, time_ns, f"acknowledged: {request.alarm}", data=data)
         case _:
             text = f"the recording ended before this was done: {_NAMES[type(request)]}"
-            event = Event(EventKind.MODE, mono_ns, time_ns, text, severity=Severity.WARNING)
+            kind = EventKind.REGION if isinstance(request, NewRegions) else EventKind.SHUTTER
+            event = Event(kind, mono_ns, time_ns, text, severity=Severity.WARNING)
     return replace(event, data={**event.data, "request": number})
 
 
