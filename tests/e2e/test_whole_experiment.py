@@ -18,6 +18,7 @@ from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.records import Entry
 from fieldkit.sessions.writer import SessionWriter
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.marks import Mark
@@ -278,15 +279,15 @@ def test_a_mark_that_no_room_is_left_for_is_not_sealed_away(campaign: Path) -> N
     """The disk takes samples, which are small, but not the mark; recovery does, once there is room."""
     config = load_config(campaign / "fieldkit.toml", settings=["simulation.speed=max"])
     path = campaign / "recordings" / "no-room.h5"
-    event = SessionWriter.event
+    put = SessionWriter.put
 
-    def takes_no_mark(self: SessionWriter, happened: Event) -> None:
-        if happened.kind is EventKind.MARK:
+    def takes_no_mark(self: SessionWriter, entry: Entry) -> None:
+        if isinstance(entry, Event) and entry.kind is EventKind.MARK:
             raise StorageError("database or disk is full")
-        event(self, happened)
+        put(self, entry)
 
     with pytest.MonkeyPatch.context() as patch, open_instruments(config, duration_s=20.0) as tools:
-        patch.setattr(SessionWriter, "event", takes_no_mark)
+        patch.setattr(SessionWriter, "put", takes_no_mark)
         with pytest.raises(StorageError, match="last marks could not be stored") as failed:
             PreparedRecording(config, tools, path, duration_s=20.0).run([Noting(path)])
     assert "fieldkit recover" in (failed.value.fix or "")
