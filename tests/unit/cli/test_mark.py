@@ -165,3 +165,38 @@ def test_a_shade_test_of_an_unknown_region_is_refused(campaign, recording):
     result = mark(campaign, "shade-test", "b51")
     assert result.exit_code == 2
     assert "no region is called 'b51'" in result.stderr
+
+
+def requests_in(recording: Path) -> list[dict]:
+    files = (recording / "running.h5.journal" / "marks").glob("*.json")
+    return [json.loads(file.read_text()) for file in files]
+
+
+def test_a_new_region_is_sent_to_the_running_recording(campaign, recording):
+    rect = ["--rect", "60,60,30,30"]
+    result = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b15", *rect, "--tilt", "15"])
+    assert result.exit_code == 0, result.output
+    assert "sent to the recording running.h5" in result.stderr
+    (request,) = requests_in(recording)
+    assert request["do"] == "regions"
+    assert [region["name"] for region in request["regions"]] == ["b15"]
+
+
+def test_a_region_that_a_recording_could_not_use_is_not_written_either(campaign, recording):
+    assert (
+        CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "a", "--rect", "0,0,30,30"]).exit_code
+        == 0
+    )
+    before = (campaign / "fieldkit.toml").read_bytes()
+    result = CliRunner().invoke(main, ["roi", "add", "-C", str(campaign), "b", "--rect", "10,10,30,30"])
+    assert result.exit_code == 3
+    assert "region b: shares 400 px with a" in result.stderr
+    assert (campaign / "fieldkit.toml").read_bytes() == before
+    assert len(requests_in(recording)) == 1
+
+
+def test_the_shutter_is_asked_for_in_the_running_recording(campaign, recording):
+    result = CliRunner().invoke(main, ["shutter", "-C", str(campaign), "--json"])
+    assert result.exit_code == 0, result.output
+    assert requests_in(recording) == [{"do": "shutter"}]
+    assert len(json.loads(result.stdout)["request"]) == 32
