@@ -237,7 +237,7 @@ class SimulatedLepton:
         deadline_ns = self._clock.mono_ns() + round(timeout_s * SECOND_NS)
         self._clock.sleep_until(min(here_ns, deadline_ns))
         self._refuse_if_unplugged()
-        if here_ns > deadline_ns:
+        if here_ns > deadline_ns or self._is_silent(deadline_ns):
             return None
         self._next = number + 1
         return Buffer(self._bytes(number), self._stamp(number), number)
@@ -263,6 +263,13 @@ class SimulatedLepton:
     def _refuse_if_unplugged(self) -> None:
         if self._scene.is_on(FaultKind.CABLE, self._clock.to_utc_ns(self._clock.mono_ns())):
             raise DeviceLostError("the simulated camera is unplugged", fix="plug the cable back in")
+
+    def _is_silent(self, until_ns: int) -> bool:
+        """Whether no frame is delivered now; if so waits until that time, as the kernel would."""
+        if not self._scene.is_on(FaultKind.SILENT, self._clock.to_utc_ns(self._clock.mono_ns())):
+            return False
+        self._clock.sleep_until(until_ns)
+        return True
 
     def _stamp(self, number: int) -> int:
         return self._on_ns + number * PERIOD_NS

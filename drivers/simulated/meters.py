@@ -90,7 +90,8 @@ class SimulatedLutron(SimulatedMeter):
             return
         now_ns = self._clock.mono_ns()
         lux = self._scene.lux_reading(self._measured_ns(now_ns))
-        self._send_from(now_ns, lutron_record(lux, "15"))
+        overload = self._scene.is_on(FaultKind.OVERRANGE, self._clock.to_utc_ns(now_ns))
+        self._send_from(now_ns, lutron_overload("15") if overload else lutron_record(lux, "15"))
         self._clock.call_at(now_ns + self._every_ns, self._measure)
 
 
@@ -136,6 +137,11 @@ def lutron_record(value: float, unit: str, display: str = "1") -> bytes:
     digits = round(abs(value) * 10**decimals)
     sign = "1" if value < 0 else "0"
     return b"\x02" + f"4{display}{unit}{sign}{decimals}{digits:08}".encode() + b"\r"
+
+
+def lutron_overload(unit: str, display: str = "1") -> bytes:
+    """16 bytes of the Lutron stream for a value beyond the range: 18 in place of its digits."""
+    return b"\x02" + f"4{display}{unit}00".encode() + b"\x18" * 8 + b"\r"
 
 
 def center_309_record(celsius: ArrayLike) -> bytes:

@@ -67,6 +67,7 @@ def terminal_views(
 ) -> list[View]:
     """The live view on stderr, none with ``--quiet`` or ``--json``."""
     from fieldkit.views.terminal_view import terminal_view
+    from fieldkit.workflows.alarms import least_sent
 
     given = common.options()
     if given.quiet or given.json:
@@ -83,5 +84,6 @@ def terminal_views(
             planned_end_ns=end_ns,
             console=console,
             theme=theme,
+            bell_from=least_sent(config) if config.alarms.bell else None,
         )
     ]

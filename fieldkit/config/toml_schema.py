@@ -7,7 +7,7 @@ Defaults of physical parameters are those of the paper's Tables 1 and 3.
 from __future__ import annotations
 
 import functools
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
@@ -21,7 +21,15 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=3
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
 
-Fault = Literal["cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock"]
+Fault = Literal[
+    "cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock",
+    "silent", "overrange", "moved", "shade", "drift",
+]  # fmt: skip
+Condition = Literal[
+    "lost", "silent", "frozen", "overrange", "garbled", "clock", "disk", "estimator", "moved", "cloud",
+    "shade", "drift", "temperature", "rate", "tilt", "tilt-probability", "held",
+]  # fmt: skip
+SeverityWord = Literal["info", "warning", "error"]
 
 TABLE_1 = "(paper, Table 1)"
 
@@ -328,12 +336,77 @@ class RecordTable(Table):
     )
 
 
-class AlarmsTable(Table):
-    """Limits for alarms."""
+class LimitsTable(Table):
+    """Limits of a region's temperature and tilt."""
+
+    temperature_min_c: float | None = Field(
+        default=None, ge=-100, le=200, examples=[0.0], description="alarm below; default: none"
+    )
+    temperature_max_c: float | None = Field(
+        default=None, ge=-100, le=200, examples=[60.0], description="alarm above; default: none"
+    )
+    temperature_rate_k_min: Positive | None = Field(
+        default=None,
+        examples=[2.0],
+        description="alarm if a minute mean differs by more from the one before; default: none",
+    )
+    tilt_min_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
+        default=None, examples=[5.0], description="alarm if the estimated tilt is below; default: none"
+    )
+    tilt_max_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
+        default=None, examples=[30.0], description="alarm if the estimated tilt is above; default: none"
+    )
+    tilt_probability: Annotated[float, Field(gt=0, lt=1)] | None = Field(
+        default=None,
+        examples=[0.05],
+        description="alarm if P(tilt > tilt_max_deg) is above, from the 90 % region; default: none",
+    )
+
+
+class AlarmsTable(LimitsTable):
+    """What raises alarms while recording, and where they go; the limits are those of all regions."""
 
     disk_reserve_mb: float = Field(
         default=64.0, ge=1, description="frames are no longer stored when less is free"
     )
+    off: list[Condition] = Field(
+        default=[], examples=[["cloud", "shade"]], description="conditions that raise no alarm"
+    )
+    hold_s: dict[Condition, Annotated[float, Field(ge=0)]] = Field(
+        default={},
+        description="by condition, seconds it must last to raise its alarm, such as {lost = 30}",
+    )
+    clear_s: dict[Condition, Annotated[float, Field(ge=0)]] = Field(
+        default={}, description="by condition, seconds it must be over to clear its alarm"
+    )
+    severity: dict[Condition, SeverityWord] = Field(
+        default={}, description='by condition: info, warning or error, such as {cloud = "warning"}'
+    )
+    garbled_per_min: int = Field(
+        default=5, ge=1, description="invalid records of an instrument in a minute that are an alarm"
+    )
+    region: dict[Name, LimitsTable] = Field(
+        default={}, description="limits of single regions, in place of those above, by the region's name"
+    )
+    bell: bool = Field(default=True, description="ring the terminal's bell")
+    send: SeverityWord = Field(
+        default="warning", description="least severity for bell, command, ntfy and mqtt"
+    )
+    command: list[str] = Field(
+        default=[],
+        examples=[["/home/pi/alarm.sh"]],
+        description="program and arguments to run for every alarm; FIELDKIT_TEXT and others describe it",
+    )
+    ntfy: Annotated[str, Field(pattern=r"^(https?://[^/]+/.+)?$")] = Field(
+        default="", examples=["https://ntfy.example.org/sand"], description="ntfy topic to post alarms to"
+    )
+    ntfy_token_file: str = Field(default="", description="file with an access token for ntfy")
+    mqtt: Annotated[str, Field(pattern=r"^(mqtts?://[^/]+(/.*)?)?$")] = Field(
+        default="",
+        examples=["mqtt://192.168.1.10/fieldkit"],
+        description="MQTT broker and topic, mqtt[s]://[user@]host[:port]/topic; needs fieldkit[alarms]",
+    )
+    mqtt_password_file: str = Field(default="", description="file with the password for mqtt")
 
 
 class SimulationTable(Table):
@@ -359,7 +432,7 @@ class SimulationTable(Table):
     )
     faults: list[Fault] = Field(
         default=[],
-        description="faults to simulate: any of cloud, cable, shutter, frozen, garbled, disk, clock",
+        description=f"faults to simulate: any of {', '.join(get_args(Fault))}",
     )
     sand_depth_m: float = Field(
         default=0.02, gt=0, le=1, description="depth of the sand above the insulating sheet"

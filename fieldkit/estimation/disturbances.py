@@ -54,6 +54,9 @@ class DisturbanceMonitor:
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
         self._shade: dict[int, ShadeMonitor] = {}
+        self._drift: dict[int, ShadeMonitor] = {}
+        self._drifting: set[int] = set()
+        self._steady_from = -1
         self._tests = ShadeTestMonitor()
         self._marks = ShadeMarks()
         self._minutes = ShadedMinutes()
@@ -88,6 +91,7 @@ class DisturbanceMonitor:
         if jump is not None:
             events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
         entry = self._shades(entry, reference_k, minute, events, is_last)
+        events += self._drifts(entry, reference_k, end_of(minute))
         return self._frames(entry, minute, events), events
 
     def _follow(self, schedule: RegionSchedule, minute: OpenBin) -> None:
@@ -95,9 +99,10 @@ class DisturbanceMonitor:
         kinds = {int(column): schedule.columns[column].kind for column in minute.columns}
         references = tuple(column for column, kind in kinds.items() if kind is RegionKind.REFERENCE)
         if references != self._references:
-            self._reference, self._shade = Cusum(least_sd=GUST_SD_K), {}
+            self._reference, self._shade, self._drift = Cusum(least_sd=GUST_SD_K), {}, {}
         targets = [column for column, kind in kinds.items() if kind is RegionKind.TARGET]
         self._shade = {column: self._shade.get(column) or ShadeMonitor() for column in targets}
+        self._drift = {column: self._drift.get(column) or ShadeMonitor() for column in targets}
         self._schedule, self._references = schedule, references
 
     def _clouds(self, entry: MinuteBin, light: MinuteIrradiance, settings: EstimatorSettings) -> list[Event]:
@@ -150,12 +155,37 @@ class DisturbanceMonitor:
     def _shade_events(self, shaded: set[int], ended: list[ShadeTest], at_ns: tuple[int, int]) -> list[Event]:
         tests = {test.column: self._test_event(test, at_ns) for test in ended}
         changed, self._shaded = sorted((shaded ^ self._shaded) - set(tests)), shaded
-        texts = [
-            f"{self._schedule.columns[column].name} is {'shaded' if column in shaded else 'sunlit again'}"
-            for column in changed
-        ]
-        warnings = [Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING) for text in texts]
+        warnings = [self._shade_event(column, column in shaded, at_ns) for column in changed]
         return [*warnings, *tests.values()]
+
+    def _shade_event(self, column: int, is_shaded: bool, at_ns: tuple[int, int]) -> Event:
+        name = self._schedule.columns[column].name
+        text = f"{name} is {'shaded' if is_shaded else 'sunlit again'}"
+        data = {"shaded": name, "phase": "begin" if is_shaded else "end"}
+        return Event(EventKind.ESTIMATOR, *at_ns, text, severity=Severity.WARNING, data=data)
+
+    def _drifts(self, entry: MinuteBin, reference_k: float, at_ns: tuple[int, int]) -> list[Event]:
+        """Events for targets that begin or end to be warmer than their trend: the opposite of a shade."""
+        if entry.flags & Quality.CLOUD or self._shaded:
+            self._steady_from = entry.minute + round(NEW_WEATHER_S / 60.0)
+        unsteady = entry.minute < self._steady_from
+        if unsteady:  # forecasts must not be fitted to these minutes, nor to the sand's recovery
+            self._drift = {column: ShadeMonitor() for column in self._drift}
+        over_k = entry.temperature_k - (np.nan if unsteady else reference_k)
+        found = {
+            column
+            for column, monitor in self._drift.items()
+            if monitor.update(entry.minute, -float(over_k[column]))
+        }
+        changed, self._drifting = sorted(found ^ self._drifting), found
+        return [self._drift_event(column, column in found, at_ns) for column in changed]
+
+    def _drift_event(self, column: int, begins: bool, at_ns: tuple[int, int]) -> Event:
+        name = self._schedule.columns[column].name
+        text = f"{name} {'became warmer than its trend' if begins else 'follows its trend again'}"
+        severity = Severity.WARNING if begins else Severity.INFO
+        data = {"drift": name, "phase": "begin" if begins else "end"}
+        return Event(EventKind.ESTIMATOR, *at_ns, text, severity=severity, data=data)
 
     def _test_event(self, test: ShadeTest, at_ns: tuple[int, int]) -> Event:
         name = self._schedule.columns[test.column].name

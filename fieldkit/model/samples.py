@@ -120,6 +120,7 @@ class EventKind(NumberedEnum):
     OVERRANGE = 19
     REGION = 20
     MODE = 21
+    ALARM = 22
 
 
 class Frame(NamedTuple):

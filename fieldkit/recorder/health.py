@@ -194,26 +194,29 @@ class DiskMonitor:
         """Events for limits passed since the last call; sets `stores_frames` and `is_full`."""
         left_s = (free_bytes - self.reserve_bytes) / bytes_per_s if bytes_per_s > 0 else float("inf")
         free = f"{free_bytes / 1e6:.0f} MB free"
-        if left_s > 2 * WARN_S:
+        phase = "end" if left_s > 2 * WARN_S and self._warned else ""
+        if phase:
             self._warned = False
         if left_s < WARN_S and not self._warned:
             self._warned = True
             left = f"{free}, about {max(0, left_s) / 60:.0f} min left"
-            yield _disk(mono_ns, time_ns, Severity.WARNING, left)
+            yield _disk(mono_ns, time_ns, Severity.WARNING, left, "begin")
         if free_bytes < self.reserve_bytes and self.stores_frames:
             self.stores_frames = False
             text = f"{free}: disk reserve reached, frames off, meters continue"
             yield _disk(mono_ns, time_ns, Severity.ERROR, text)
         if free_bytes > 2 * self.reserve_bytes and not self.stores_frames:
             self.stores_frames = True
-            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: frames on again")
+            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: frames on again", phase)
+        elif phase:
+            yield _disk(mono_ns, time_ns, Severity.INFO, f"{free}: enough again", phase)
         if free_bytes < self.reserve_bytes // 4 and not self.is_full:
             self.is_full = True
             yield _disk(mono_ns, time_ns, Severity.ERROR, f"{free}: sealing the session")
 
 
-def _disk(mono_ns: int, time_ns: int, severity: Severity, text: str) -> Event:
-    return Event(EventKind.DISK, mono_ns, time_ns, text, "", severity)
+def _disk(mono_ns: int, time_ns: int, severity: Severity, text: str, phase: str = "") -> Event:
+    return Event(EventKind.DISK, mono_ns, time_ns, text, "", severity, {"phase": phase} if phase else {})
 
 
 @dataclass(frozen=True, slots=True)

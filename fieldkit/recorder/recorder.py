@@ -21,6 +21,7 @@ from fieldkit.model.device import Device
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Sample, Severity
 from fieldkit.model.site import RegionRecord
+from fieldkit.recorder.alarm_watch import AlarmWatch
 from fieldkit.recorder.device_reader import DeviceReader, Sampling
 from fieldkit.recorder.estimator_thread import EstimatorThread
 from fieldkit.recorder.health import DiskMonitor, FlagMonitor, HealthMonitor, MisfitMonitor, StorageMonitor
@@ -85,6 +86,7 @@ class Recorder:
     requests: Callable[[], Iterable[Event | RegionRecord | ShutterRequest]] = tuple
     last_requests: Callable[[], Iterable[Event | RegionRecord | ShutterRequest]] = tuple
     disk_reserve_bytes: int = 64_000_000
+    alarms: AlarmWatch = field(default_factory=AlarmWatch)
     stopping: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
@@ -130,6 +132,7 @@ class Recorder:
             if self._estimating is not None:
                 self._estimating.close()
             self._views.close()
+            self.alarms.close()
         counts = {reader.info.name: self._counts[reader.info.name] for reader in self._readers}
         return Summary(counts, dict(self._queue.dropped), self._last_minute, seal, self._failure)
 
@@ -226,11 +229,11 @@ class Recorder:
         for event in self._flags.update(sample):
             self._keep_event(event)
         self._estimate(sample)
-        self._views.show(sample)
+        self._pass_on(sample)
 
     def _keep_event(self, event: Event) -> None:
         self._stored(lambda: self.writer.event(event))
-        self._views.show(event)
+        self._pass_on(event)
 
     def _carry_out(self, requests: Iterable[Event | RegionRecord | ShutterRequest]) -> bool:
         """Store and follow requests; stops at the first that cannot be stored, which comes again."""
@@ -240,7 +243,7 @@ class Recorder:
                 continue
             if not self._stored(partial(self.writer.put, request)):
                 return False
-            self._views.show(request)
+            self._pass_on(request)
             self._estimate(request)
         return True
 
@@ -285,7 +288,7 @@ class Recorder:
         for event in chain(snapshot.events, self._storage.summary(health.mono_ns, health.time_ns)):
             self._keep_event(event)
         self._carry_out(self.requests())
-        self._views.show(health)
+        self._pass_on(health)
         if self._health.disk.is_full and self._failure is None:
             fix = "free some space before the next session; this one was sealed in time"
             self._failure = StorageError("the disk is full", fix=fix)
@@ -345,7 +348,21 @@ class Recorder:
         )
         for notice in minute.events:
             self._keep_event(notice)
-        self._views.show(minute)
+        self._pass_on(minute)
+
+    def _pass_on(self, item: Shown) -> None:
+        """Show an item that is stored, and store the alarms that follow from it."""
+        self._views.show(item)
+        try:
+            events = self.alarms.update(item)
+        except Exception as error:
+            log.exception("alarms failed")
+            self.alarms.close()
+            self.alarms = AlarmWatch()
+            self._report(EventKind.ALARM, f"alarms stopped: {error!r}; recording goes on", Severity.ERROR)
+            return
+        for event in events:
+            self._keep_event(event)
 
     def _view_removed(self, error: Exception) -> None:
         if not self.writer.is_closed:

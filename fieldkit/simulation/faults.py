@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldkit.model.units import SECOND_NS
+from fieldkit.model.units import MINUTE_NS, SECOND_NS
 from fieldkit.physics.facet import FloatArray
 
 
@@ -21,6 +21,11 @@ class FaultKind(enum.StrEnum):
     GARBLED = "garbled"  # bytes of the serial instruments are corrupted
     DISK = "disk"  # another program fills the disk
     CLOCK = "clock"  # the computer's UTC is set forward by an hour
+    SILENT = "silent"  # the camera answers but sends no more frames
+    OVERRANGE = "overrange"  # the light meter shows overload
+    MOVED = "moved"  # somebody kicks the tripod, and puts it back
+    SHADE = "shade"  # a board shades the last bed
+    DRIFT = "drift"  # the last bed is warmed by something that is not the sun
 
 
 LASTS_S = {
@@ -31,11 +36,19 @@ LASTS_S = {
     FaultKind.GARBLED: 120.0,
     FaultKind.DISK: 600.0,
     FaultKind.CLOCK: 0.0,
+    FaultKind.SILENT: 150.0,
+    FaultKind.OVERRANGE: 60.0,
+    FaultKind.MOVED: 600.0,
+    FaultKind.SHADE: 600.0,
+    FaultKind.DRIFT: 720.0,
 }
 """Default duration of each kind of fault."""
 
 CLOCK_STEP_S = 3600.0
 SHUTTER_STEP_K = 0.8
+MOVED_PX = (4, 6)
+"""Rows and columns by which the frame moves."""
+WARMED_K, WARMED_WITHIN_NS, COOLED_WITHIN_NS = 3.0, 2 * MINUTE_NS, 8 * MINUTE_NS
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,14 @@ import numpy as np
 from fieldkit.model.site import Region, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.facet import FloatArray
+from fieldkit.simulation.boards import Board
 from fieldkit.simulation.camera_frame import CameraModel, Correction, FrameK
 from fieldkit.simulation.facets import GROUND, Facet
 from fieldkit.simulation.faults import (
+    COOLED_WITHIN_NS,
+    MOVED_PX,
+    WARMED_K,
+    WARMED_WITHIN_NS,
     CloudTransmission,
     Fault,
     FaultKind,
@@ -90,7 +95,9 @@ class Scene:
     def frame(self, time_ns: int, number: int, correction: Correction | None = None) -> FrameK:
         """Frame `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
-        return self._camera.draw(self.at(time_ns).brightness_k, time_ns, number, last)
+        brightness_k = self.at(time_ns).brightness_k + self._warmed_k(time_ns)
+        frame = self._camera.draw(brightness_k, time_ns, number, last)
+        return np.roll(frame, MOVED_PX, axis=(0, 1)) if self.is_on(FaultKind.MOVED, time_ns) else frame
 
     def lux_reading(self, time_ns: int) -> float:
         """Reading of the horizontal light meter, lx."""
@@ -127,6 +134,15 @@ class Scene:
         """Whether a fault of a kind is active."""
         return any(begin <= time_ns < end for begin, end in self.fault_spans(kind))
 
+    def _warmed_k(self, time_ns: int) -> FloatArray:
+        """What the drift adds to facets and ground, (facets + 1,), K: the last warms fast, cools slowly."""
+        warmed = np.zeros(len(self.facets) + 1)
+        for begin, end in self.fault_spans(FaultKind.DRIFT):
+            if begin <= time_ns < end:
+                share = min(1.0, (time_ns - begin) / WARMED_WITHIN_NS, (end - time_ns) / COOLED_WITHIN_NS)
+                warmed[-2] = WARMED_K * share
+        return warmed
+
     # --- computed once
 
     @cached_property
@@ -140,6 +156,7 @@ class Scene:
             self._cloud_transmissions(),
             self.response_s,
             self.circumsolar_share,
+            self._boards(),
         )
         return model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
 
@@ -160,6 +177,15 @@ class Scene:
         return steps + [
             cloud_transmission(since_origin_s(begin), since_origin_s(end)) for begin, end in clouds
         ]
+
+    def _boards(self) -> tuple[Board, ...]:
+        """The boards that shade the last facet."""
+        spans = self.fault_spans(FaultKind.SHADE)
+        origin_ns, name = self._origin_ns, self.facets[-1].name if self.facets else ""
+        return tuple(
+            Board(name, (begin - origin_ns) / SECOND_NS, (end - origin_ns) / SECOND_NS)
+            for begin, end in spans
+        )
 
     def _random(self, time_ns: int, purpose: int) -> np.random.Generator:
         return np.random.Generator(np.random.SFC64([self.seed, time_ns, purpose]))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from fieldkit.model.alarm import Alarm, Phase, phase_of, present_after
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, EventKind, Frame, Health, Reading, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionRecord, Site
@@ -25,7 +26,8 @@ class Latest:
     """The latest frame, readings, minute, health and events of a recording.
 
     `title` names the recording, `planned_end_ns` (UTC) is its planned end, None for an open end. `items`
-    counts the updates, so that a view can detect changes;
+    counts the updates, so that a view can detect changes; `alarms` are the present ones, oldest first,
+    `raised` counts all of them by severity;
     `clock_event` is the last time the clock was stepped or the computer slept.
     """
 
@@ -45,7 +47,8 @@ class Latest:
         self.readings: Mapping[str, Reading] = {}
         self.minute: Minute | None = None
         self.events: tuple[Event, ...] = ()
-        self.alarms = 0
+        self.alarms: tuple[Alarm, ...] = ()
+        self.raised: Mapping[Severity, int] = {}
         self.gaps: Mapping[str, int] = {}
         self.clock_event: Event | None = None
         self.items = 0
@@ -80,7 +83,9 @@ class Latest:
 
     def _add_event(self, event: Event) -> None:
         self.events = tuple(formatting.by_time((*self.events, event))[-EVENTS_KEPT:])
-        self.alarms += event.severity is not Severity.INFO
+        self.alarms = present_after(self.alarms, event)
+        if phase_of(event) is Phase.RAISED:
+            self.raised = {**self.raised, event.severity: self.raised.get(event.severity, 0) + 1}
         if event.kind is EventKind.GAP:
             self.gaps = {**self.gaps, event.stream: self.gaps.get(event.stream, 0) + 1}
         if event.kind in (EventKind.CLOCK_STEP, EventKind.SLEPT):

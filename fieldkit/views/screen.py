@@ -375,8 +375,23 @@ def _state_style(estimate: SlopeEstimate) -> str:
 
 
 def _events(latest: Latest, count: int) -> RenderableType:
-    last = latest.events[-count:]
-    return Group(*(_event(event, latest) for event in last)) if last else Text("no events yet", "quiet")
+    """The present alarms in one line, if any, and the last events."""
+    alarms = [_alarms(latest)] if latest.alarms else []
+    last = latest.events[len(alarms) - count :]
+    if not last:
+        return Text("no events yet", "quiet")
+    return Group(*alarms, *(_event(event, latest) for event in last))
+
+
+def _alarms(latest: Latest) -> Text:
+    """The oldest alarm of the highest severity, those not acknowledged first, and how many others."""
+    worst = max(latest.alarms, key=lambda alarm: (not alarm.acknowledged, alarm.severity))
+    others = len(latest.alarms) - 1
+    since = formatting.clock_time(worst.since_ns, latest.site)
+    text = f"ALARM since {since}: {worst.text}" + (f", and {others} more" if others else "")
+    if worst.acknowledged:
+        text += " (acknowledged)"
+    return Text(text, _SEVERITY_STYLE.get(worst.severity, "warning"), no_wrap=True, overflow="ellipsis")
 
 
 def _event(event: Event, latest: Latest) -> Text:

@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.screen import Screen
 
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.samples import Event, Frame, Health, Reading
+from fieldkit.model.samples import Event, Frame, Health, Reading, Severity
 from fieldkit.model.site import Region, RegionKind, RegionRecord, Site
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting
@@ -43,13 +43,17 @@ def terminal_view(
     planned_end_ns: int | None = None,
     console: Console | None = None,
     theme: ThemeName = "dark",
+    bell_from: Severity | None = Severity.WARNING,
 ) -> TerminalView | PlainView:
-    """The screen where `console` can show it, plain lines elsewhere (a pipe, a log, a dumb terminal)."""
+    """The screen where `console` can show it, plain lines elsewhere (a pipe, a log, a dumb terminal).
+
+    The screen's bell rings for new alarms of at least the severity `bell_from`; None for never.
+    """
     console = console or Console(stderr=True)
     if not console.is_terminal or console.is_dumb_terminal or console.options.ascii_only:
         return PlainView(site, regions, file=console.file)
     latest = Latest(site, regions, streams, title, planned_end_ns)
-    return TerminalView(latest, console=console, theme=theme)
+    return TerminalView(latest, console=console, theme=theme, bell_from=bell_from)
 
 
 class TerminalView:
@@ -61,10 +65,16 @@ class TerminalView:
     """
 
     def __init__(
-        self, latest: Latest, *, console: Console, theme: ThemeName = "dark", refresh_hz: float = 4.0
+        self,
+        latest: Latest,
+        *,
+        console: Console,
+        theme: ThemeName = "dark",
+        refresh_hz: float = 4.0,
+        bell_from: Severity | None = Severity.WARNING,
     ) -> None:
         self._latest, self._console, self._theme = latest, console, THEMES[theme]
-        self._period_s = 1.0 / refresh_hz
+        self._period_s, self._bell_from = 1.0 / refresh_hz, bell_from
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="live view", daemon=True)
 
@@ -99,16 +109,21 @@ class TerminalView:
         )
 
     def _draw_until_stopped(self, live: Live) -> None:
-        alarms = items = 0
+        rung = items = 0
         while not self._stop.wait(self._period_s):
             if items == self._latest.items:
                 continue
             items = self._latest.items
             cols, rows = self._console.size
             live.update(Screen(screen(self._latest, cols, rows), style="base"), refresh=True)
-            if self._latest.alarms > alarms:
-                alarms = self._latest.alarms
+            if (due := self._alarms_to_ring()) > rung:
+                rung = due
                 self._console.bell()
+
+    def _alarms_to_ring(self) -> int:
+        if self._bell_from is None:
+            return 0
+        return sum(count for severity, count in self._latest.raised.items() if severity >= self._bell_from)
 
 
 class PlainView:

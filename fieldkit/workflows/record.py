@@ -29,6 +29,7 @@ from fieldkit.sessions.writer import SessionWriter
 from fieldkit.views import formatting
 from fieldkit.views.feed import Feed, feed_path
 from fieldkit.views.latest import Latest
+from fieldkit.workflows.alarms import alarm_watch
 from fieldkit.workflows.opening import Instruments, open_instruments
 from fieldkit.workflows.preflight import Notify, disk_reserve_bytes, log, preflight, sampling_of
 from fieldkit.workflows.recordings import session_path
@@ -128,6 +129,7 @@ class PreparedRecording:
         a disk that fills up later is in ``summary.failure``.
         """
         config, instruments = self.config, self.instruments
+        alarms = alarm_watch(config, instruments.streams)
         start_ns = instruments.clock.mono_ns()
         header = header_of(config, self.name, instruments.streams, command_line)
         writer = SessionWriter(self.path, header, instruments.clock)
@@ -150,6 +152,7 @@ class PreparedRecording:
                 requests=requests,
                 last_requests=requests.close,
                 disk_reserve_bytes=disk_reserve_bytes(config),
+                alarms=alarms,
                 stopping=stopping or threading.Event(),
             ).run()
         finally:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldkit.estimation.statistics import mean_absolute_error
+from fieldkit.model.alarm import Phase, phase_of, present_alarms
 from fieldkit.model.samples import Event, EventKind
 from fieldkit.model.slope import CERTAIN, is_certain
 from fieldkit.views import formatting
@@ -116,4 +117,15 @@ def _recording_warnings(events: Sequence[Event], state: str) -> list[str]:
         count = sum(event.kind is kind for event in events)
         if count:
             warnings.append(f"{count} {one if count == 1 else many} while recording; see Events.")
+    return warnings + _alarm_warnings(events)
+
+
+def _alarm_warnings(events: Sequence[Event]) -> list[str]:
+    """How many alarms were raised, and which are still present."""
+    raised = sum(phase_of(event) is Phase.RAISED for event in events)
+    warnings = [f"{raised} {'alarm' if raised == 1 else 'alarms'} while recording; see Events."] * (
+        raised > 0
+    )
+    if left := present_alarms(events):
+        warnings.append(f"Present at the end: {'; '.join(alarm.text for alarm in left)}.")
     return warnings

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from fieldkit.model.alarm import Alarm, Phase
 from fieldkit.model.samples import Event, EventKind, Health, Reading, Severity, StreamHealth
 from fieldkit.views.latest import Latest
 from fieldkit.views.screen import _region_cells
@@ -59,10 +61,17 @@ def test_only_the_latest_of_a_kind_is_kept(latest, frame):
     assert [reading.values for _, reading in latest.of_quantity("illuminance")] == [(2.0,)]
 
 
-def test_alarms_count_what_is_worse_than_information(latest):
-    for severity in Severity:
-        latest.update(event(EventKind.LOST, severity))
-    assert latest.alarms == 2
+def test_alarms_are_present_until_they_are_over_and_counted_by_severity(latest):
+    lost = Alarm("lost", "camera", Severity.ERROR, 5, "camera does not respond")
+    cloud = Alarm("cloud", "", Severity.INFO, 7, "the light is unsteady: clouds")
+    for alarm in (lost, cloud):
+        latest.update(alarm.event(Phase.RAISED, 9, 9))
+    latest.update(lost.event(Phase.ACKNOWLEDGED, 10, 10))
+    assert latest.alarms == (replace(lost, acknowledged=True), cloud)
+    latest.update(lost.event(Phase.CLEARED, 11, 11))
+    latest.update(event(EventKind.LOST, Severity.WARNING))  # an event, but no alarm
+    assert latest.alarms == (cloud,)
+    assert latest.raised == {Severity.ERROR: 1, Severity.INFO: 1}
 
 
 def test_gaps_are_counted_by_stream(latest):

@@ -12,6 +12,7 @@ import pytest
 from rich.console import Console
 
 import fieldkit.views.terminal_view as terminal_view_module
+from fieldkit.model.alarm import Alarm, Phase
 from fieldkit.model.samples import Event, EventKind, Severity
 from fieldkit.views.latest import Latest
 from fieldkit.views.terminal_view import PlainView, TerminalView, terminal_view
@@ -75,14 +76,17 @@ def test_screen_appears_with_the_first_item_and_is_given_back(screen_of, frame, 
     watched.close()
 
 
-def test_warnings_ring_the_bell(screen_of, frame):
+def test_alarms_ring_the_bell(screen_of, frame):
     watched = Watched()
     view = screen_of(watched.console)
     view.show(frame)
     watched.wait_for(b"three-beds")
     assert BELL not in watched.seen
-    view.show(Event(EventKind.LOST, 1, 1, "camera lost", "camera", Severity.WARNING))
-    watched.wait_for(BELL, b"camera lost")
+    view.show(Alarm("cloud", "", Severity.INFO, 1, "clouds").event(Phase.RAISED, 1, 1))
+    watched.wait_for(b"clouds")
+    assert BELL not in watched.seen
+    view.show(Alarm("lost", "camera", Severity.ERROR, 1, "camera lost").event(Phase.RAISED, 2, 2))
+    watched.wait_for(BELL, b"ALARM", b"camera lost")
     view.close()
     watched.close()
 

@@ -1,0 +1,35 @@
+"""The alarms of a recording: the engine, and the outputs that receive what it raises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.model.samples import Event, Health, Sample
+from fieldkit.model.site import RegionRecord
+from fieldkit.recorder.alarm_outputs import AlarmOutputs
+from fieldkit.recorder.alarms import AlarmEngine
+
+
+@dataclass
+class AlarmWatch:
+    """What the recorder calls for every item: returns the events to store, and sends them on.
+
+    Without an `engine` nothing is watched.
+    """
+
+    engine: AlarmEngine | None = None
+    outputs: AlarmOutputs = field(default_factory=AlarmOutputs)
+
+    def update(self, item: Sample | Event | Health | Minute | RegionRecord) -> list[Event]:
+        """Alarms raised, acknowledged and cleared; once a second also outputs that begin to fail."""
+        events = [] if self.engine is None else self.engine.update(item)
+        for event in events:
+            self.outputs.send(event)
+        if isinstance(item, Health):
+            events += self.outputs.failures(item.mono_ns, item.time_ns)
+        return events
+
+    def close(self) -> None:
+        """The recording is over."""
+        self.outputs.close()

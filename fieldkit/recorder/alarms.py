@@ -1,0 +1,433 @@
+"""The alarm engine: what the recorder knows goes in, alarms raised, acknowledged and cleared come out.
+
+Nothing is measured or detected here: flags of samples, events, health and minutes say what is the case; the
+engine adds how long it must last (`Rule.hold_s`), when it is over, and who has been reported already.
+
+Live and replayed alarms are equal because each is a function of time stamps alone. Samples, events and health
+are put in order of time and processed two seconds late, as minute bins are; minutes, which may arrive later
+still, have a time line of their own. An alarm is stamped with the time at which it was due.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import NamedTuple
+
+from fieldkit.estimation.estimator import Minute
+from fieldkit.estimation.tilt_probability import tilt_probability
+from fieldkit.model.alarm import Alarm, Condition, Phase
+from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity
+from fieldkit.model.site import RegionRecord
+from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState
+from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
+
+LATE_NS = 2 * SECOND_NS
+"""How long samples, events and health wait for earlier ones."""
+
+_OUT_OF_RANGE = Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
+_WATCHED_FLAGS = _OUT_OF_RANGE | Quality.FROZEN | Quality.DUPLICATE
+BAND_K, BAND_DEG, BAND_SHARE = 0.5, 1.0, 0.1
+"""How far a value must come back inside its limit: kelvin, degrees of tilt, a share of the limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """How long a condition must last to raise its alarm, and be over to clear it, s; `off`: never."""
+
+    severity: Severity
+    hold_s: float
+    clear_s: float
+    off: bool = False
+
+
+RULES: Mapping[Condition, Rule] = MappingProxyType(
+    {
+        Condition.LOST: Rule(Severity.ERROR, 5.0, 10.0),
+        Condition.SILENT: Rule(Severity.ERROR, 30.0, 0.0),
+        Condition.FROZEN: Rule(Severity.ERROR, 0.0, 10.0),
+        Condition.OVERRANGE: Rule(Severity.WARNING, 10.0, 10.0),
+        Condition.GARBLED: Rule(Severity.WARNING, 10.0, 60.0),
+        Condition.CLOCK: Rule(Severity.WARNING, 0.0, 300.0),
+        Condition.DISK: Rule(Severity.ERROR, 0.0, 60.0),
+        Condition.ESTIMATOR: Rule(Severity.ERROR, 0.0, 0.0),
+        Condition.MOVED: Rule(Severity.ERROR, 0.0, 120.0),
+        Condition.CLOUD: Rule(Severity.INFO, 0.0, 0.0),
+        Condition.SHADE: Rule(Severity.INFO, 60.0, 0.0),
+        Condition.DRIFT: Rule(Severity.WARNING, 60.0, 0.0),
+        Condition.TEMPERATURE: Rule(Severity.WARNING, 0.0, 60.0),
+        Condition.RATE: Rule(Severity.WARNING, 60.0, 60.0),
+        Condition.TILT: Rule(Severity.WARNING, 120.0, 120.0),
+        Condition.TILT_PROBABILITY: Rule(Severity.WARNING, 120.0, 120.0),
+        Condition.HELD: Rule(Severity.WARNING, 1800.0, 0.0),
+    }
+)
+"""The rules of a campaign that configures none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of one region, NaN for none; `tilt_probability` is that of P(tilt > `tilt_max_deg`)."""
+
+    temperature_min_c: float = math.nan
+    temperature_max_c: float = math.nan
+    temperature_rate_k_min: float = math.nan
+    tilt_min_deg: float = math.nan
+    tilt_max_deg: float = math.nan
+    tilt_probability: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmSettings:
+    """What raises alarms.
+
+    `intervals_s` is the expected time between samples of each stream that is watched, `garbled_per_min` the
+    number of invalid records of a stream in a minute from which they are an alarm; `limits` holds those of
+    single regions, `other_limits` those of all others.
+    """
+
+    rules: Mapping[Condition, Rule] = field(default_factory=lambda: RULES)
+    intervals_s: Mapping[str, float] = field(default_factory=dict)
+    garbled_per_min: int = 5
+    other_limits: Limits = field(default_factory=Limits)
+    limits: Mapping[str, Limits] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Watch:
+    """One condition of one subject: whether it is the case, since when, and the alarm that was raised."""
+
+    condition: Condition
+    subject: str
+    rule: Rule
+    is_on: bool = False
+    since_ns: int = 0
+    text: str = ""
+    alarm: Alarm | None = None
+
+    def observe(self, is_on: bool, time_ns: int, text: str = "") -> Iterator[tuple[Alarm, Phase, int]]:
+        """What the condition is from a time on; yields what that, and the time until then, leads to."""
+        yield from self.until(time_ns)
+        if is_on != self.is_on:
+            self.is_on, self.since_ns, self.text = is_on, time_ns, text
+        yield from self.until(time_ns)
+
+    def until(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        """What is due up to a time: an alarm with its phase, and when."""
+        wait_s = self.rule.hold_s if self.is_on else self.rule.clear_s
+        due_ns = self.since_ns + round(wait_s * SECOND_NS)
+        if self.rule.off or time_ns < due_ns or self.is_on == (self.alarm is not None):
+            return
+        if self.is_on:
+            self.alarm = Alarm(
+                self.condition.value, self.subject, self.rule.severity, self.since_ns, self.text
+            )
+            yield self.alarm, Phase.RAISED, due_ns
+        elif self.alarm is not None:
+            over, self.alarm = self.alarm, None
+            yield over, Phase.CLEARED, due_ns
+
+
+class _Waiting(NamedTuple):
+    """Something known of a time; equal times are in the order of rank, stream and arrival."""
+
+    time_ns: int
+    rank: int
+    stream: str
+    number: int
+    flags: Quality
+    event: Event | None
+
+
+class AlarmEngine:
+    """Watches one recording, live or replayed; give it every stored sample and event, health and minutes."""
+
+    def __init__(self, settings: AlarmSettings | None = None) -> None:
+        self._settings = settings or AlarmSettings()
+        self._watches: dict[tuple[Condition, str], _Watch] = {}
+        self._waiting: list[_Waiting] = []
+        self._flags: dict[str, Quality] = {}
+        self._minutes = _MinuteConditions(self._settings)
+        self._garbled: dict[str, deque[int]] = {}
+        self._mono_minus_utc, self._newest_ns, self._number = 0, -(2**62), 0
+        self._started = False
+
+    @property
+    def present(self) -> tuple[Alarm, ...]:
+        """The alarms that are present now, oldest first."""
+        alarms = [watch.alarm for watch in self._watches.values() if watch.alarm is not None]
+        return tuple(sorted(alarms, key=lambda alarm: alarm.since_ns))
+
+    def update(self, item: Sample | Event | Health | Minute | RegionRecord) -> list[Event]:
+        """Take what was recorded; returns the alarms raised, acknowledged and cleared, as events."""
+        if isinstance(item, Minute):
+            return self._events(self._minute(item))
+        if isinstance(item, RegionRecord):
+            return []
+        if isinstance(item, Event):
+            return self._events(self._take(item))
+        self._mono_minus_utc = item.mono_ns - item.time_ns
+        if isinstance(item, Health):
+            return self._events(self._tick(item))
+        self._newest_ns = max(self._newest_ns, item.time_ns)
+        self._wait(item.time_ns, 1, item.stream, item.quality & _WATCHED_FLAGS)
+        return []
+
+    def _events(self, changes: Iterator[tuple[Alarm, Phase, int]]) -> list[Event]:
+        return [
+            alarm.event(phase, time_ns + self._mono_minus_utc, time_ns) for alarm, phase, time_ns in changes
+        ]
+
+    # --- samples, events and health, in order of time
+
+    def _take(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
+        self._wait(event.time_ns, 0, event.stream, Quality.GOOD, event)
+        if event.kind is EventKind.STOP:
+            yield from self._process(event.time_ns)
+
+    def _wait(self, time_ns: int, rank: int, stream: str, flags: Quality, event: Event | None = None) -> None:
+        self._number += 1
+        heapq.heappush(self._waiting, _Waiting(time_ns, rank, stream, self._number, flags, event))
+
+    def _tick(self, health: Health) -> Iterator[tuple[Alarm, Phase, int]]:
+        if not self._started:
+            self._started = True
+            for stream in self._settings.intervals_s:
+                yield from self._arm(stream, health.time_ns)
+        yield from self._process(health.time_ns - LATE_NS)
+        for one in health.streams:
+            yield from self._count_garbled(one.stream, one.rejected, health.time_ns - LATE_NS)
+
+    def _process(self, until_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        while self._waiting and self._waiting[0].time_ns <= until_ns:
+            one = heapq.heappop(self._waiting)
+            yield from self._due(one.time_ns)
+            if one.event is not None:
+                yield from self._event(one.event)
+            else:
+                yield from self._sample(one)
+        yield from self._due(until_ns)
+
+    def _due(self, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        """What is due in these streams without anything new: dead-man and hold times."""
+        for (condition, _), watch in tuple(self._watches.items()):
+            if condition not in _OF_MINUTES:
+                yield from watch.until(time_ns)
+                if condition is Condition.LOST and watch.is_on and watch.alarm is not None:
+                    # explains the silence
+                    yield from self._observe(Condition.SILENT, watch.subject, False, time_ns)
+
+    def _sample(self, one: _Waiting) -> Iterator[tuple[Alarm, Phase, int]]:
+        yield from self._observe(Condition.LOST, one.stream, False, one.time_ns)
+        if one.stream in self._settings.intervals_s:
+            yield from self._arm(one.stream, one.time_ns)
+        before = self._flags.get(one.stream, Quality.GOOD)
+        if one.flags == before:
+            return
+        self._flags[one.stream] = one.flags
+        out = bool(one.flags & _OUT_OF_RANGE)
+        text = f"{one.stream} is out of range or without a value"
+        yield from self._observe(Condition.OVERRANGE, one.stream, out, one.time_ns, text)
+        if Quality.FROZEN in one.flags:
+            text = f"{one.stream} repeats one frame"
+            yield from self._observe(Condition.FROZEN, one.stream, True, one.time_ns, text)
+        elif Quality.DUPLICATE not in one.flags:
+            yield from self._observe(Condition.FROZEN, one.stream, False, one.time_ns)
+
+    def _arm(self, stream: str, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        """From now on, no sample within the hold time is an alarm."""
+        watch = self._watch(Condition.SILENT, stream)
+        text = f"no sample of {stream} for more than {watch.rule.hold_s:.0f} s"
+        yield from watch.observe(False, time_ns)
+        yield from watch.observe(True, time_ns, text)
+
+    def _event(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
+        at, stream = event.time_ns, event.stream
+        if event.kind is EventKind.LOST and event.severity is not Severity.ERROR:
+            yield from self._observe(Condition.LOST, stream, True, at, f"{stream} does not respond")
+        elif event.kind is EventKind.BACK:
+            yield from self._observe(Condition.LOST, stream, False, at)
+            if not self._watch(Condition.SILENT, stream).is_on and stream in self._settings.intervals_s:
+                yield from self._arm(stream, at)
+        elif event.kind in (EventKind.CLOCK_STEP, EventKind.SLEPT):
+            yield from self._pulse(Condition.CLOCK, event)
+        elif event.kind is EventKind.DISK:
+            yield from self._disk(event)
+        elif event.kind is EventKind.ESTIMATOR and event.severity is Severity.ERROR:
+            yield from self._observe(Condition.ESTIMATOR, "", True, at, event.text)
+        elif "acknowledge" in event.data:
+            yield from self._acknowledge(str(event.data["acknowledge"]), at)
+
+    def _disk(self, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
+        phase = event.data.get("phase")
+        if phase is not None:
+            yield from self._observe(Condition.DISK, "", phase == "begin", event.time_ns, event.text)
+        elif event.severity is not Severity.INFO and not self._watch(Condition.DISK, "").is_on:
+            yield from self._pulse(Condition.DISK, event)
+
+    def _pulse(self, condition: Condition, event: Event) -> Iterator[tuple[Alarm, Phase, int]]:
+        """An event without an end: over at once, cleared after the clear time."""
+        yield from self._observe(condition, "", True, event.time_ns, event.text)
+        yield from self._observe(condition, "", False, event.time_ns)
+
+    def _count_garbled(self, stream: str, rejected: int, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        """Invalid records within the last minute, from the counts of each second."""
+        counts = self._garbled.setdefault(stream, deque(maxlen=61))
+        counts.append(rejected)
+        new = rejected - counts[0]
+        is_on = new >= self._settings.garbled_per_min
+        if is_on or (Condition.GARBLED, stream) in self._watches:
+            text = f"{stream} sends garbled records: {self._settings.garbled_per_min} or more in a minute"
+            yield from self._observe(Condition.GARBLED, stream, is_on, time_ns, text)
+
+    def _acknowledge(self, name: str, time_ns: int) -> Iterator[tuple[Alarm, Phase, int]]:
+        for watch in self._watches.values():
+            alarm = watch.alarm
+            if alarm is not None and alarm.id == name and not alarm.acknowledged:
+                watch.alarm = replace(alarm, acknowledged=True)
+                yield watch.alarm, Phase.ACKNOWLEDGED, time_ns
+
+    # --- minutes, on a time line of their own
+
+    def _minute(self, minute: Minute) -> Iterator[tuple[Alarm, Phase, int]]:
+        end_ns = minute.time_ns + MINUTE_NS
+        if end_ns > self._newest_ns:  # cut short by the end of the recording
+            return
+        for found in self._minutes.update(minute):
+            watch = self._watch(found.condition, found.subject)
+            yield from watch.observe(found.is_on, end_ns, found.text)
+
+    def _observe(
+        self, condition: Condition, subject: str, is_on: bool, time_ns: int, text: str = ""
+    ) -> Iterator[tuple[Alarm, Phase, int]]:
+        if is_on or (condition, subject) in self._watches:
+            yield from self._watch(condition, subject).observe(is_on, time_ns, text)
+
+    def _watch(self, condition: Condition, subject: str) -> _Watch:
+        key = (condition, subject)
+        if key not in self._watches:
+            rule = self._settings.rules[condition]
+            if condition is Condition.SILENT:
+                interval_s = self._settings.intervals_s.get(subject, 0.0)
+                rule = replace(rule, hold_s=rule.hold_s + interval_s)
+            self._watches[key] = _Watch(condition, subject, rule)
+        return self._watches[key]
+
+
+class _Found(NamedTuple):
+    """What a minute says of a condition."""
+
+    condition: Condition
+    subject: str
+    is_on: bool
+    text: str = ""
+
+
+_OF_MINUTES = (
+    Condition.MOVED,
+    Condition.CLOUD,
+    Condition.SHADE,
+    Condition.DRIFT,
+    Condition.TEMPERATURE,
+    Condition.RATE,
+    Condition.TILT,
+    Condition.TILT_PROBABILITY,
+    Condition.HELD,
+)
+
+
+_OF_REGIONS = {
+    "shaded": Condition.SHADE,
+    "shade_test": Condition.SHADE,  # reported when it has ended
+    "drift": Condition.DRIFT,
+}
+"""What an estimator's event has in its data about a region, and the condition it begins or ends."""
+
+
+class _MinuteConditions:
+    """What each minute says of the conditions that are judged minute by minute."""
+
+    def __init__(self, settings: AlarmSettings) -> None:
+        self._settings = settings
+        self._was: dict[tuple[Condition, str], bool] = {}
+        self._kelvin: dict[str, tuple[int, float]] = {}
+        self._solved: set[str] = set()
+
+    def update(self, minute: Minute) -> Iterator[_Found]:
+        """The conditions at the end of a minute."""
+        found = [*self._disturbances(minute), *self._temperatures(minute)]
+        for estimate in minute.estimates:
+            found += self._slopes(estimate)
+        self._was.update({(one.condition, one.subject): one.is_on for one in found})
+        states = {(one.condition, one.subject): one for one in found}  # the last of a minute
+        yield from states.values()
+
+    def _disturbances(self, minute: Minute) -> Iterator[_Found]:
+        """Clouds, shade and drift go on until they are reported to be over, or the frame has moved."""
+        has_moved = bool(minute.flags & Quality.MOVED)
+        yield _Found(Condition.MOVED, "", has_moved, "the camera moved: regions may be off their targets")
+        for (condition, subject), was_on in self._was.items():
+            if condition in (Condition.CLOUD, Condition.SHADE, Condition.DRIFT):
+                yield _Found(condition, subject, was_on and not (has_moved and subject))
+        for event in minute.events:
+            begins = event.data.get("phase") == "begin"
+            if event.kind is EventKind.CLOUD:
+                yield _Found(Condition.CLOUD, "", begins, "the light is unsteady: clouds")
+            for name, condition in _OF_REGIONS.items():
+                if name in event.data:
+                    is_on = begins and not has_moved
+                    yield _Found(condition, str(event.data[name]), is_on, event.text)
+
+    def _temperatures(self, minute: Minute) -> Iterator[_Found]:
+        at = minute.time_ns // MINUTE_NS
+        for region, kelvin in minute.temperature_k.items():
+            if not math.isfinite(kelvin):
+                continue
+            limits, celsius = self._limits(region), kelvin - CELSIUS_ZERO_K
+            subject = (Condition.TEMPERATURE, region)
+            span = (limits.temperature_min_c, limits.temperature_max_c)
+            yield self._judged(subject, celsius, span, BAND_K, f"{region} has {celsius:.1f} °C")
+            before, self._kelvin[region] = self._kelvin.get(region), (at, kelvin)
+            if before is not None and at > before[0]:
+                rate = (kelvin - before[1]) / (at - before[0])
+                limit = limits.temperature_rate_k_min
+                text = f"the temperature of {region} changes by {rate:+.1f} K a minute"
+                yield self._judged((Condition.RATE, region), rate, (-limit, limit), BAND_SHARE * limit, text)
+
+    def _slopes(self, estimate: SlopeEstimate) -> Iterator[_Found]:
+        region, limits = estimate.region, self._limits(estimate.region)
+        if estimate.state in SOLVED:
+            self._solved.add(region)
+        is_held = region in self._solved and estimate.state not in (*SOLVED, SlopeState.LOW_SUN)
+        state = estimate.state.name.lower().replace("_", " ")
+        yield _Found(Condition.HELD, region, is_held, f"no new slope of {region}: {state}")
+        if estimate.state not in WITH_SLOPE:
+            return
+        span = (limits.tilt_min_deg, limits.tilt_max_deg)
+        text = f"the tilt of {region} is {estimate.tilt_deg:.1f}°"
+        yield self._judged((Condition.TILT, region), estimate.tilt_deg, span, BAND_DEG, text)
+        share, limit = tilt_probability(estimate, limits.tilt_max_deg), limits.tilt_probability
+        text = f"P(tilt of {region} > {limits.tilt_max_deg:g}°) is {share:.2f}"
+        subject = (Condition.TILT_PROBABILITY, region)
+        yield self._judged(subject, share, (math.nan, limit), BAND_SHARE * limit, text)
+
+    def _judged(
+        self,
+        subject: tuple[Condition, str],
+        value: float,
+        span: tuple[float, float],
+        band: float,
+        text: str,
+    ) -> _Found:
+        """Whether a value is outside its limits; once it is, until it is back inside by the band."""
+        (low, high), was_on = span, self._was.get(subject, False)
+        slack = band if was_on else 0.0
+        is_on = was_on if math.isnan(value) else value > high - slack or value < low + slack
+        return _Found(*subject, is_on, f"{text}, limit {high if value > high else low:g}")
+
+    def _limits(self, region: str) -> Limits:
+        return self._settings.limits.get(region, self._settings.other_limits)
