@@ -22,7 +22,7 @@ from fieldkit.model.site import Region, Site
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.workflows.regions import check_regions
 
-TABLES = ("surface", "air", "irradiance", "estimator", "slab", "site")
+TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
 
 log_warning = logging.getLogger(__name__).warning
