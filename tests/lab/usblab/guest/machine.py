@@ -20,7 +20,7 @@ CAMERA_PORTS = 3
 PROCESSORS = 2
 SERIAL_NUMBERS = ("LUX0001", "TMP0001", "LUX0002")
 SOFTWARE = ("tcg,thread=multi", "max,avx2=off", 180.0)
-"""QEMU's AVX2 cannot be trusted: with it numpy.argsort returns a wrong order, or ends the program by SIGSEGV."""
+"""QEMU's AVX2 is wrong: with it numpy.argsort returns a wrong order, or ends the program by SIGSEGV."""
 HARDWARE = ("kvm", "host,-arch-capabilities", 15.0)
 ONE_CLOCK = "tsc=reliable"
 """Of two emulated processors the kernel distrusts the time stamp counters, though they are one."""
