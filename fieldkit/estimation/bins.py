@@ -221,6 +221,7 @@ class OpenBin:
         self.flags = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
+        self.last_frame: Frame | None = None
 
     def add_frame(self, frame: Frame, camera: CameraStream) -> None:
         """Sum a frame, unless its flags or its law exclude it."""
@@ -229,6 +230,8 @@ class OpenBin:
             return
         if self.first_frame is None or frame.time_ns < self.first_frame.time_ns:
             self.first_frame = frame
+        if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
+            self.last_frame = frame
         self.frame_sums.add(*sums, frame.time_ns - self.minute * MINUTE_NS)
 
     def add_reading(self, reading: Reading) -> None:
@@ -360,6 +363,13 @@ class History:
             return self
         by_region = ("temperature_k", "region_flags", "probe_k", "shaded_from", "shaded_until")
         return replace(self, **{name: getattr(self, name)[:, columns] for name in by_region})
+
+    def in_place(self) -> History:
+        """Without temperatures of minutes whose frames had moved: regions lay off their targets."""
+        has_moved = (self.flags & int(Quality.MOVED)) != 0
+        if not has_moved.any():
+            return self
+        return replace(self, temperature_k=np.where(has_moved[:, np.newaxis], np.nan, self.temperature_k))
 
     def _as_known(self) -> History:
         """With `SHADED` as known at the last minute."""

@@ -79,7 +79,7 @@ class SlopeChain:
 
     def at(self, history: History) -> Estimated:
         """Slopes at the last minute; the history must begin with the minutes given before."""
-        minute = int(history.minute[-1]) if len(history) else 0
+        minute, history = int(history.minute[-1]) if len(history) else 0, history.in_place()
         found = self._learned(history) if self._settings.model == "learned" else None
         if found is None:
             active = self.schedule.at(minute)

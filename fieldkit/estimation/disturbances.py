@@ -50,6 +50,7 @@ class DisturbanceMonitor:
 
     def __init__(self) -> None:
         self._schedule = RegionSchedule.of(())
+        self._first_drawn: set[int] = set()
         self._references: tuple[int, ...] = ()
         self._light = CloudMonitor()
         self._reference = Cusum(least_sd=GUST_SD_K)
@@ -97,6 +98,8 @@ class DisturbanceMonitor:
     def _follow(self, schedule: RegionSchedule, minute: OpenBin) -> None:
         """Watch the regions that hold in this minute."""
         kinds = {int(column): schedule.columns[column].kind for column in minute.columns}
+        if not self._first_drawn & kinds.keys():  # all were redrawn, on the frames as they are now
+            self._first_drawn, self._frame_shift, self._moved = set(kinds), FrameShiftMonitor(), False
         references = tuple(column for column, kind in kinds.items() if kind is RegionKind.REFERENCE)
         if references != self._references:
             self._reference, self._shade, self._drift = Cusum(least_sd=GUST_SD_K), {}, {}
@@ -193,18 +196,18 @@ class DisturbanceMonitor:
         return Event(EventKind.ESTIMATOR, *at_ns, f"shade test of {name}, {test.minutes:.0f} min", data=data)
 
     def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
-        if minute.first_frame is None:
+        if minute.first_frame is None or minute.last_frame is None:
             return entry
         sums = (minute.frame_sums.frames, minute.frame_sums.totals)
         if sums == self._last_sums:
             blank = np.full_like(entry.temperature_k, np.nan)
             entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
         self._last_sums = sums
-        moved = self._frame_shift.update(minute.first_frame.counts)
-        if moved and not self._moved:
+        moved = self._frame_shift.update(minute.first_frame.counts, minute.last_frame.counts)
+        if self._frame_shift.lasts and not self._moved:
             text = f"frame moved by {self._frame_shift.shift_px:.1f} px: regions may be off their targets"
             events.append(Event(EventKind.MOVED, *end_of(minute), text, severity=Severity.WARNING))
-        self._moved = moved
+        self._moved = self._frame_shift.lasts
         return replace(entry, flags=entry.flags | Quality.MOVED) if moved else entry
 
 
@@ -391,7 +394,7 @@ class ShadeMonitor:
 
 
 class FrameShiftMonitor:
-    """Shift of one frame a minute against the first, by phase correlation of their edges.
+    """Shift of a minute's first and last frame against the first of all, by phase correlation of their edges.
 
     References
     ----------
@@ -403,13 +406,17 @@ class FrameShiftMonitor:
         self._before = 0.0
         self.shift_px = 0.0
 
-    def update(self, counts: NDArray[np.uint16]) -> bool:
-        """Whether the frame has moved by more than 1.5 pixels, in this minute and the one before."""
-        spectrum = np.fft.rfft2(_edges(counts))
-        if self._first is None:
-            self._first = spectrum
-            return False
-        self._before, self.shift_px = self.shift_px, _shift(self._first, spectrum, counts.shape)
+    def update(self, *frames: NDArray[np.uint16]) -> bool:
+        """Whether one of a minute's frames (rows, cols) has moved by more than 1.5 pixels."""
+        spectra = [np.fft.rfft2(_edges(counts)) for counts in frames]
+        first = self._first = spectra[0] if self._first is None else self._first
+        shifts = [_shift(first, spectrum, frames[0].shape) for spectrum in spectra]
+        self._before, self.shift_px = self.shift_px, max(shifts)
+        return self.shift_px > MOVED_PX
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the frame had moved in the minute before, too: nobody just walked through."""
         return min(self._before, self.shift_px) > MOVED_PX
 
 

@@ -55,7 +55,7 @@ RULES: Mapping[Condition, Rule] = MappingProxyType(
         Condition.CLOCK: Rule(Severity.WARNING, 0.0, 300.0),
         Condition.DISK: Rule(Severity.ERROR, 0.0, 60.0),
         Condition.ESTIMATOR: Rule(Severity.ERROR, 0.0, 0.0),
-        Condition.MOVED: Rule(Severity.ERROR, 0.0, 120.0),
+        Condition.MOVED: Rule(Severity.ERROR, 60.0, 120.0),
         Condition.CLOUD: Rule(Severity.INFO, 0.0, 0.0),
         Condition.SHADE: Rule(Severity.INFO, 60.0, 0.0),
         Condition.DRIFT: Rule(Severity.WARNING, 60.0, 0.0),

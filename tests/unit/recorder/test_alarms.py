@@ -265,7 +265,7 @@ def test_a_frame_that_moved_explains_what_its_regions_show():
         minute(n, flags=Quality.MOVED if n else Quality.GOOD, events=shade * (n == 1)) for n in range(4)
     ]
     found = run([*every_second(0, 242), *minutes])
-    assert [one for one in found if "camera" not in one[0]] == [("moved", "raised", 120.0)]
+    assert [one for one in found if "camera" not in one[0]] == [("moved", "raised", 180.0)]
 
 
 def test_rules_can_be_changed_and_switched_off():
