@@ -16,11 +16,10 @@ from fieldkit.cli.slope_table import explain_slopes, print_learnt, print_slopes
 from fieldkit.config import Config
 from fieldkit.model.site import Region
 from fieldkit.model.slope import final_estimates
-from fieldkit.sessions.reader import open_session
 from fieldkit.simulation import FaultKind
 from fieldkit.views import formatting
-from fieldkit.workflows.estimate import as_document, estimates_of, estimator_for, minutes_of
-from fieldkit.workflows.record import prepare
+from fieldkit.workflows.estimate import as_document, estimates_of
+from fieldkit.workflows.record import MinuteView, prepare
 from fieldkit.workflows.report import report as write_report
 from fieldkit.workflows.simulate import demo_campaign, judged_against_truth, mean_tilt_error_deg
 
@@ -45,12 +44,10 @@ def command(ctx: click.Context, fast: bool, fault: str | None, out: Path) -> Non
     folder = (common.options(ctx).directory or Path()) / out
     config = demo_campaign(folder, speed="max" if fast else PACE, fault=fault)
     _introduce(config, fault)
+    minutes: list[Minute] = []
     with prepare(config, name="demo", duration_s=SCENE_S, notify=common.say_warning) as prepared:
-        path = run_until_stopped(prepared, live_views(prepared)).path
-    common.say("estimating once more from the session, then writing the report")
-    with open_session(path) as session:
-        estimator = estimator_for(session, config)
-        minutes = list(minutes_of(session, estimator))
+        path = run_until_stopped(prepared, [*live_views(prepared), MinuteView(minutes.append)]).path
+    common.say("estimating once more from the session for the report")
     report = write_report(path, config.reports / f"{path.stem}.html", notify=common.say_warning).path
     _conclude(path, report, minutes, config.regions, time.monotonic() - began)
 
