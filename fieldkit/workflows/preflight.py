@@ -32,13 +32,15 @@ def preflight(
 ) -> None:
     """Raise `ConfigError` or `StorageError` for what would spoil the session, before it begins.
 
-    `notify` receives warnings: no regions, radiation that cannot be used, probes that are not there,
-    calibrations that are old or of another instrument.
+    `notify` receives warnings: no regions, radiation that cannot be used, probes and
+    limits of what is not there, calibrations that are old or of another instrument.
     """
     streams = instruments.streams
     _check_regions(config, streams, notify)
     for name in config.tables.irradiance.measures.keys() - {info.name for info in streams}:
         notify(f"irradiance.measures.{name}: no instrument is called {name}")
+    for name in config.alarms.region.keys() - {region.name for region in config.regions}:
+        notify(f"alarms.region.{name}: no region is called {name}, so its limits watch nothing")
     meters = EstimatorInstruments(streams, config.estimator_settings())
     for name in meters.unknown:
         notify(f"{name}: what it measures is not known, so it is not used; {how_to_state(name)}")

@@ -213,3 +213,11 @@ def test_a_secret_is_read_from_its_file_and_must_be_there(tmp_path):
 
 def test_the_configuration_knows_every_condition():
     assert set(get_args(toml_schema.Condition)) == {condition.value for condition in Condition}
+
+
+def test_limits_of_a_region_that_is_not_there_are_noticed_before_the_recording(tmp_path):
+    create_campaign(tmp_path, SIMULATED)
+    config = load_config(tmp_path / FILE_NAME, settings=["alarms.region={b27 = {tilt_max_deg = 30}}"])
+    noticed: list[str] = []
+    with prepare(config, duration_s=60.0, notify=noticed.append):
+        assert "alarms.region.b27: no region is called b27, so its limits watch nothing" in noticed
