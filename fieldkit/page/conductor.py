@@ -66,6 +66,11 @@ class Conductor:
         self._ending.set()
         if self._reader is not None:
             self._reader.close()
+        self._forget_child()
+
+    def _forget_child(self) -> None:
+        if self._child is not None:
+            self._child.forget()
 
     def measure(self, config: Config) -> None:
         """Preview with other regions from now on."""
@@ -95,11 +100,12 @@ class Conductor:
         if self._is_starting() or is_recorder_present(self.config.recordings):
             raise RefusedError("this campaign is being recorded already", fix="stop that recording first")
         options = [f"--name={name}", *end, *(["--allow-missing"] if allow_missing else [])]
+        self._forget_child()
         self._child = child = _Child(self.config.directory, [*options, *self._set_options()])
         deadline = time.monotonic() + STARTS_WITHIN_S
         while time.monotonic() < deadline:
             if child.has_ended:
-                raise RefusedError(child.words() or "the recording ended at once")
+                raise child.failure()
             session = session_in_progress(self.config.recordings)
             if session is not None and owner(journal_path(session)) == child.pid:
                 return session
@@ -248,7 +254,13 @@ class _Child:
         """The process's exit code, None while it runs."""
         return self._process.poll()
 
-    def words(self) -> str:
-        """What it has printed: with ``--quiet`` its errors."""
+    def failure(self) -> RefusedError:
+        """Why it ended, in its own words: with ``--quiet`` it prints its error and the fix alone."""
         self._said.seek(0)
-        return self._said.read(4000).decode(errors="replace").strip()
+        words = self._said.read(4000).decode(errors="replace").strip()
+        message, _, fix = words.removeprefix("error: ").partition("\n  fix: ")
+        return RefusedError(message or "the recording ended at once", fix=fix or None)
+
+    def forget(self) -> None:
+        """Let it go on alone."""
+        self._said.close()

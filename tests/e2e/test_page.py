@@ -1,0 +1,248 @@
+"""The page as it is used: live preview, start, mark, stop, report; and what a recording must survive."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from fieldkit.model.samples import EventKind
+from fieldkit.page.keys import Keys
+from fieldkit.page.sessions import identifier
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.check import check
+from fieldkit.workflows.running import session_in_progress
+from tests.harness.page import HOST, PATIENCE_S, Answer, Browser, Served, campaign, served
+
+PROGRAM = [sys.executable, "-m", "fieldkit"]
+ALL_FRAMES = "record.sampling=all"
+PATIENT_S = 90.0
+
+
+def until(done: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + PATIENT_S
+    while not done():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+@dataclass
+class OwnProcess(Served):
+    """A page in a process of its own, started as a user starts it."""
+
+    process: subprocess.Popen[str]
+
+    def cookie(self, role: Any = "control") -> str:
+        key = Keys(self.folder / "recordings").new_link(role)
+        answer = self.ask("POST", "/key", {"key": key}, Origin=self.origin)
+        assert answer.status == 200, answer
+        return answer.headers["set-cookie"].partition(";")[0]
+
+    @property
+    def folder(self) -> Path:
+        return Path(self.page)  # type: ignore[arg-type]
+
+    @property
+    def kilobytes(self) -> int:
+        return memory_kb(self.process.pid)
+
+
+def memory_kb(pid: int) -> int:
+    """Memory that only this process uses, kB."""
+    text = Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii")
+    return sum(int(size) for size in re.findall(r"Private_(?:Clean|Dirty):\s+(\d+)", text))
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[OwnProcess]:
+    with socket.socket() as free:
+        free.bind((HOST, 0))
+        port = free.getsockname()[1]
+    words = [*PROGRAM, "page", "-C", str(folder), "--port", str(port), "--set", ALL_FRAMES]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        try:
+            assert line.startswith(f"control  http://127.0.0.1:{port}/#"), line
+            yield OwnProcess(folder, port, process)  # type: ignore[arg-type]
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.stderr.close()
+            process.wait(PATIENCE_S)
+
+
+def phase(browser: Browser, wanted: str) -> dict[str, Any]:
+    """The next state of that phase."""
+    deadline = time.monotonic() + PATIENT_S
+    while time.monotonic() < deadline:
+        state = browser.next("state")
+        if state["phase"] == wanted:
+            return state
+    raise AssertionError(f"never {wanted}")
+
+
+def test_a_day_at_the_beds(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with served(folder, preview=True, record__sampling="all") as page, page.browser() as browser:
+        assert browser.next("hello")["site"]["zone"] == "America/Denver"
+        phase(browser, "preview")
+        browser.request(do="picture", mode="jpeg")
+        header, _ = browser.picture()
+        assert (header["rows"], header["cols"], header["mode"]) == (120, 160, "jpeg")
+        assert browser.request(do="value", x=80, y=60)["data"]["temperature_c"] == pytest.approx(10, abs=30)
+        streams = browser.next("now")["streams"]
+        assert {"camera", "lux", "thermometer"} <= streams.keys()
+
+        answer = browser.request(do="start", name="beds", duration="10m")
+        assert answer["ok"], answer
+        name = answer["data"]["session"]
+        assert name.endswith("-beds")
+        state = browser.next("state", phase="recording")
+        assert (state["session"], state["ours"]) == (name, True)
+        assert not browser.request(do="start")["ok"]
+        first, _ = browser.picture()
+        assert browser.picture()[0]["seq"] > first["seq"]
+
+        answer = browser.request(do="mark", text="a cloud", kind="cloud", at="-2s")
+        assert answer["ok"], answer
+        answer = browser.request(do="stop", confirm=True)
+        assert answer["ok"], answer
+        phase(browser, "preview")
+
+        (listed,) = browser.request(do="sessions")["data"]
+        assert (listed["state"], listed["id"]) == ("sealed", identifier(Path(f"{name}.h5")))
+        answer = browser.request(do="check_session", session=listed["id"])
+        assert answer["ok"], answer
+        cookie = page.cookie()
+        path = folder / "recordings" / f"{name}.h5"
+        assert page.ask("GET", listed["download_url"], Cookie=cookie).body == path.read_bytes()
+        report = the_report(page, listed["report_url"], cookie)
+        assert name.encode() in report.body
+        assert "sandbox" in report.headers["content-security-policy"]
+    with open_session(path) as session:
+        assert session.count("camera") > 2
+        marks = [event for event in session.events() if event.kind is EventKind.MARK]
+        assert [(mark.text, mark.data["label"]) for mark in marks] == [("a cloud", "cloud")]
+
+
+def the_report(page: Served, url: str, cookie: str) -> Answer:
+    deadline = time.monotonic() + PATIENT_S
+    while (answer := page.ask("GET", url, Cookie=cookie)).status == 202:
+        assert time.monotonic() < deadline
+        time.sleep(0.5)
+    assert answer.status == 200, answer
+    return answer
+
+
+def test_a_start_that_fails_says_why(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with served(folder) as page, page.browser() as browser:
+        answer = browser.request(do="start", name="a/b", duration="1m")
+        assert not answer["ok"]
+        assert "slash" in answer["text"]
+        assert not browser.request(do="start", duration="soon")["ok"]
+        assert not browser.request(do="stop", confirm=True)["ok"]
+        assert not browser.request(do="mark", text="x")["ok"]
+
+
+def record(folder: Path, seconds: int) -> subprocess.Popen[bytes]:
+    words = [*PROGRAM, "record", "-C", str(folder), "--for", f"{seconds}s", "-q", "--set", ALL_FRAMES]
+    return subprocess.Popen(words)
+
+
+def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with served(folder, preview=True) as page, page.browser("view") as browser:
+        phase(browser, "preview")
+        recorder = record(folder, 8)
+        state = phase(browser, "recording")
+        assert not state["ours"]
+        browser.request(do="picture", mode="exact")
+        assert browser.picture()[0]["mode"] == "exact"
+        phase(browser, "preview")
+        assert recorder.wait(PATIENT_S) == 0
+
+
+def lost_nothing(folder: Path) -> None:
+    """The only session is sealed and sound; no sample was dropped, no frame is missing between the others."""
+    (path,) = (folder / "recordings").glob("*.h5")
+    assert check(path).level != "fail"
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert session.count("camera") > 50
+        assert not [event for event in session.events() if event.kind in (EventKind.GAP, EventKind.VIEW)]
+        assert all(stream.dropped == 0 for health in session.health() for stream in health.streams)
+
+
+def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with started(folder) as page, page.browser() as browser:
+        assert browser.request(do="start", duration="25s")["ok"]
+        browser.next("state", phase="recording")
+        page.process.kill()
+        page.process.wait(PATIENCE_S)
+    with started(folder) as again, again.browser() as browser:
+        browser.next("state", phase="recording")  # which goes on, and is followed
+        until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
+    lost_nothing(folder)
+
+
+def come_and_go(page: Served, cookie: str, count: int) -> None:
+    """Connections that do something different each time, mostly nothing sensible."""
+    rng = random.Random(1)
+    for number in range(count):
+        with suppress(OSError, ConnectionClosed, InvalidStatus, TimeoutError):
+            if number % 4 == 0:
+                with page.opened(Cookie=cookie) as browser:
+                    browser.socket.send(json.dumps({"do": "picture", "mode": rng.choice(["jpeg", "exact"])}))
+                    if number % 8 == 0:
+                        browser.socket.send(rng.randbytes(rng.randrange(2000)))
+                        browser.socket.send(rng.randbytes(20).hex())
+            elif number % 4 == 1:
+                page.ask("GET", rng.choice(["/", "/role", "/nothing"]))
+            else:
+                with socket.create_connection((HOST, page.port), PATIENCE_S) as raw:
+                    raw.sendall(rng.randbytes(rng.randrange(1, 3000)) if number % 4 == 2 else b"GET / HT")
+
+
+def storm(folder: Path, seconds: int, connections: int) -> None:
+    with started(folder) as page, page.browser() as browser:
+        recording = browser.request(do="start", duration=f"{seconds}s")
+        assert recording["ok"], recording
+        path = folder / "recordings" / f"{recording['data']['session']}.h5"
+        browser.request(do="picture", mode="jpeg")
+        cookie = page.cookie()
+        come_and_go(page, cookie, 40)
+        before = page.kilobytes
+        deaf = page.opened(Cookie=cookie)  # never reads: what it is sent fills its sockets
+        deaf.socket.send(json.dumps({"do": "picture", "mode": "exact"}))
+        come_and_go(page, cookie, connections)
+        assert path.with_name(f"{path.name}.journal").exists(), "the recording ended before the storm"
+        assert browser.picture()
+        assert page.kilobytes - before < 10_000
+        until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
+        with suppress(ConnectionClosed, OSError):
+            deaf.close()
+    lost_nothing(folder)
+
+
+def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
+    storm(campaign(tmp_path / "field"), 30, 150)
+
+
+@pytest.mark.slow
+def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
+    storm(campaign(tmp_path / "field"), 120, 1000)
