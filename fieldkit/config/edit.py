@@ -31,7 +31,7 @@ def add_region(file: Path, region: Mapping[str, Any]) -> None:
 
 
 def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
-    """Change keys of the region `name`.
+    """Change keys of the region `name`; None removes a key.
 
     Raises `ConfigError` if there is none, `ConfigMistakesError` if the result is invalid.
     """
@@ -40,7 +40,9 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
         index = _find(file, text, name)
         before, region, after = _cut(text, index)
         document = tomlkit.parse(region)
-        document["region"][0].update(changes)
+        document["region"][0].update({key: value for key, value in changes.items() if value is not None})
+        for key in [key for key, value in changes.items() if value is None]:
+            document["region"][0].pop(key, None)
         _write_checked(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fieldkit.config import Config, load_config
+from fieldkit.config import Config, edit, load_config
 from fieldkit.model.durations import parse_duration
 from fieldkit.model.errors import ConfigError, FieldkitError, RefusedError
-from fieldkit.model.samples import Event, EventKind
+from fieldkit.model.samples import Event, Severity
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.units import CELSIUS_ZERO_K
 from fieldkit.page import requests
@@ -22,9 +25,17 @@ from fieldkit.page.hub import Hub
 from fieldkit.page.keys import Keys
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.viewer import Viewer
-from fieldkit.views import frame_image
+from fieldkit.views import formatting, frame_image
 from fieldkit.workflows import regions as campaign_regions
-from fieldkit.workflows.running import add_mark, mark_of, stop_recording
+from fieldkit.workflows.running import (
+    SentRequest,
+    acknowledge,
+    change_regions,
+    mark_of,
+    request_shutter,
+    sent,
+    stop_recording,
+)
 
 ANSWERS_WITHIN_S = 5.0
 """The recorder looks at its requests once a second."""
@@ -80,12 +91,16 @@ class Answers:
             case requests.Start() | requests.Stop():
                 return await asyncio.to_thread(self._start_or_stop, request)
             case requests.AddMark():
-                return await self._marked(request)
+                return await self._by_recorder(request.id, partial(self._send_mark, request))
+            case requests.Shutter():
+                return await self._by_recorder(request.id, partial(request_shutter, self.config))
+            case requests.Acknowledge():
+                return await self._by_recorder(request.id, partial(acknowledge, self.config, request.alarm))
             case requests.Link():
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
                 return answer(request.id, f"a link that works once, to {request.role}", data={"key": key})
             case _:
-                return await asyncio.to_thread(self._redraw, request)
+                return await self._redrawn(request)
 
     # --- the recording
 
@@ -96,37 +111,35 @@ class Answers:
         session = self.conductor.start(request.name, _end(request), allow_missing=request.allow_missing)
         return answer(request.id, f"recording {session.stem}", data={"session": session.stem})
 
-    async def _marked(self, request: requests.AddMark) -> Document:
-        """Drop the mark and wait until the recorder has stored it."""
+    def _send_mark(self, request: requests.AddMark) -> SentRequest:
         mark = mark_of(self.config, request.text, kind=request.kind, at=request.at, to=request.to)
+        return sent(self.config, mark)
 
-        def is_it(event: Event) -> bool:
-            return event.kind is EventKind.MARK and event.text == request.text
+    async def _by_recorder(self, id: int | None, send: Callable[[], SentRequest]) -> Document:
+        """Send a request to the recorder; the answer is the event that it stores."""
+        with self._listening() as events:
+            request = await asyncio.to_thread(send)
+            return await self._stored(id, request, events)
 
-        stored = await self._event_after(lambda: add_mark(self.config, mark), is_it)
-        return answer(request.id, f"marked: {stored.text}")
-
-    async def _event_after(self, act: Callable[[], Any], is_it: Callable[[Event], bool]) -> Event:
-        """The recorder's event that answers; raises `RefusedError` if none comes."""
-        loop, found = asyncio.get_running_loop(), asyncio.Event()
-        seen: list[Event] = []
-
-        def listen(event: Event) -> None:
-            if is_it(event):
-                seen.append(event)
-                loop.call_soon_threadsafe(found.set)
-
-        self.hub.listeners.append(listen)
+    async def _stored(self, id: int | None, request: SentRequest, events: _Events) -> Document:
         try:
-            await asyncio.to_thread(act)
-            await asyncio.wait_for(found.wait(), ANSWERS_WITHIN_S)
+            async with asyncio.timeout(ANSWERS_WITHIN_S):
+                event = await events.about(request.id)
         except TimeoutError:
             raise RefusedError(
                 f"the recorder has not answered within {ANSWERS_WITHIN_S:.0f} s", fix="look at the events"
             ) from None
+        return answer(id, formatting.event_text(event), ok=event.severity is Severity.INFO)
+
+    @contextmanager
+    def _listening(self) -> Iterator[_Events]:
+        """Events from before a request is sent, so that none is missed."""
+        events = _Events()
+        self.hub.listeners.append(events.listen)
+        try:
+            yield events
         finally:
-            self.hub.listeners.remove(listen)
-        return seen[0]
+            self.hub.listeners.remove(events.listen)
 
     # --- the picture
 
@@ -145,11 +158,11 @@ class Answers:
         region = _region(request.region)
         if request.shrink:
             region = _shrunk(region, request.shrink)
-        others = [one for one in self.hub.latest.regions if one.name != region.name]
-        found = campaign_regions.check_regions([*others, region], *self._frame_k())[-1]
+        others = [one for one in self.hub.latest.regions if one.name != (request.instead_of or region.name)]
+        found = campaign_regions.check_region(region, *self._frame_k(), others)
         return {
             "pixels": found.pixels, "spread_c": found.spread_k, "level": found.level,
-            "text": "; ".join(found.failures + found.warnings) or "ok", "shrink_px": None,
+            "text": found.text or "ok", "shrink_px": found.shrink_px,
             "vertices": [list(corner) for corner in region.vertices],
         }  # fmt: skip
 
@@ -162,20 +175,51 @@ class Answers:
         is_known = frame_image.unit(info) == "°C" and bool(np.isfinite(shown).all())
         return shown.shape, shown + CELSIUS_ZERO_K if is_known else None
 
-    def _redraw(self, request: requests.Request) -> Document:
-        file = self.config.path
-        match request:
-            case requests.AddRegion():
-                campaign_regions.add_region(file, **_table(request.region))
-                text = f"added {request.region.name}"
-            case requests.RemoveRegion():
-                campaign_regions.remove_region(file, request.name)
-                text = f"removed {request.name}"
-            case _:
-                raise ConfigError("this page cannot do that yet", fix="use the command line")
-        self.config = load_config(file, settings=self.conductor.settings)
-        self.conductor.measure(self.config)
-        return answer(request.id, text)
+    async def _redrawn(self, request: requests.Request) -> Document:
+        """Change the campaign's regions, and those of its recording if one runs."""
+        words, change = _change(request)
+        with self._listening() as events:
+            _, asked = await asyncio.to_thread(change_regions, self.config.path, change)
+            self.config = load_config(self.config.path, settings=self.conductor.settings)
+            await asyncio.to_thread(self.conductor.use, self.config)
+            if asked is None:
+                return answer(request.id, words)
+            return await self._stored(request.id, asked, events)
+
+
+class _Events:
+    """Events of the recording that answer requests, until they are asked for."""
+
+    def __init__(self) -> None:
+        self._loop, self._came = asyncio.get_running_loop(), asyncio.Event()
+        self._by_request: dict[str, Event] = {}
+
+    def listen(self, event: Event) -> None:
+        """Keep an event; called by the thread that has it."""
+        if "request" in event.data:
+            self._by_request[str(event.data["request"])] = event
+            self._loop.call_soon_threadsafe(self._came.set)
+
+    async def about(self, request: str) -> Event:
+        """The event that answers a request."""
+        while request not in self._by_request:
+            await self._came.wait()
+            self._came.clear()
+        return self._by_request[request]
+
+
+def _change(request: requests.Request) -> tuple[str, Callable[[Path], Any]]:
+    """What is done to ``fieldkit.toml``, in words and as a function."""
+    match request:
+        case requests.AddRegion(region=drawn):
+            return f"added {drawn.name}", lambda file: campaign_regions.add_region(file, **_new(drawn))
+        case requests.RemoveRegion(name=name):
+            return f"removed {name}", lambda file: campaign_regions.remove_region(file, name)
+        case requests.EditRegion(name=name, region=drawn):
+            words = f"changed {name}" if name == drawn.name else f"{name} is now {drawn.name}"
+            return words, lambda file: edit.change_region(file, name, {"name": drawn.name, **_table(drawn)})
+        case _:
+            raise ConfigError(f"{request.do} is not about regions")
 
 
 def _end(request: requests.Start) -> list[str]:
@@ -198,6 +242,14 @@ def _shrunk(region: Region, pixels: float) -> Region:
 
 
 def _table(drawn: requests.DrawnRegion) -> dict[str, Any]:
+    """The keys of a region in ``fieldkit.toml``; None for what is not known."""
+    return {
+        "kind": drawn.role, "points_px": [list(corner) for corner in drawn.vertices],
+        "tilt_deg": drawn.tilt_deg, "azimuth_deg": drawn.azimuth_deg, "emissivity": drawn.emissivity,
+    }  # fmt: skip
+
+
+def _new(drawn: requests.DrawnRegion) -> dict[str, Any]:
     known = {key: getattr(drawn, key) for key in ("tilt_deg", "azimuth_deg", "emissivity")}
     properties = {key: value for key, value in known.items() if value is not None}
     return {

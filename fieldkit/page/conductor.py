@@ -72,12 +72,15 @@ class Conductor:
         if self._child is not None:
             self._child.forget()
 
-    def measure(self, config: Config) -> None:
-        """Preview with other regions from now on."""
+    def use(self, config: Config) -> None:
+        """Preview with other regions from now on, and record with them next time."""
         self.config = config
         if self._preview is not None:
             self._preview.measure(config)
-        self.hub.measure(config)
+        if self.hub.state.session is None:
+            self.hub.redraw(config)
+        else:
+            self.hub.use(config)
 
     def _next(self) -> None:
         session = session_in_progress(self.config.recordings)

@@ -93,9 +93,13 @@ class Hub:
     def close(self) -> None:
         """The preview is over; the hub goes on."""
 
-    def measure(self, config: Config) -> None:
-        """Show other regions, and temperatures with other settings."""
+    def use(self, config: Config) -> None:
+        """Compute temperatures with other settings."""
         self.config, self._settings = config, config.estimator_settings()
+
+    def redraw(self, config: Config) -> None:
+        """Show other regions; those of a recording come from its recorder."""
+        self.use(config)
         self.latest.regions = tuple(config.regions)
         self._post(outgoing.regions(self.latest.regions))
 

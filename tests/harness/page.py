@@ -148,7 +148,7 @@ def served(
         number = int(listener.getsockname()[1])
         values = [f"{key.replace('__', '.')}={value}" for key, value in settings.items()]
         config = load_config(folder / "fieldkit.toml", settings=values)
-        page = Page(config, number, values, preview, checks)
+        page = Page(config, number, values, preview, checks=checks)
         running = server(page)
         thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
