@@ -232,15 +232,8 @@ class _Child:
     def __init__(self, campaign: Path, options: Sequence[str]) -> None:
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, as long as it runs
         words = [
-            sys.executable,
-            "-m",
-            "fieldkit",
-            "record",
-            "-C",
-            str(campaign),
-            "--quiet",
-            "--no-input",
-            *options,
+            *(sys.executable, "-P", "-m", "fieldkit", "record"),
+            *("-C", str(campaign), "--quiet", "--no-input", *options),
         ]
         self._process = subprocess.Popen(
             words, stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said, start_new_session=True

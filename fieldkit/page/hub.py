@@ -76,10 +76,12 @@ class Hub:
 
     def show(self, item: Item) -> None:
         """Take an item; what browsers need of it is sent to all of them."""
-        regions = self.latest.regions
+        regions, alarms = self.latest.regions, self.latest.alarms
         self.latest.update(item)
         if self.latest.regions != regions:
             self._post(outgoing.regions(self.latest.regions))
+        if self.latest.alarms != alarms:
+            self._post(outgoing.alarms(self.latest.alarms))
         if isinstance(item, Frame):
             self._show_frame(item)
         elif isinstance(item, Minute):
@@ -213,7 +215,8 @@ class Hub:
         known = [outgoing.streams(tuple(latest.streams.values()), every_s), outgoing.regions(latest.regions)]
         if latest.minute is not None:
             known.append(outgoing.minute(latest.minute))
-        return [*known, *map(outgoing.event, latest.events), outgoing.history(self.trend), self._now()]
+        known += [outgoing.alarms(latest.alarms), *map(outgoing.event, latest.events)]
+        return [*known, outgoing.history(self.trend), self._now()]
 
     def _now(self) -> dict[str, Any]:
         return outgoing.now(self.latest, self.region_temperatures_c(), self._bytes_per_s())

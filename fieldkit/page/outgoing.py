@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fieldkit.estimation.estimator import Minute
+from fieldkit.model.alarm import Alarm
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Event, Health
 from fieldkit.model.site import Region, RegionKind
@@ -74,12 +75,13 @@ def _measured(closed: Minute, name: str, slope: SlopeEstimate | None) -> Documen
     if slope is None:
         return {**temperature, "state": "reference", "words": "", "reason": ""}
     angles = {key: getattr(slope, key) for key in _SLOPE}
-    words = formatting.state(slope)
     return {
         **temperature,
         "state": slope.state.name.lower(),
-        "words": words,
+        "words": formatting.state(slope),
         "reason": slope.reason,
+        "tilt": formatting.tilt(slope),
+        "azimuth": formatting.azimuth(slope),
         **angles,
     }
 
@@ -107,6 +109,19 @@ def event(happened: Event) -> Document:
         "type": "event", "time_ms": ms(happened.time_ns), "kind": happened.kind.name.lower(),
         "severity": happened.severity.name.lower(), "text": formatting.event_text(happened),
         "stream": happened.stream,
+    }  # fmt: skip
+
+
+def alarms(present: Sequence[Alarm]) -> Document:
+    """The alarms that are present, oldest first."""
+    return {"type": "alarms", "alarms": [_alarm(alarm) for alarm in present]}
+
+
+def _alarm(alarm: Alarm) -> Document:
+    return {
+        "id": alarm.id, "condition": alarm.condition, "subject": alarm.subject,
+        "severity": alarm.severity.name.lower(), "since_ms": ms(alarm.since_ns), "text": alarm.text,
+        "acknowledged": alarm.acknowledged,
     }  # fmt: skip
 
 

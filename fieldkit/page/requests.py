@@ -63,10 +63,14 @@ class DrawnRegion(BaseModel):
 
 
 class CheckRegion(_Request):
-    """How good a region would be; with `shrink` moved inwards by so many pixels."""
+    """How good a region would be; with `shrink` moved inwards by so many pixels.
+
+    `instead_of` is the name of the region that is being redrawn.
+    """
 
     do: Literal["check_region"]
     region: DrawnRegion
+    instead_of: Word | None = None
     shrink: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
 
 

@@ -123,7 +123,9 @@ function boundsOf({ vertices }) {
 async function checkDraft(shrink) {
   if (drawing.checking && shrink === undefined) return void (drawing.unchecked = true);
   drawing.checking = true;
-  const answer = await request({ do: "check_region", region: drawnRegion(), ...(shrink === undefined ? {} : { shrink }) });
+  const answer = await request({
+    do: "check_region", region: drawnRegion(), instead_of: drawing.draft.original ?? null, ...(shrink === undefined ? {} : { shrink }),
+  });
   drawing.checking = false;
   if (!drawing.draft) return;
   if (answer.ok && shrink !== undefined) setVertices(answer.data.vertices.map(within));
