@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import click
@@ -17,6 +22,7 @@ if TYPE_CHECKING:
 PORT = 8765
 LOOPBACK = "127.0.0.1"
 WILDCARDS = ("0.0.0.0", "::")
+ENDS_WITHIN_S = 5.0
 
 
 @click.command(cls=common.Command)
@@ -78,9 +84,53 @@ def _serve(config: Config, address: str, port: int, settings: tuple[str, ...], *
             fix="try another --port or --on",
         ) from error
     with listener:
-        _print_links(config, address, port)
+        _print_links(config, address, port, "Ctrl-C ends the page")
         server(Page(config, port, settings, record=record)).run(sockets=[listener])
     common.say("\nthe page has ended; a recording goes on: fieldkit status, fieldkit stop")
+
+
+@contextmanager
+def page_beside(config: Config, address: str | None, settings: Sequence[str]) -> Iterator[None]:
+    """Serve the page in a process of its own meanwhile; nothing without an address.
+
+    The process is in a session of its own, nobody waits for it to begin, and one that hangs is killed: the
+    recording that it shows does not depend on it.
+    """
+    process = None if address is None else _begun(config, address, settings)
+    try:
+        yield
+    finally:
+        if process is not None:
+            _end(process)
+
+
+def _begun(config: Config, address: str, settings: Sequence[str]) -> subprocess.Popen[bytes] | None:
+    """The process of a page, its links printed; None with a warning if there can be none."""
+    words = [*(sys.executable, "-P", "-m", "fieldkit", "page", "-C", str(config.directory), "--quiet")]
+    words += ["--on", address, *(word for setting in settings for word in ("--set", setting))]
+    environment = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
+    try:
+        process = subprocess.Popen(
+            words,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        _print_links(config, address, PORT, "The page ends with the recording")
+    except OSError as error:
+        common.say_warning(f"the recording has no page: {error}")
+        return None
+    return process
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    try:
+        process.wait(ENDS_WITHIN_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _show_link(link: str) -> None:
@@ -97,7 +147,7 @@ def _show_qr_code(link: str) -> None:
             common.say(line)
 
 
-def _print_links(config: Config, address: str, port: int) -> None:
+def _print_links(config: Config, address: str, port: int, end: str) -> None:
     if is_expected():  # a log must not contain keys
         common.say(f"the page listens on {address}:{port}; a link to it: fieldkit page --link control")
         return
@@ -105,7 +155,7 @@ def _print_links(config: Config, address: str, port: int) -> None:
     _show_qr_code(control)
     common.say(f"control  {control}")
     common.say(f"look     {view}")
-    common.say("each link works once; more: fieldkit page --link control. Ctrl-C ends the page.")
+    common.say(f"each link works once; more: fieldkit page --link control. {end}.")
 
 
 def _link(config: Config, address: str, port: int, role: Role) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from fieldkit.cli import common
+from fieldkit.cli.page import LOOPBACK, page_beside
 from fieldkit.cli.recording import live_views, run_until_stopped
 from fieldkit.cli.session_paths import report_interrupted
 from fieldkit.cli.types import DURATION, TIME_OF_DAY
@@ -28,6 +29,10 @@ if TYPE_CHECKING:
     "--until", type=TIME_OF_DAY, metavar="HH:MM", help="Time of day to stop, in the site's time zone."
 )
 @click.option("--allow-missing", is_flag=True, help="Record without instruments that are not plugged in.")
+@click.option(
+    "--page", "page_address", is_flag=False, flag_value=LOOPBACK, metavar="[ADDRESS]",
+    help=f"Show the recording on the field page, on this address [{LOOPBACK}], not in this terminal.",
+)  # fmt: skip
 @common.theme_option
 @common.set_option
 @click.pass_context
@@ -37,6 +42,7 @@ def command(
     duration_s: float | None,
     until: time | None,
     allow_missing: bool,
+    page_address: str | None,
     theme: Literal["dark", "paper"],
     settings: tuple[str, ...],
 ) -> None:
@@ -56,7 +62,9 @@ def command(
         notify=common.say_warning,
     ) as prepared:
         common.say(f"recording {prepared.path.stem}     Ctrl-C stops and seals")
-        summary = run_until_stopped(prepared, live_views(prepared, theme)).summary
+        views = [] if page_address else live_views(prepared, theme)  # whose screen would hide the links
+        with page_beside(config, page_address, settings):
+            summary = run_until_stopped(prepared, views).summary
     print_summary(prepared.path, summary)
     if summary.failure is not None:
         raise summary.failure

@@ -113,7 +113,7 @@ async def _fieldkit(*arguments: str) -> tuple[int, str, str]:
     """Exit code and output of a command that gives way to all other processes."""
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
-        "nice", "-n", "15", sys.executable, "-m", "fieldkit", *arguments, "--no-input",
+        "nice", "-n", "15", sys.executable, "-P", "-m", "fieldkit", *arguments, "--no-input",
         stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe,
     )  # fmt: skip
     try:

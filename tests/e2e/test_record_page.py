@@ -1,0 +1,113 @@
+"""``fieldkit record --page``: a page beside the recording, which ends with it and costs it nothing."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from fieldkit.model.samples import EventKind
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.check import check
+from fieldkit.workflows.running import session_in_progress
+from tests.harness.page import campaign
+
+ADDRESS, PORT = "127.0.0.77", 8765
+"""Another address of this computer, so that no other page has its port."""
+PATIENT_S = 60.0
+
+
+def until(done: Callable[[], object], what: str) -> None:
+    deadline = time.monotonic() + PATIENT_S
+    while not done():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+
+
+@contextmanager
+def recording(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
+    words = [sys.executable, "-m", "fieldkit", "record", "-C", str(folder), "--set", "record.sampling=all"]
+    with subprocess.Popen([*words, *options], stderr=subprocess.PIPE, text=True) as process:
+        yield process
+        if process.poll() is None:
+            process.kill()
+
+
+def link(process: subprocess.Popen[str]) -> str:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if found := re.search(r"^control  (http://\S+)", line):
+            return found[1]
+    raise AssertionError("no link was printed")
+
+
+def children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def listens() -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((ADDRESS, PORT)) == 0
+
+
+def lost_nothing(folder: Path) -> None:
+    (path,) = (folder / "recordings").glob("*.h5")
+    assert check(path).level != "fail"
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert not [event for event in session.events() if event.kind in (EventKind.GAP, EventKind.VIEW)]
+        assert all(stream.dropped == 0 for health in session.health() for stream in health.streams)
+
+
+def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with recording(folder, f"--page={ADDRESS}", "--for", "12s") as process:
+        address, _, key = link(process).partition("#")
+        assert address == f"http://{ADDRESS}:{PORT}/"
+        until(listens, "the page does not listen")
+        answer = ask(key)
+        assert answer == 200
+        assert process.wait(PATIENT_S) == 0
+    assert not listens()
+    lost_nothing(folder)
+
+
+def ask(key: str) -> int:
+    headers = {"Content-Type": "application/json", "Origin": f"http://{ADDRESS}:{PORT}"}
+    with closing(http.client.HTTPConnection(ADDRESS, PORT, timeout=PATIENT_S)) as connection:
+        connection.request("POST", "/key", json.dumps({"key": key}), headers)
+        return connection.getresponse().status
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, number: int) -> None:
+    folder = campaign(tmp_path / "field")
+    with recording(folder, f"--page={ADDRESS}", "--for", "15s") as process:
+        link(process)
+        until(listens, "the page does not listen")
+        (page,) = children(process.pid)
+        os.kill(page, number)
+        assert session_in_progress(folder / "recordings") is not None
+        assert process.wait(PATIENT_S) == 0
+    assert not Path(f"/proc/{page}").exists()
+    lost_nothing(folder)
+
+
+def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with recording(folder, "--page=203.0.113.1", "--for", "8s") as process:  # RFC 5737: nobody's address
+        _, words = process.communicate(timeout=PATIENT_S)
+        assert process.returncode == 0
+    assert "cannot serve on 203.0.113.1:8765" in words
+    lost_nothing(folder)
