@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV   := .venv
 RUN    := $(VENV)/bin/python
+DIST   := dist
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-slow test-lab mutate lint bench docs clean
+.PHONY: demo test test-slow test-lab mutate lint bench docs dist sbom clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
@@ -34,15 +35,36 @@ bench: $(VENV)/.test
 docs: $(VENV)/.docs
 	$(RUN) -m mkdocs build --strict
 
+# Reproducible: the date of the last commit stands in the archives, and a second build must equal the first.
+dist: export SOURCE_DATE_EPOCH := $(shell git log -1 --format=%ct 2>/dev/null || echo 1700000000)
+dist: $(VENV)/.release
+	rm -rf $(DIST) build/again
+	$(RUN) -m build --outdir $(DIST) .
+	$(RUN) -m build --outdir build/again .
+	diff --recursive $(DIST) build/again
+	$(RUN) -m twine check --strict $(DIST)/*
+	$(VENV)/bin/check-wheel-contents $(DIST)/*.whl
+
+# What an installation with every extra contains, in CycloneDX.
+sbom: $(VENV)/.release
+	rm -rf build/installed
+	$(RUN) -m venv build/installed
+	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,gps,alarms,dask,page,pdf]'
+	mkdir -p $(DIST)
+	$(VENV)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o $(DIST)/sbom.cdx.json build/installed
+
 clean:
 	rm -rf $(VENV) build dist site demo .mypy_cache .ruff_cache .pytest_cache
 
-$(VENV)/.lab: pyproject.toml constraints.txt
+$(VENV)/.pip:
 	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
+	$(PIP) --upgrade 'pip>=25.1' # the first with --group
+	touch $@
+
+$(VENV)/.lab: pyproject.toml constraints.txt $(VENV)/.pip
 	$(PIP) --editable '.[lab]'
 	touch $@
 
-$(VENV)/.test $(VENV)/.lint $(VENV)/.docs: $(VENV)/.%: pyproject.toml constraints.txt
-	test -x $(RUN) || $(PYTHON) -m venv $(VENV)
-	$(PIP) --editable '.[lab,gps,page,$*]'
+$(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.release: $(VENV)/.%: pyproject.toml constraints.txt $(VENV)/.pip
+	$(PIP) --editable '.[lab,gps,page]' --group $*
 	touch $@

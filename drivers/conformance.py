@@ -93,11 +93,9 @@ def _metadata(driver: Driver) -> list[tuple[str, Callable[[], str]]]:
         return f"{driver.name}: {driver.title}"
 
     def finds() -> str:
-        found = driver.find()
-        _need(
-            isinstance(found, list) and all(isinstance(one, DiscoveredDevice) for one in found),
-            "find() gives no list of Found",
-        )
+        found: object = driver.find()
+        if not isinstance(found, list) or not all(isinstance(one, DiscoveredDevice) for one in found):
+            raise CheckError("find() gives no list of DiscoveredDevice")
         strange = [one.driver for one in found if one.driver != driver.name]
         _need(not strange, f"find() returns devices of {strange}")
         return f"{len(found)} connected"

@@ -37,7 +37,7 @@ if _TYPE_CHECKING:
     from fieldkit.workflows.simulate import simulate as simulate
     from fieldkit.workflows.slope_map import slope_map as slope_map
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "fieldkit.drivers.discovery": ("find_devices",),

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from fieldkit import __version__
 from fieldkit.cli import main
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows import bins_and_slopes
@@ -118,7 +119,7 @@ def test_provenance_names_content_and_code(recordings, tmp_path):
         hashlib.sha256(p.read_bytes()).hexdigest() for p in paths
     ]
     assert about["files"]["r.csv"] == hashlib.sha256((tmp_path / "r.csv").read_bytes()).hexdigest()
-    assert about["code_version"].startswith("0.1.0+")
+    assert about["code_version"].startswith(f"{__version__}+")
     assert {"command_line", "python", "platform", "packages", "ranking"} <= set(about)
 
 

@@ -1,0 +1,37 @@
+"""What packages and citations state about fieldkit agrees with the code."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import fieldkit
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.parametrize("name", ["codemeta.json", ".zenodo.json"])
+def test_metadata_is_of_this_version_and_these_keywords(name: str):
+    stated = json.loads((ROOT / name).read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert (stated["version"], stated["keywords"]) == (fieldkit.__version__, project["keywords"])
+
+
+def test_the_citation_is_of_this_version():
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {fieldkit.__version__}\n" in cited
+
+
+def test_the_changelog_has_this_version():
+    assert f"\n## {fieldkit.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_every_reference_of_the_paper_is_in_its_bibliography_and_the_other_way_round():
+    folder = ROOT / "docs/paper"
+    cited = set(re.findall(r"(?<![\w.])@(\w+)", (folder / "paper.md").read_text(encoding="utf-8")))
+    listed = set(re.findall(r"(?m)^@\w+\{(\w+),", (folder / "paper.bib").read_text(encoding="utf-8")))
+    assert cited == listed
