@@ -100,7 +100,7 @@ class JournalReader:
         self.damage: list[str] = []
         self._salvage = salvage
         self._parts: dict[str, sqlite3.Connection] = {}
-        self.identity = self._open()
+        self.identity: SessionIdentity = self._open()
 
     def __enter__(self) -> JournalReader:
         return self

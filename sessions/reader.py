@@ -158,13 +158,13 @@ class SessionReader:
     def __init__(self, path: Path, file: h5py.File, state: str, *, salvage: bool = False) -> None:
         self.path = path
         self.state = state
-        self.header = header_of(file)
-        self.anchor_ns = int(scalar(file, "entry/utc_minus_mono_ns"))
+        self.header: SessionHeader = header_of(file)
+        self.anchor_ns: int = int(scalar(file, "entry/utc_minus_mono_ns"))
         self._file = file
         self._salvage = salvage
         self.site: Site = self.header.site
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in self.header.streams}
-        self.session_id = str(attribute(file, "session_id"))
+        self.session_id: str = str(attribute(file, "session_id"))
         self._readers = {
             name: StreamReader(file, info, self.anchor_ns, salvage=salvage)
             for name, info in self.streams.items()

@@ -55,7 +55,7 @@ class Salvage:
         self._stack = ExitStack()
         self._session = self._try_session()
         self._journal = self._try_journal()
-        self.identity = self._identity()
+        self.identity: SessionIdentity = self._identity()
         self._written = read_written(journal_path(path), len(self.identity.header.streams))
         self.statistics = {info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams}
 

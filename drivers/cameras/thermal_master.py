@@ -120,9 +120,9 @@ class BulkSource:
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, self.usb = pick_usb(settings, tuple(KINDS))
-        self.port = f"usb:{self.usb.path}"
+        self.port: str = f"usb:{self.usb.path}"
         self._clock = clock
-        self.size = KINDS[self.usb.vendor, self.usb.product]
+        self.size: tuple[int, int] = KINDS[self.usb.vendor, self.usb.product]
         width, height = self.size
         self._assembler = Assembler(2 * (2 * height + 2) * width)
         with usb_errors(self.port):

@@ -189,7 +189,7 @@ class V4l2Source:
         try:
             self._fd = os.open(path, os.O_RDWR | os.O_NONBLOCK)
             self._need_capture()
-            self.size = self._choose(fourcc, sizes)
+            self.size: tuple[int, int] = self._choose(fourcc, sizes)
             self._start()
         except OSError as error:
             self.close()

@@ -92,7 +92,7 @@ class SocketPort:
     identity = ""
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
-        self.path = f"{host}:{port}"
+        self.path: str = f"{host}:{port}"
         self.facts = {"line": "tcp"}
         self.framer = Framer(self.byte_ns)
         self._clock = clock

@@ -79,8 +79,8 @@ class HidBridge:
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, usb = pick_usb(settings, KINDS)
-        self.path = f"usb:{usb.path}"
-        self.identity = usb.as_text()
+        self.path: str = f"usb:{usb.path}"
+        self.identity: str = usb.as_text()
         self.facts = {"line": str(LINE), "backend": "pyusb"}
         self.framer = Framer(self.byte_ns)
         self._clock = clock

@@ -42,7 +42,7 @@ class SimulatedMeter(ABC):
         self._every_ns = max(1, round(settings.every_s * SECOND_NS))
         self._terminal = PseudoTerminal(clock)
         self._closed = False
-        self.path = self._terminal.path
+        self.path: str = self._terminal.path
         self._start()
 
     def declared(self) -> dict[str, float]:
@@ -106,7 +106,7 @@ class SimulatedCenter309(SimulatedMeter):
     _THINKS_NS = 20_000_000
 
     def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
-        self.response_s = scene.response_s
+        self.response_s: float = scene.response_s
         labels = [str(label) for label in settings.options.get("labels", ())]
         self._in_air = [is_air_temperature(label) for label in (*labels, "", "", "", "")[:4]]
         super().__init__(scene, clock, settings)

@@ -35,7 +35,7 @@ class PseudoTerminal:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)  # before the driver opens it, nothing may echo
         os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self.path: str = os.ttyname(self._slave)
         self._watched = False
         self._open = threading.Lock()  # held while the descriptors are in use
 

@@ -7,7 +7,7 @@ Defaults of physical parameters are those of the paper's Tables 1 and 3.
 from __future__ import annotations
 
 import functools
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 from pydantic.json_schema import SkipJsonSchema
@@ -37,7 +37,9 @@ TABLE_1 = "(paper, Table 1)"
 class Table(BaseModel):
     """A table of the configuration: no unknown keys, no silent conversions, no NaN."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    model_config: ClassVar[ConfigDict] = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False
+    )
 
 
 class CampaignTable(Table):

@@ -69,7 +69,9 @@ class ConfigMistakesError(ConfigError):
     """All mistakes of a configuration; `mistakes` holds one line for each."""
 
     def __init__(self, mistakes: Iterable[tuple[str, Mistake]], *, fix: str | None = None) -> None:
-        self.mistakes = tuple(f"{where}: {mistake.key}: {mistake.message}" for where, mistake in mistakes)
+        self.mistakes: tuple[str, ...] = tuple(
+            f"{where}: {mistake.key}: {mistake.message}" for where, mistake in mistakes
+        )
         count = f"{len(self.mistakes)} mistakes in the configuration"
         one = len(self.mistakes) == 1
         super().__init__(self.mistakes[0] if one else "\n  ".join([count, *self.mistakes]), fix=fix)

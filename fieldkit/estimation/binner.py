@@ -58,7 +58,7 @@ class Binner:
         self._instruments = Instruments(streams, settings)
         self._unreported = self._instruments.unknown
         self._absent = self._instruments.absent
-        self.irradiance_model = self._instruments.label
+        self.irradiance_model: str = self._instruments.label
         self._cameras: dict[tuple[int, ...], CameraStream] = {}
         self._open: dict[int, OpenBin] = {}
         self._closed_ns = -(2**62)

@@ -90,7 +90,7 @@ class Instruments:
         cameras = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
         self.camera = cameras[0] if cameras else None
         self._sources = list(_sources(streams, settings))
-        self.unknown = _unknown(self._sources)
+        self.unknown: tuple[str, ...] = _unknown(self._sources)
         self._lux = self._best("illuminance")
         self.light_source = _required_light(self._sources, settings)
         self.model = _model_of(self.light_source, settings.irradiance)
@@ -98,7 +98,9 @@ class Instruments:
             region: tuple(_probes(region, given, self._streams)) for region, given in settings.probes.items()
         }
         named = (probe.partition(":")[0] for given in settings.probes.values() for probe in given)
-        self.absent = tuple(dict.fromkeys(name for name in named if name not in self._streams))
+        self.absent: tuple[str, ...] = tuple(
+            dict.fromkeys(name for name in named if name not in self._streams)
+        )
         self._held: dict[tuple[str, int], tuple[int, float]] = {}
 
     @property

@@ -131,7 +131,7 @@ class Window:
         minutes: float | None = None,
     ) -> None:
         self.columns, self.settings, self.past = columns, settings, history.until(last)
-        self.first = _first(self.past, settings, minutes)
+        self.first: int = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
         if last and columns.references.size and columns.targets.size:
             corrected = remove_offsets(self.past, columns.regions, settings)

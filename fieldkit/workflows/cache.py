@@ -40,7 +40,7 @@ class Cache:
     """A folder of entries, each one set of arrays under the digest of what it was made of."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder or platformdirs.user_cache_path("fieldkit") / "estimates"
+        self.folder: Path = folder or platformdirs.user_cache_path("fieldkit") / "estimates"
 
     def load(self, key: str) -> Arrays | None:
         """The arrays stored under a key; None if there are none or they are damaged."""
