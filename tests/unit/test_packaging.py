@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import subprocess
+import sys
 import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -35,3 +39,20 @@ def test_every_reference_of_the_paper_is_in_its_bibliography_and_the_other_way_r
     cited = set(re.findall(r"(?<![\w.])@(\w+)", (folder / "paper.md").read_text(encoding="utf-8")))
     listed = set(re.findall(r"(?m)^@\w+\{(\w+),", (folder / "paper.bib").read_text(encoding="utf-8")))
     assert cited == listed
+
+
+def wheel_of(folder: Path) -> Path:
+    """A wheel of the project, built in isolation and dated as its archives are."""
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(ROOT)]
+    subprocess.run(command, check=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}, timeout=600)
+    return next(folder.glob("fieldkit-*.whl"))
+
+
+@pytest.mark.slow
+def test_a_wheel_built_again_is_equal_and_holds_the_whole_package(tmp_path: Path):
+    first, again = wheel_of(tmp_path / "first"), wheel_of(tmp_path / "again")
+    assert first.read_bytes() == again.read_bytes()
+    package = ROOT / "fieldkit"
+    linked = [package / room for room in ("calibration", "drivers", "sessions")]
+    files = {file.relative_to(ROOT) for room in (package, *linked) for file in room.rglob("*.py")}
+    assert {str(file) for file in files} <= set(zipfile.ZipFile(first).namelist())
