@@ -43,7 +43,17 @@ def test_every_reference_of_the_paper_is_in_its_bibliography_and_the_other_way_r
 
 def wheel_of(folder: Path) -> Path:
     """A wheel of the project, built in isolation and dated as its archives are."""
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(folder), str(ROOT)]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--wheel-dir",
+        str(folder),
+        str(ROOT),
+    ]
     subprocess.run(command, check=True, env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000"}, timeout=600)
     return next(folder.glob("fieldkit-*.whl"))
 
