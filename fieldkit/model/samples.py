@@ -57,6 +57,10 @@ UNUSABLE = (
     | Quality.NO_VALUE
 )
 """Flags of samples whose numbers enter no result, frames and readings alike."""
+OUT_OF_RANGE = Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
+"""Flags of samples that are beyond what their instrument can show."""
+REPEATED = Quality.FROZEN | Quality.DUPLICATE
+"""Flags of frames that show what the one before showed."""
 _UNUSABLE_BITS = int(UNUSABLE)
 _UNSHOWABLE_BITS = int(UNUSABLE & ~(Quality.SATURATED | Quality.NO_VALUE))
 

@@ -21,7 +21,16 @@ from typing import NamedTuple
 from fieldkit.estimation.estimator import Minute
 from fieldkit.estimation.tilt_probability import tilt_probability
 from fieldkit.model.alarm import Alarm, Condition, Phase
-from fieldkit.model.samples import Event, EventKind, Health, Quality, Sample, Severity
+from fieldkit.model.samples import (
+    OUT_OF_RANGE,
+    REPEATED,
+    Event,
+    EventKind,
+    Health,
+    Quality,
+    Sample,
+    Severity,
+)
 from fieldkit.model.site import RegionRecord
 from fieldkit.model.slope import SOLVED, WITH_SLOPE, SlopeEstimate, SlopeState
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
@@ -29,8 +38,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS, SECOND_NS
 LATE_NS = 2 * SECOND_NS
 """How long samples, events and health wait for earlier ones."""
 
-_OUT_OF_RANGE = Quality.SATURATED | Quality.OVERRANGE | Quality.NO_VALUE
-_WATCHED_FLAGS = _OUT_OF_RANGE | Quality.FROZEN | Quality.DUPLICATE
+_WATCHED_FLAGS = OUT_OF_RANGE | REPEATED
 BAND_K, BAND_DEG, BAND_SHARE = 0.5, 1.0, 0.1
 """How far a value must come back inside its limit: kelvin, degrees of tilt, a share of the limit."""
 
@@ -229,7 +237,7 @@ class AlarmEngine:
         if one.flags == before:
             return
         self._flags[one.stream] = one.flags
-        out = bool(one.flags & _OUT_OF_RANGE)
+        out = bool(one.flags & OUT_OF_RANGE)
         text = f"{one.stream} is out of range or without a value"
         yield from self._observe(Condition.OVERRANGE, one.stream, out, one.time_ns, text)
         if Quality.FROZEN in one.flags:

@@ -14,6 +14,7 @@ import pytest
 from fieldkit.config import load_config
 from fieldkit.drivers.meters.meter import Meter
 from fieldkit.estimation.estimator import Estimator
+from fieldkit.model.alarm import phase_of
 from fieldkit.model.errors import StorageError
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Reading, Sample, Severity
 from fieldkit.sessions.layout import journal_path
@@ -269,7 +270,9 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == 20
-        events = [one for one in session.events() if one.severity is Severity.ERROR]
+        events = [
+            one for one in session.events() if one.severity is Severity.ERROR and phase_of(one) is None
+        ]
         marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
     assert events[-1].text == "the recording ended early: database or disk is full"
     assert marks == ["the last"]
