@@ -1,0 +1,308 @@
+"""The field page in Chromium: the journey by touch, all of it by keyboard, its speed, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import threading
+import time
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.harness import field_page_journey as journey
+from tests.harness.field_page import (
+    LAPTOP,
+    PHONE,
+    PHONE_ON_ITS_SIDE,
+    Served,
+    Watched,
+    chromium,
+    opened,
+    served,
+    wait_until,
+)
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+FIRST_PICTURE_MS, SLOW_FIRST_PICTURE_MS = 300.0, 1500.0
+"""Goals of the field page's first picture: on loopback; at 4x slower CPU and 1.6 Mbit/s."""
+BACK_WITHIN_S = 2.0
+TARGET_SIZES = """[...document.querySelectorAll(
+        "button, input:not([type=radio], [type=checkbox]), .choice label")]
+    .filter((one) => one.checkVisibility())
+    .map((one) => [one.id || one.textContent, one.getBoundingClientRect()])
+    .map(([name, box]) => [name, Math.round(box.width), Math.round(box.height)])"""
+CORNERS = """[...document.querySelectorAll(".draft .hit")]
+    .map((one) => [+one.getAttribute("cx"), +one.getAttribute("cy")])"""
+FIRST_PICTURE = """new Promise((resolve) => {
+    const look = () => document.getElementById("low").textContent
+        ? requestAnimationFrame(() => resolve(performance.now())) : requestAnimationFrame(look);
+    look();
+})"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(journey.empty_campaign(tmp_path_factory.mktemp("page") / "sandslope")) as page:
+        yield page
+
+
+@pytest.fixture(autouse=True)
+def closed_afterwards(browser: Browser) -> Iterator[None]:
+    """Close what a test has opened: a page serves few browsers at once."""
+    yield
+    for context in browser.contexts:
+        context.close()
+
+
+def unseen(name: str, watched: Watched) -> None:
+    """In place of taking a picture."""
+
+
+def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
+    campaign = journey.empty_campaign(tmp_path / "sandslope")
+    with served(campaign, *journey.SETTINGS) as page:
+        watched = opened(browser, page.link())
+        watched.wait_for_picture()
+        assert "#" not in watched.page.url  # the key has left the address bar
+        journey.draw(watched, "flat", journey.FLAT, unseen)
+        journey.draw(watched, "b15", journey.B15, unseen, tilt="15")
+        written = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
+        assert 'name = "b15"' in written
+        assert written.startswith("#")  # its comments are still there
+        journey.record(watched, unseen)
+        journey.mark(watched, unseen)
+        journey.be_warned(watched, unseen)
+        journey.stop(watched, unseen)
+        assert "two-beds" in journey.report(watched, unseen)
+        assert watched.foreign == []
+        assert watched.errors == []
+
+
+@pytest.mark.parametrize("size", [PHONE, PHONE_ON_ITS_SIDE, LAPTOP])
+def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]) -> None:
+    watched = opened(browser, page.link(), size)
+    watched.wait_for_picture()
+    assert watched.violations() == []
+    watched.page.locator("#draw").click()
+    watched.drag(*journey.B15)
+    watched.page.locator("#verdict-text", has_text="px").wait_for()
+    assert watched.violations() == []
+    assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    watched.page.locator("#cancel-drawing").click()
+    for button in ("#start", "#list-sessions"):
+        watched.page.locator(button).click()
+        assert watched.violations() == []
+        watched.page.keyboard.press("Escape")
+    assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_every_target_is_large_enough_for_a_thumb(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()
+    watched.page.locator("#draw").tap()
+    watched.drag(*journey.B15)
+    for name, width, height in watched.page.evaluate(TARGET_SIZES):
+        assert min(width, height) >= 48, (name, width, height)
+    hits = "[...document.querySelectorAll('#overlay .hit')].map((one) => one.getBoundingClientRect().width)"
+    assert [round(width) for width in watched.page.evaluate(hits)] == [44] * 4
+
+
+def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()
+    watched.page.locator("#draw").tap()
+    for corner in ((30, 30), (70, 30), (70, 60)):
+        watched.tap(*corner)
+    watched.tap(30, 30)  # the first one again: closed
+    watched.page.locator("#verdict-text", has_text="px").wait_for()
+    assert _corners(watched) == [[30, 30], [70, 30], [70, 60]]
+    watched.drag((70, 60), (70, 80))
+    assert _corners(watched)[2] == [70, 80]
+    watched.tap(50, 30)  # an edge
+    assert len(_corners(watched)) == 4
+    watched.page.locator("#undo").tap()
+    watched.page.locator("#undo").tap()
+    assert _corners(watched) == [[30, 30], [70, 30], [70, 60]]
+    watched.drag((60, 40), (65, 45))  # the inside: all of it
+    assert _corners(watched) == [[35, 35], [75, 35], [75, 65]]
+    assert watched.errors == []
+
+
+def _corners(watched: Watched) -> list[list[int]]:
+    found: list[list[int]] = watched.page.evaluate(CORNERS)
+    return found
+
+
+def test_the_keyboard_alone_draws_starts_marks_and_stops(browser: Browser, tmp_path: Path) -> None:
+    with served(journey.empty_campaign(tmp_path / "sandslope"), "simulation.speed=20") as page:
+        watched = opened(browser, page.link(), LAPTOP)
+        watched.wait_for_picture()
+        keys = watched.page.keyboard
+        _tab_to(watched, "#draw")
+        keys.press("Enter")
+        for moves in (
+            (("ArrowLeft", 5), ("ArrowUp", 2)),
+            (("ArrowRight", 3),),
+            (("ArrowDown", 2),),
+            (("ArrowLeft", 3),),
+        ):
+            for key, times in moves:
+                for _ in range(times):
+                    keys.press(f"Shift+{key}")
+            keys.press("Enter")
+        assert len(_corners(watched)) == 4
+        _tab_to(watched, "#close-outline")
+        keys.press("Enter")
+        _tab_to(watched, "[data-corner='0']", backwards=True)
+        before = _corners(watched)[0]
+        keys.press("ArrowLeft")
+        assert _corners(watched)[0] == [before[0] - 1, before[1]]
+        _tab_to(watched, "#drawing [name=name]")
+        keys.press("Control+a")
+        keys.type("flat")
+        keys.press("Enter")
+        watched.page.locator("#card-flat").wait_for()
+        _tab_to(watched, "#start")
+        keys.press("Enter")
+        keys.type("by-keyboard")
+        keys.press("Enter")
+        wait_until(lambda: "Recording" in watched.state, "it does not record")
+        _tab_to(watched, "#mark")
+        keys.press("Enter")
+        _tab_to(watched, "#mark-dialog [name=text]")
+        keys.type("wind picks up")
+        keys.press("Enter")
+        watched.page.locator("#event-list li", has_text="wind picks up").wait_for()
+        _tab_to(watched, "#stop")
+        keys.press("Enter")
+        _tab_to(watched, "#confirm-yes")
+        keys.press("Enter")
+        wait_until(lambda: "preview" in watched.state, "it does not stop")
+        assert watched.errors == []
+
+
+def _tab_to(watched: Watched, selector: str, *, backwards: bool = False) -> None:
+    """Press Tab until an element has the focus."""
+    for _ in range(80):
+        if watched.page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+            return
+        watched.page.keyboard.press("Shift+Tab" if backwards else "Tab")
+    raise AssertionError(f"{selector} cannot be reached by Tab")
+
+
+def test_first_picture(browser: Browser, page: Served) -> None:
+    first = opened(browser, page.link())
+    first.wait_for_picture()  # the key is exchanged, the preview runs
+    times = []
+    for _ in range(5):
+        first.page.goto(page.address)
+        times.append(first.page.evaluate(FIRST_PICTURE))
+    print(f"first picture on loopback: {statistics.median(times):.0f} ms ({sorted(map(round, times))})")
+    assert min(times) <= FIRST_PICTURE_MS
+    devtools = first.page.context.new_cdp_session(first.page)
+    devtools.send("Emulation.setCPUThrottlingRate", {"rate": 4})
+    rate = 1.6e6 / 8
+    link = {"offline": False, "latency": 0, "downloadThroughput": rate, "uploadThroughput": rate}
+    devtools.send("Network.emulateNetworkConditions", link)
+    first.page.goto(page.address)
+    slow = first.page.evaluate(FIRST_PICTURE)
+    print(f"first picture at 4x slower CPU and 1.6 Mbit/s: {slow:.0f} ms")
+    assert slow <= SLOW_FIRST_PICTURE_MS
+
+
+def test_a_killed_server_comes_back_by_itself(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()
+    page.kill()
+    watched.page.locator("#connection", has_text="Connection lost").wait_for()
+    watched.page.locator("#stage.stale").wait_for()
+    assert "old" in watched.page.locator("#stale").inner_text()
+    page.start()
+    began = time.monotonic()
+    watched.page.locator("#connection").wait_for(state="hidden")
+    assert time.monotonic() - began <= BACK_WITHIN_S
+    watched.page.locator("#stage:not(.stale)").wait_for()
+
+
+def test_the_view_link_only_looks(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link("view"))
+    watched.wait_for_picture()
+    visible = watched.page.locator("#actions button:visible, .control:visible").all()
+    assert visible == []
+
+
+def test_a_browser_without_a_key_is_told_what_to_do(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.address)
+    watched.page.locator("#connection", has_text="Open the link").wait_for()
+    link = page.link()
+    opened(browser, link).wait_for_picture()
+    again = opened(browser, link)
+    again.page.locator("#connection", has_text="was used already").wait_for()
+
+
+HOSTILE = """<!doctype html><script>
+const target = "http://127.0.0.1:%d";
+const tries = {
+  socket: () => new Promise((resolve, reject) => {
+    const socket = new WebSocket(target.replace("http", "ws") + "/socket");
+    socket.onmessage = (message) => resolve(message.data);
+    socket.onopen = () => { socket.send(JSON.stringify({do: "start", id: 1, name: "stolen"})); };
+    socket.onerror = reject;
+  }),
+  role: async () => (await fetch(target + "/role", {credentials: "include"})).text(),
+  key: async () => (await fetch(target + "/key",
+    {method: "POST", credentials: "include", body: "{}"})).text(),
+  page: async () => (await fetch(target + "/", {credentials: "include"})).text(),
+  frame: () => new Promise((resolve, reject) => {
+    const frame = document.createElement("iframe");
+    frame.src = target;
+    frame.onload = () => { try { resolve(frame.contentDocument.title); } catch (error) { reject(error); } };
+    document.documentElement.append(frame);
+  }),
+};
+(async () => {
+  const got = {};
+  for (const [name, attempt] of Object.entries(tries)) {
+    try { got[name] = await attempt() || null; } catch { got[name] = null; }
+  }
+  window.got = got;
+})();
+</script>"""
+
+
+def test_a_hostile_page_on_another_port_gets_nothing(browser: Browser, page: Served) -> None:
+    watched = opened(browser, page.link())
+    watched.wait_for_picture()  # this browser has the cookie, which goes to every port of the host
+
+    class Hostile(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("content-type", "text/html")
+            self.end_headers()
+            self.wfile.write((HOSTILE % page.port).encode())
+
+        def log_message(self, *_: Any) -> None:
+            """Nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Hostile) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        victim = watched.page.context.new_page()
+        watched.page.context.unroute_all()
+        victim.goto(f"http://127.0.0.1:{server.server_address[1]}/")
+        victim.wait_for_function("window.got")
+        got = victim.evaluate("window.got")
+        server.shutdown()
+    assert got == dict.fromkeys(("socket", "role", "key", "page", "frame")), json.dumps(got)
+    assert "preview" in watched.state

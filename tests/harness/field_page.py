@@ -1,0 +1,220 @@
+"""The field page in Debian's Chromium, driven by playwright, with every foreign request aborted."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+from urllib.parse import urlsplit
+
+import pytest
+
+from fieldkit.page.keys import Keys
+from fieldkit.page.viewer import Role
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page, Route
+
+PHONE, PHONE_ON_ITS_SIDE, LAPTOP = (360, 740), (740, 360), (1280, 800)
+PATIENCE_S = 60.0
+PATIENCE_MS = 1000 * PATIENCE_S
+REQUIRED = "FIELDKIT_BROWSER_REQUIRED"
+AXE = "FIELDKIT_AXE"
+RULES = ["wcag2a", "wcag2aa", "wcag2aaa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+AXE_SCRIPT = """async (rules) => (await axe.run(document, {runOnly: rules})).violations.map(
+    (violation) => violation.id + ": " + violation.nodes.map((node) => node.target).join(", "))"""
+
+
+def missing(what: str) -> NoReturn:
+    """Skip the test with the reason, or fail it where the browser is required."""
+    if os.environ.get(REQUIRED):
+        pytest.fail(f"{what}, and {REQUIRED} is set")
+    pytest.skip(what)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """The system's Chromium without a window."""
+    path = shutil.which("chromium")
+    if path is None:
+        missing("no chromium here: apt-get install chromium")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ModuleNotFoundError:
+        missing("playwright is not installed")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def free_port() -> int:
+    """A port on which nothing listens."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+@dataclass
+class Served:
+    """A running ``fieldkit page``."""
+
+    folder: Path
+    settings: Sequence[str] = ()
+    port: int = field(default_factory=free_port)
+    process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Start the server, and wait until it listens."""
+        words = [sys.executable, "-m", "fieldkit", "page", "-C", str(self.folder), "--port", str(self.port)]
+        chosen = [word for setting in self.settings for word in ("--set", setting)]
+        self.process = subprocess.Popen([*words, *chosen], stderr=subprocess.PIPE, text=True)
+        assert self.process.stderr is not None
+        printed = "".join(itertools.takewhile(lambda line: "Ctrl-C" not in line, self.process.stderr))
+        assert f"control  {self.address}#" in printed
+
+    @property
+    def address(self) -> str:
+        """The page without a key."""
+        return f"http://127.0.0.1:{self.port}/"
+
+    def link(self, role: Role = "control") -> str:
+        """A link that works once."""
+        return f"{self.address}#{Keys(self.folder / "recordings").new_link(role)}"
+
+    def kill(self) -> None:
+        """End the server at once, as a power failure would."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.communicate()
+
+    def stop(self) -> None:
+        """End the recording, if one runs, and the server."""
+        if list((self.folder / "recordings").glob("*.journal")):
+            subprocess.run([sys.executable, "-m", "fieldkit", "stop", "-C", self.folder], capture_output=True)
+        assert self.process is not None
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+
+@contextmanager
+def served(folder: Path, *settings: str) -> Iterator[Served]:
+    """A campaign's page, ended with its recording when the block is left."""
+    page = Served(folder, settings)
+    page.start()
+    try:
+        yield page
+    finally:
+        page.stop()
+
+
+@dataclass
+class Watched:
+    """A browser's page with everything it asked for elsewhere and every error on its console."""
+
+    page: Page
+    foreign: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.page.set_default_timeout(PATIENCE_MS)
+        self.page.on("console", lambda message: message.type == "error" and self.errors.append(message.text))
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    @property
+    def state(self) -> str:
+        """The line that says what is going on."""
+        return self.page.locator("#state").inner_text()
+
+    def wait_for_picture(self) -> None:
+        """Wait until a picture is drawn."""
+        self.page.locator("#low", has_text=re.compile("[0-9]")).wait_for()
+
+    def said(self, words: str) -> None:
+        """Wait until the page has answered with these words."""
+        self.page.locator("#answers", has_text=re.compile(words)).wait_for()
+
+    def place(self, x: float, y: float) -> tuple[float, float]:
+        """Where a camera's pixel is on the screen."""
+        box = self.page.locator("#stage").bounding_box()
+        cols, rows = self.page.evaluate(
+            "[document.getElementById('pixels').width, document.getElementById('pixels').height]"
+        )
+        assert box is not None
+        return box["x"] + (x + 0.5) * box["width"] / cols, box["y"] + (y + 0.5) * box["height"] / rows
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], *, lift: bool = True) -> None:
+        """Drag a finger from one camera pixel to another."""
+        devtools = self.page.context.new_cdp_session(self.page)
+        (x0, y0), (x1, y1) = self.place(*start), self.place(*end)
+        for step in range(9):
+            point = {"x": x0 + (x1 - x0) * step / 8, "y": y0 + (y1 - y0) * step / 8}
+            kind = "touchMove" if step else "touchStart"
+            devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+        if lift:
+            devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    def tap(self, x: float, y: float) -> None:
+        """Tap a camera pixel."""
+        self.page.touchscreen.tap(*self.place(x, y))
+
+    def violations(self) -> list[str]:
+        """What axe finds against the guidelines for accessibility, AAA contrast among them."""
+        if not self.page.evaluate("typeof axe !== 'undefined'"):
+            self.page.evaluate(axe_source())
+        found: list[str] = self.page.evaluate(AXE_SCRIPT, RULES)
+        return found
+
+
+def axe_source() -> str:
+    """The text of axe-core, from the folder that its variable names; skips the test without it."""
+    path = Path(os.environ.get(AXE, "/nonexistent")) / "node_modules/axe-core/axe.js"
+    if not path.exists():
+        missing(f"no axe-core: npm install --prefix FOLDER axe-core, and {AXE}=FOLDER")
+    return path.read_text(encoding="utf-8")
+
+
+def opened(browser: Browser, link: str, size: tuple[int, int] = PHONE, **options: Any) -> Watched:
+    """The page behind a link in a browser of its own, with touch."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, has_touch=True, **options)
+    return another(context, link)
+
+
+def another(context: BrowserContext, link: str) -> Watched:
+    """One more tab in a browser."""
+    watched = Watched(context.new_page())
+    host = urlsplit(link).netloc
+
+    def only_own(route: Route) -> None:
+        address = urlsplit(route.request.url)
+        if address.scheme in ("data", "blob") or address.netloc == host:
+            route.continue_()
+        else:
+            watched.foreign.append(route.request.url)
+            route.abort()
+
+    context.route("**/*", only_own)
+    watched.page.goto(link)
+    return watched
+
+
+def wait_until(is_true: Any, what: str, seconds: float = PATIENCE_S) -> None:
+    """Wait until a function returns something true."""
+    deadline = time.monotonic() + seconds
+    while not is_true():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)

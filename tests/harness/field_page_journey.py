@@ -1,0 +1,115 @@
+"""A first user's journey through the field page: draw two regions, record, mark, be warned, stop, report.
+
+Shared by the test in the browser and by the script that takes the pictures of the documentation.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from fieldkit.config.template import SIMULATED
+from fieldkit.workflows.campaign import create_campaign
+from tests.harness.field_page import PATIENCE_S, Watched, wait_until
+
+FLAT = ((22, 79), (62, 100))
+B15 = ((32, 31), (62, 50))
+"""Opposite corners of rectangles on two beds of the simulated field."""
+SETTINGS = ("simulation.speed=60", 'simulation.faults=["cable"]')
+FAULT = re.compile("camera")
+Shoot = Callable[[str, Watched], None]
+
+
+def empty_campaign(folder: Path) -> Path:
+    """A campaign on simulated devices without regions."""
+    create_campaign(folder, {key: table for key, table in SIMULATED.items() if key != "region"})
+    return folder
+
+
+def draw(
+    watched: Watched,
+    name: str,
+    corners: tuple[tuple[float, float], tuple[float, float]],
+    shoot: Shoot,
+    tilt: str = "",
+) -> None:
+    """Draw a rectangle with a finger, describe it and save it."""
+    page = watched.page
+    page.locator("#draw").tap()
+    if not tilt:
+        watched.drag(*corners)
+    else:
+        watched.drag(*corners, lift=False)
+        shoot("drawing", watched)
+        page.context.new_cdp_session(page).send(
+            "Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []}
+        )
+    page.locator("#verdict-text", has_text=re.compile(r"\d px")).wait_for()
+    page.locator("#drawing [name=name]").fill(name)
+    if tilt:
+        page.locator("#drawing [name=tilt_deg]").fill(tilt)
+        page.locator("#drawing [name=azimuth_deg]").fill("180")
+        shoot("region", watched)
+    page.locator("#save-region").tap()
+    page.locator(f"#card-{name}").wait_for()
+
+
+def record(watched: Watched, shoot: Shoot) -> None:
+    """Start a recording that has a fault in its middle, and wait for slopes."""
+    page = watched.page
+    page.locator("#start").tap()
+    page.locator("#start-dialog [name=name]").fill("two-beds")
+    page.locator("#start-dialog [name=ends][value=duration]").check()
+    page.locator("#start-dialog [name=duration]").fill("40m")
+    shoot("start", watched)
+    page.get_by_role("button", name="Start recording").tap()
+    watched.said("two-beds")
+    wait_until(lambda: "Recording" in watched.state, "it does not record")
+    page.locator("#cards .card", has_text="b15").locator("dd", has_text="±").first.wait_for()
+    shoot("slopes", watched)
+
+
+def mark(watched: Watched, shoot: Shoot) -> None:
+    """Note a cloud half a minute ago."""
+    page = watched.page
+    page.locator("#mark").tap()
+    page.locator("#mark-dialog [name=kind][value=cloud]").check()
+    page.locator("#mark-dialog [name=text]").fill("over the ridge")
+    page.locator("#mark-dialog [name=at][value='-30s']").check()
+    shoot("mark", watched)
+    page.get_by_role("button", name="Save mark").tap()
+    page.locator("#event-list li", has_text="over the ridge").wait_for()
+
+
+def be_warned(watched: Watched, shoot: Shoot) -> None:
+    """Wait for the alarm of the unplugged camera and acknowledge it."""
+    alarm = watched.page.locator("#alarms .alarm", has_text=FAULT).first
+    alarm.wait_for()
+    shoot("alarm", watched)
+    alarm.get_by_role("button", name="Acknowledge").tap()
+
+
+def stop(watched: Watched, shoot: Shoot) -> None:
+    """Stop the recording after the question, and wait until it is sealed."""
+    page = watched.page
+    page.locator("#stop").tap()
+    shoot("stop", watched)
+    page.get_by_role("button", name="Stop and seal").tap()
+    wait_until(lambda: "preview" in watched.state, "it does not stop")
+
+
+def report(watched: Watched, shoot: Shoot) -> str:
+    """Open the report of the session; its title."""
+    page = watched.page
+    page.locator("#list-sessions").tap()
+    link = page.locator("#session-list a", has_text="Report").first
+    link.wait_for()
+    shoot("sessions", watched)
+    with page.context.expect_page() as opening:
+        link.tap()
+    opened = opening.value
+    wait_until(
+        lambda: "two-beds" in opened.content() and "<svg" in opened.content(), "no report", 2 * PATIENCE_S
+    )
+    return opened.title()
