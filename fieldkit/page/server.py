@@ -46,6 +46,8 @@ ANSWERS_AT_ONCE = 8
 FULL, NO_KEY, LEFT = 4001, 4003, 4008
 """Codes with which a WebSocket is closed: too many viewers, no key, disconnected with a reason."""
 REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+WAITING_POLICY = "default-src 'none'; frame-ancestors 'none'"
+"""Without a sandbox: what a sandboxed page loads again, browsers ask for without the cookie."""
 
 
 @dataclass
@@ -195,7 +197,7 @@ class Page:
         report = self.past.report(session)
         if isinstance(report, Path):
             return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
-        headers = {"content-security-policy": REPORT_POLICY}
+        headers = {"content-security-policy": WAITING_POLICY}
         if report.done() and report.result():
             return PlainTextResponse(report.result(), 500, headers)
         name = escape(self.past.path(session).stem)

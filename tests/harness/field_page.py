@@ -91,7 +91,8 @@ class Served:
 
     def link(self, role: Role = "control") -> str:
         """A link that works once."""
-        return f"{self.address}#{Keys(self.folder / "recordings").new_link(role)}"
+        key = Keys(self.folder / "recordings").new_link(role)
+        return f"{self.address}#{key}"
 
     def kill(self) -> None:
         """End the server at once, as a power failure would."""
@@ -132,6 +133,7 @@ class Watched:
 
     def __post_init__(self) -> None:
         self.page.set_default_timeout(PATIENCE_MS)
+        self._devtools = self.page.context.new_cdp_session(self.page)
         self.page.on("console", lambda message: message.type == "error" and self.errors.append(message.text))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
 
@@ -159,14 +161,18 @@ class Watched:
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], *, lift: bool = True) -> None:
         """Drag a finger from one camera pixel to another."""
-        devtools = self.page.context.new_cdp_session(self.page)
         (x0, y0), (x1, y1) = self.place(*start), self.place(*end)
         for step in range(9):
             point = {"x": x0 + (x1 - x0) * step / 8, "y": y0 + (y1 - y0) * step / 8}
             kind = "touchMove" if step else "touchStart"
-            devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
+            self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
         if lift:
-            devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+            self.lift()
+
+    def lift(self) -> None:
+        """Lift the finger; a tap that follows at once would only end the movement."""
+        self._devtools.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        self.page.wait_for_timeout(500)
 
     def tap(self, x: float, y: float) -> None:
         """Tap a camera pixel."""

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from fieldkit.config.template import SIMULATED
 from fieldkit.workflows.campaign import create_campaign
-from tests.harness.field_page import PATIENCE_S, Watched, wait_until
+from tests.harness.field_page import PATIENCE_MS, Watched, wait_until
 
 FLAT = ((22, 79), (62, 100))
 B15 = ((32, 31), (62, 50))
 """Opposite corners of rectangles on two beds of the simulated field."""
-SETTINGS = ("simulation.speed=60", 'simulation.faults=["cable"]')
+SETTINGS = ("simulation.speed=60", 'simulation.faults=["moved"]')
 FAULT = re.compile("camera")
 Shoot = Callable[[str, Watched], None]
 
@@ -42,9 +42,7 @@ def draw(
     else:
         watched.drag(*corners, lift=False)
         shoot("drawing", watched)
-        page.context.new_cdp_session(page).send(
-            "Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []}
-        )
+        watched.lift()
     page.locator("#verdict-text", has_text=re.compile(r"\d px")).wait_for()
     page.locator("#drawing [name=name]").fill(name)
     if tilt:
@@ -83,7 +81,7 @@ def mark(watched: Watched, shoot: Shoot) -> None:
 
 
 def be_warned(watched: Watched, shoot: Shoot) -> None:
-    """Wait for the alarm of the unplugged camera and acknowledge it."""
+    """Wait for the alarm of the camera that was kicked and acknowledge it."""
     alarm = watched.page.locator("#alarms .alarm", has_text=FAULT).first
     alarm.wait_for()
     shoot("alarm", watched)
@@ -109,7 +107,6 @@ def report(watched: Watched, shoot: Shoot) -> str:
     with page.context.expect_page() as opening:
         link.tap()
     opened = opening.value
-    wait_until(
-        lambda: "two-beds" in opened.content() and "<svg" in opened.content(), "no report", 2 * PATIENCE_S
-    )
+    opened.locator("svg").first.wait_for(state="attached", timeout=2 * PATIENCE_MS)
+    shoot("report", Watched(opened))
     return opened.title()
