@@ -270,9 +270,7 @@ def test_a_session_that_ended_early_says_so_and_keeps_the_marks_of_its_last_seco
     with open_session(path) as session:
         assert session.state == "sealed"
         assert session.count("lux") == summary.counts["lux"] == 20
-        events = [
-            one for one in session.events() if one.severity is Severity.ERROR and phase_of(one) is None
-        ]
+        events = [one for one in session.events() if one.severity is Severity.ERROR and phase_of(one) is None]
         marks = [one.text for one in session.events() if one.kind is EventKind.MARK]
     assert events[-1].text == "the recording ended early: database or disk is full"
     assert marks == ["the last"]
