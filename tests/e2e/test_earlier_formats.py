@@ -1,4 +1,4 @@
-"""Sessions that earlier versions of fieldkit recorded: opened, checked, estimated and reported as they were then.
+"""Sessions that earlier versions of fieldkit recorded are opened, checked, estimated and reported as then.
 
 Eight minutes of the simulated field with the paper's model, recorded when the format was 1.0 and 1.2. The
 slopes expected are those that the recorder of that time stored in them.
@@ -46,7 +46,11 @@ def test_it_is_estimated_as_it_was_while_recording(earlier: Path) -> None:
     again = list(fieldkit.open_session(earlier).estimate())
     assert len(again) == len(stored) == 27
     for one, other in zip(again, stored, strict=True):
-        assert (one.region, one.state, one.time_ns // 1000) == (other.region, other.state, other.time_ns // 1000)
+        assert (one.region, one.state, one.time_ns // 1000) == (
+            other.region,
+            other.state,
+            other.time_ns // 1000,
+        )
         numbers = [(one.tilt_deg, one.tilt_high_deg), (other.tilt_deg, other.tilt_high_deg)]
         assert numbers[0] == pytest.approx(numbers[1], abs=1e-9, nan_ok=True)
 
