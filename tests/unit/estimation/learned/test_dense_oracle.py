@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.learned import filters as constants
 from fieldkit.estimation.learned.filters import Filters, Hypotheses, prior_sds
@@ -21,6 +21,7 @@ from fieldkit.estimation.learned.layout import GUSTS, Layout
 from fieldkit.model.samples import Quality
 from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.physics.layer_modes import RATES_PER_S, layer_modes
+from tests.harness.drawn import drawn_world
 
 MINUTES = 30
 BOARD = slice(12, 16)

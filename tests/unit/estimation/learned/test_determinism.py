@@ -6,12 +6,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import SlopeChain, slope_series
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.physics.facet import normal
+from tests.harness.drawn import drawn_world
 
 ANGLES = ("tilt_deg", "azimuth_deg", "tilt_low_deg", "tilt_high_deg", "azimuth_low_deg", "azimuth_high_deg")
 

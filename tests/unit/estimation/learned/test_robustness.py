@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, RANDOM, drawn_world
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, RANDOM
 from benchmarks.estimation_outdoors import regions
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.learner import Learner
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import RegionKind
 from fieldkit.model.slope import SlopeState, is_too_wide
+from tests.harness.drawn import drawn_world
 
 AZIMUTHS = ["known", pytest.param("free", marks=pytest.mark.slow)]
 WITH_A_SLOPE = {SlopeState.OK, SlopeState.UNCERTAIN, SlopeState.FLAT, SlopeState.NOT_RESOLVED}

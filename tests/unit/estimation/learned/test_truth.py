@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR, drawn_world
+from benchmarks.drawn_worlds import BROKEN_CLOUD, CLEAR
 from fieldkit.estimation.bins import RegionColumns
 from fieldkit.estimation.chain import SlopeChain
 from fieldkit.estimation.learned.filters import Filters, Hypotheses
@@ -16,6 +16,7 @@ from fieldkit.estimation.learned.learner import Learner
 from fieldkit.estimation.learned.normals import places_of_normals, unit_normals
 from fieldkit.estimation.learned.readout import Moments, learnt_parameters, moments
 from fieldkit.physics.facet import angle_between_deg, normal
+from tests.harness.drawn import drawn_world
 
 ONE = Hypotheses(*(np.array([value]) for value in (16.0, 570.0, 0.03, 0.5, 1.0)))
 
