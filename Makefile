@@ -66,5 +66,5 @@ $(VENV)/.lab: pyproject.toml constraints.txt $(VENV)/.pip
 	touch $@
 
 $(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.release: $(VENV)/.%: pyproject.toml constraints.txt $(VENV)/.pip
-	$(PIP) --editable '.[lab,gps,page]' --group $*
+	$(PIP) --editable '.[lab,gps,alarms,page]' --group $*
 	touch $@
