@@ -1,9 +1,8 @@
-"""The field page in Chromium: the journey by touch, all of it by keyboard, its speed, and what it refuses."""
+"""The field page in Chromium: the journey by touch, all of it by keyboard, and what it refuses."""
 
 from __future__ import annotations
 
 import json
-import statistics
 import threading
 import time
 from collections.abc import Iterator
@@ -29,8 +28,6 @@ from tests.harness.field_page import (
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-FIRST_PICTURE_MS, SLOW_FIRST_PICTURE_MS = 300.0, 1500.0
-"""Goals of the field page's first picture: on loopback; at 4x slower CPU and 1.6 Mbit/s."""
 BACK_WITHIN_S = 2.0
 TARGET_SIZES = """[...document.querySelectorAll(
         "button, input:not([type=radio], [type=checkbox]), .choice label")]
@@ -39,11 +36,6 @@ TARGET_SIZES = """[...document.querySelectorAll(
     .map(([name, box]) => [name, Math.round(box.width), Math.round(box.height)])"""
 CORNERS = """[...document.querySelectorAll(".draft .hit")]
     .map((one) => [+one.getAttribute("cx"), +one.getAttribute("cy")])"""
-FIRST_PICTURE = """new Promise((resolve) => {
-    const look = () => document.getElementById("low").textContent
-        ? requestAnimationFrame(() => resolve(performance.now())) : requestAnimationFrame(look);
-    look();
-})"""
 
 
 @pytest.fixture(scope="module")
@@ -200,26 +192,6 @@ def _tab_to(watched: Watched, selector: str, *, backwards: bool = False) -> None
             return
         watched.page.keyboard.press("Shift+Tab" if backwards else "Tab")
     raise AssertionError(f"{selector} cannot be reached by Tab")
-
-
-def test_first_picture(browser: Browser, page: Served) -> None:
-    first = opened(browser, page.link())
-    first.wait_for_picture()  # the key is exchanged, the preview runs
-    times = []
-    for _ in range(5):
-        first.page.goto(page.address)
-        times.append(first.page.evaluate(FIRST_PICTURE))
-    print(f"first picture on loopback: {statistics.median(times):.0f} ms ({sorted(map(round, times))})")
-    assert min(times) <= FIRST_PICTURE_MS
-    devtools = first.page.context.new_cdp_session(first.page)
-    devtools.send("Emulation.setCPUThrottlingRate", {"rate": 4})
-    rate = 1.6e6 / 8
-    link = {"offline": False, "latency": 0, "downloadThroughput": rate, "uploadThroughput": rate}
-    devtools.send("Network.emulateNetworkConditions", link)
-    first.page.goto(page.address)
-    slow = first.page.evaluate(FIRST_PICTURE)
-    print(f"first picture at 4x slower CPU and 1.6 Mbit/s: {slow:.0f} ms")
-    assert slow <= SLOW_FIRST_PICTURE_MS
 
 
 def test_a_killed_server_comes_back_by_itself(browser: Browser, page: Served) -> None:

@@ -1,0 +1,214 @@
+"""The field page: CPU of its server, traffic, first picture and size, against Flask with an MJPEG stream.
+
+`fieldkit record` keeps every picture of the simulated camera (160x120, 8.7 Hz) in a process of its own;
+measured is the process that serves. `benchmarks.mjpeg_page` is the other side. CPU is that of the server's
+process, in rounds that alternate. First pictures are those of the system's Chromium, from the start of
+loading to the frame after the picture is drawn.
+"""
+
+from __future__ import annotations
+
+import gzip
+import http.client
+import json
+import os
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+
+from playwright.sync_api import sync_playwright
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from benchmarks.result import Result
+from fieldkit.page.document import document
+from fieldkit.page.keys import Keys
+from fieldkit.workflows.campaign import init_campaign
+
+HOST = "127.0.0.1"
+SECONDS, SETTLED_S, ROUNDS = 10.0, 1.0, 3
+"""How long one look lasts; bytes of its first second are not counted."""
+STARTS_WITHIN_S = 60.0
+FIRST_PICTURE = """new Promise((resolve) => {
+    const look = () => document.getElementById("low").textContent
+        ? requestAnimationFrame(() => resolve(performance.now())) : requestAnimationFrame(look);
+    look();
+})"""
+TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
+
+
+def run() -> list[Result]:
+    """All of it; takes about two minutes."""
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
+        campaign = Path(folder) / "field"
+        init_campaign(campaign, simulated=True)
+        running.enter_context(
+            _running("-P", "-m", "fieldkit", "record", "--set", "record.sampling=all", at=campaign)
+        )
+        ours, theirs = _free_port(), _free_port()
+        words = ("-P", "-m", "fieldkit", "page", "--port", str(ours))
+        page = running.enter_context(_running(*words, at=campaign))
+        flask = running.enter_context(_running("-m", "benchmarks.mjpeg_page", str(theirs), at=Path.cwd()))
+        for port in (ours, theirs):
+            _wait_for(port)
+        time.sleep(5.0)  # the recording has begun
+        cookies = [_cookie(campaign, ours) for _ in range(8)]
+
+        def view(count: int, mode: str = "jpeg") -> tuple[float, float]:
+            return _watched(page, [partial(_socket, ours, cookie, mode) for cookie in cookies[:count]])
+
+        def view_flask(count: int) -> tuple[float, float]:
+            return _watched(flask, [partial(_stream, theirs)] * count)
+
+        three, eight = ([(view(n), view_flask(n)) for _ in range(ROUNDS)] for n in (3, 8))
+        hidden, pictures = view(1, "off"), _first_pictures(campaign, ours)
+    size = len(gzip.compress(document("0" * 32).encode(), 9)) / 1000.0
+    return [
+        _ratio("server CPU over Flask + MJPEG, 3 viewers", three),
+        _ratio("server CPU over Flask + MJPEG, 8 viewers", eight),
+        Result("server CPU, 8 viewers", 100 * _median(one[0] for one, _ in eight), "% of a core", "<= 5"),
+        Result("traffic of a viewer", _median(one[1] for one, _ in three) / 1000, "kB/s", "<= 25",
+               f"Flask {_median(other[1] for _, other in three) / 1000:.0f} kB/s"),
+        Result("traffic with the tab hidden", hidden[1] / 1000, "kB/s", "<= 1"),
+        *pictures,
+        Result("the page, gzip", size, "kB", "<= 40"),
+    ]  # fmt: skip
+
+
+def _ratio(name: str, rounds: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> Result:
+    ratios = sorted(one[0] / other[0] for one, other in rounds)
+    flask = 100 * _median(other[0] for _, other in rounds)
+    note = f"{ratios[0]:.2f} to {ratios[-1]:.2f}; Flask {flask:.1f} % of a core"
+    return Result(name, _median(ratios), "x", "<= 0.2", note)
+
+
+def _median(values: Iterable[float]) -> float:
+    return float(statistics.median(values))
+
+
+def _first_pictures(campaign: Path, port: int) -> list[Result]:
+    """Five loads on loopback, and one on a slow phone in a slow network."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        return []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        tab = browser.new_context(viewport={"width": 360, "height": 740}).new_page()
+        address = f"http://{HOST}:{port}/"
+        tab.goto(address + "#" + Keys(campaign / "recordings").new_link("view"))
+        tab.evaluate(FIRST_PICTURE)  # the link is exchanged for a cookie
+        loads = []
+        for _ in range(5):
+            tab.goto(address)
+            loads.append(tab.evaluate(FIRST_PICTURE))
+        devtools = tab.context.new_cdp_session(tab)
+        devtools.send("Emulation.setCPUThrottlingRate", {"rate": 4})
+        rates = dict.fromkeys(("downloadThroughput", "uploadThroughput"), 1.6e6 / 8)
+        devtools.send("Network.emulateNetworkConditions", {"offline": False, "latency": 0, **rates})
+        tab.goto(address)
+        slow = tab.evaluate(FIRST_PICTURE)
+        browser.close()
+    return [
+        Result("first picture on loopback", _median(loads), "ms", "<= 300"),
+        Result("first picture, CPU 4x slower and 1.6 Mbit/s", slow, "ms", "<= 1500"),
+    ]
+
+
+@contextmanager
+def _running(*words: str, at: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A Python process that is ended afterwards."""
+    process = subprocess.Popen(
+        [sys.executable, *words], cwd=at, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _watched(
+    server: subprocess.Popen[bytes], viewers: Sequence[Callable[[float], int]]
+) -> tuple[float, float]:
+    """Share of a core that a server takes while viewers look, and bytes a second of each."""
+    received: list[int] = []
+    end = time.monotonic() + SECONDS
+    threads = [threading.Thread(target=lambda v=v: received.append(v(end))) for v in viewers]
+    before = _cpu_s(server.pid)
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return (_cpu_s(server.pid) - before) / SECONDS, sum(received) / len(viewers) / (SECONDS - SETTLED_S)
+
+
+def _cpu_s(pid: int) -> float:
+    """User and system time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * TICK_S
+
+
+def _socket(port: int, cookie: str, mode: str, end: float) -> int:
+    """Bytes of a viewer's WebSocket until a time, once it has settled."""
+    headers, origin = {"Cookie": cookie}, Origin(f"http://{HOST}:{port}")
+    with connect(
+        f"ws://{HOST}:{port}/socket",
+        origin=origin,
+        additional_headers=headers,
+        compression=None,
+    ) as viewer:
+        viewer.send(json.dumps({"do": "picture", "mode": mode, "id": 1}))
+        total, first = 0, time.monotonic() + SETTLED_S
+        while (left := end - time.monotonic()) > 0:
+            try:
+                message = viewer.recv(timeout=left)
+            except TimeoutError:
+                break
+            if time.monotonic() > first:
+                total += len(message)
+        return total
+
+
+def _stream(port: int, end: float) -> int:
+    """Bytes of an MJPEG stream until a time, once it has settled."""
+    connection = http.client.HTTPConnection(HOST, port)
+    connection.request("GET", "/stream")
+    answer, total, first = connection.getresponse(), 0, time.monotonic() + SETTLED_S
+    while (now := time.monotonic()) < end:
+        total += len(answer.read(4096)) * (now > first)
+    connection.close()
+    return total
+
+
+def _cookie(campaign: Path, port: int) -> str:
+    """What a browser has after it has opened a link."""
+    connection = http.client.HTTPConnection(HOST, port)
+    key = Keys(campaign / "recordings").new_link("view")
+    headers = {"Origin": f"http://{HOST}:{port}", "Content-Type": "application/json"}
+    connection.request("POST", "/key", json.dumps({"key": key}), headers)
+    return (connection.getresponse().headers["set-cookie"] or "").partition(";")[0]
+
+
+def _free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind((HOST, 0))
+        return int(listener.getsockname()[1])
+
+
+def _wait_for(port: int) -> None:
+    deadline = time.monotonic() + STARTS_WITHIN_S
+    while time.monotonic() < deadline:
+        with socket.socket() as probe:
+            if probe.connect_ex((HOST, port)) == 0:
+                return
+        time.sleep(0.1)
+    raise TimeoutError(f"nothing listens on port {port}")
