@@ -28,6 +28,10 @@ def noisy(sun: np.ndarray, truth: np.ndarray, seed: int) -> np.ndarray:
     return sun @ truth + SIGMA * np.random.default_rng(seed).standard_normal(len(sun))
 
 
+ROUNDING_DEG = 1e-4
+"""On the equator around the equinoxes the suns lie almost in a plane, which amplifies rounding."""
+
+
 def best_of(sun: np.ndarray, y: np.ndarray) -> np.ndarray:
     misfit = Misfit.of_rows(sun, y, 1 / SIGMA**2)
     return choose(misfit, solve(misfit), 45.0).best
@@ -52,7 +56,7 @@ def test_turning_the_compass_turns_the_answer(latitude, day, tilt, azimuth, seed
     # on the limit the answer is one of a grid of azimuths, which does not turn with it
     found = best_of(sun, y)
     assume(tilt_azimuth(found)[0] < 44.9)
-    assert angle_between_deg(best_of(sun @ turning.T, y), turning @ found) < 1e-5
+    assert angle_between_deg(best_of(sun @ turning.T, y), turning @ found) < ROUNDING_DEG
 
 
 @given(latitudes, days, tilts, azimuths, seeds)
@@ -61,7 +65,7 @@ def test_order_of_minutes_does_not_matter(latitude, day, tilt, azimuth, seed):
     sun = sun_of(latitude, day)
     y = noisy(sun, normal(tilt, azimuth), seed)
     order = np.random.default_rng(seed).permutation(len(y))
-    assert angle_between_deg(best_of(sun[order], y[order]), best_of(sun, y)) < 1e-5
+    assert angle_between_deg(best_of(sun[order], y[order]), best_of(sun, y)) < ROUNDING_DEG
 
 
 @given(latitudes, days, tilts, azimuths)
