@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -81,13 +81,15 @@ class Answers:
             case requests.Value():
                 return answer(request.id, "", data={"temperature_c": self._value_c(request)})
             case requests.CheckRegion():
-                return answer(request.id, "", data=self._verdict(request))
+                return answer(request.id, "", data=await asyncio.to_thread(self._verdict, request))
             case requests.Sessions():
                 listed = await asyncio.to_thread(self.past.listed, viewer.role)
                 return answer(request.id, "", data=listed)
             case requests.CheckSession():
                 ok, text = await self.past.check(request.session)
                 return answer(request.id, text, ok=ok)
+            case requests.EstimateSession():
+                return answer(request.id, "", data=await self.past.estimate(request.session))
             case requests.Start() | requests.Stop():
                 return await asyncio.to_thread(self._start_or_stop, request)
             case requests.AddMark():
@@ -158,13 +160,23 @@ class Answers:
         region = _region(request.region)
         if request.shrink:
             region = _shrunk(region, request.shrink)
-        others = [one for one in self.hub.latest.regions if one.name != (request.instead_of or region.name)]
-        found = campaign_regions.check_region(region, *self._frame_k(), others)
+        shape, frame, present = self._drawn_on(request.session)
+        others = [one for one in present if one.name != (request.instead_of or region.name)]
+        found = campaign_regions.check_region(region, shape, frame, others)
         return {
             "pixels": found.pixels, "spread_c": found.spread_k, "level": found.level,
             "text": found.text or "ok", "shrink_px": found.shrink_px,
             "vertices": [list(corner) for corner in region.vertices],
         }  # fmt: skip
+
+    def _drawn_on(
+        self, session: str | None
+    ) -> tuple[tuple[int, ...] | None, campaign_regions.FrameK | None, Sequence[Region]]:
+        """Shape and kelvin of the frame that is drawn on, and the regions there already."""
+        if session is None:
+            return *self._frame_k(), self.hub.latest.regions
+        frame = self.past.frame_k(session)
+        return frame.shape, frame, self.config.regions
 
     def _frame_k(self) -> tuple[tuple[int, ...] | None, np.ndarray[Any, np.dtype[np.float64]] | None]:
         latest, frame = self.hub.latest, self.hub.latest.frame

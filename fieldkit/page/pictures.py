@@ -43,6 +43,17 @@ def picture(frame: Frame, info: StreamInfo, mode: Mode, seq: int) -> bytes:
     return _message({**header, "scale": scale, "offset": offset}, _exact(counts))
 
 
+def still(kelvin: NDArray[np.float64]) -> bytes:
+    """A frame of a past session, as an exact picture; its time is no longer of interest."""
+    shown = kelvin - CELSIUS_ZERO_K
+    low, high = _ends(shown)
+    header = {
+        "seq": 0, "stream": "", "time_ms": None, "rows": shown.shape[0], "cols": shown.shape[1],
+        "mode": "exact", "unit": "°C", "low_c": low, "high_c": high, "scale": 0.01, "offset": -CELSIUS_ZERO_K,
+    }  # fmt: skip
+    return _message(header, _exact(_hundredths(shown)))
+
+
 def _message(header: dict[str, Any], body: bytes) -> bytes:
     text = json.dumps(header).encode()
     return struct.pack("<H", len(text)) + text + body
@@ -77,8 +88,13 @@ def _linear(
         return counts, 1.0, 0.0
     if info.law == "linear":
         return counts, info.scale, info.offset - CELSIUS_ZERO_K
-    hundredths = np.clip(np.rint((np.nan_to_num(shown) + CELSIUS_ZERO_K) * 100.0), 0, 65_535)
-    return hundredths.astype(np.uint16), 0.01, -CELSIUS_ZERO_K
+    return _hundredths(shown), 0.01, -CELSIUS_ZERO_K
+
+
+def _hundredths(shown: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """Degrees Celsius as hundredths of a kelvin."""
+    kelvin = np.nan_to_num(shown) + CELSIUS_ZERO_K
+    return np.clip(np.rint(kelvin * 100.0), 0, 65_535).astype(np.uint16)
 
 
 def _exact(counts: NDArray[np.uint16]) -> bytes:

@@ -65,12 +65,14 @@ class DrawnRegion(BaseModel):
 class CheckRegion(_Request):
     """How good a region would be; with `shrink` moved inwards by so many pixels.
 
-    `instead_of` is the name of the region that is being redrawn.
+    `instead_of` is the name of the region that is being redrawn; `session` the id of the past session on
+    whose frame it is drawn, against the campaign's regions.
     """
 
     do: Literal["check_region"]
     region: DrawnRegion
     instead_of: Word | None = None
+    session: Word | None = None
     shrink: Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)] = 0.0
 
 
@@ -84,6 +86,13 @@ class CheckSession(_Request):
     """Check a session; `session` is its id in the list."""
 
     do: Literal["check_session"]
+    session: Word
+
+
+class EstimateSession(_Request):
+    """Slopes of a past session with the campaign's regions as they are now."""
+
+    do: Literal["estimate_session"]
     session: Word
 
 
@@ -164,7 +173,18 @@ class Link(_Request):
 
 
 ForAnyone = Picture | Value | CheckRegion | Sessions | CheckSession
-ForControl = Start | Stop | AddMark | Shutter | Acknowledge | AddRegion | EditRegion | RemoveRegion | Link
+ForControl = (
+    EstimateSession
+    | Start
+    | Stop
+    | AddMark
+    | Shutter
+    | Acknowledge
+    | AddRegion
+    | EditRegion
+    | RemoveRegion
+    | Link
+)
 Request = ForAnyone | ForControl
 FOR_ANYONE: tuple[type[_Request], ...] = get_args(ForAnyone)
 """Requests that change nothing; all others are for those who may control."""

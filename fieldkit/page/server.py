@@ -8,7 +8,7 @@ import json
 import secrets
 import socket
 import threading
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from html import escape
@@ -32,6 +32,7 @@ from fieldkit.page.conductor import Conductor
 from fieldkit.page.document import document
 from fieldkit.page.hub import MAX_VIEWERS, Hub
 from fieldkit.page.keys import SESSION_LASTS_S, Keys
+from fieldkit.page.pictures import still
 from fieldkit.page.protocol import CarefulProtocol
 from fieldkit.page.sessions import PastSessions
 from fieldkit.page.unattended import keep_recording
@@ -84,6 +85,7 @@ class Page:
             Route("/key", self.take_key, methods=["POST"]),
             Route("/session/{session}/report", self.serve_report),
             Route("/session/{session}/download", self.serve_file),
+            Route("/session/{session}/picture", self.serve_still),
             WebSocketRoute("/socket", self.serve_socket),
         ]
         return Guarded(Starlette(routes=routes, lifespan=self._running), self.keys, self.checks)
@@ -184,16 +186,20 @@ class Page:
         """A session's file."""
         return await self._file(request, self._download)
 
-    async def _file(self, request: Request, serve: Callable[[str], Response]) -> Response:
+    async def serve_still(self, request: Request) -> Response:
+        """A frame of a session, to draw on."""
+        return await self._file(request, self._still)
+
+    async def _file(self, request: Request, serve: Callable[[str], Awaitable[Response]]) -> Response:
         known = self.known(request)
         if known is None or known[0] != "control":
             return PlainTextResponse("only for those who may control the page", 403)
         try:
-            return serve(request.path_params["session"])
+            return await serve(request.path_params["session"])
         except FieldkitError as error:
             return PlainTextResponse(str(error), 404)
 
-    def _report(self, session: str) -> Response:
+    async def _report(self, session: str) -> Response:
         report = self.past.report(session)
         if isinstance(report, Path):
             return FileResponse(report, headers={"content-security-policy": REPORT_POLICY})
@@ -204,9 +210,13 @@ class Page:
         words = f"<!doctype html><title>Report</title><p>The report of {name} is being made …"
         return HTMLResponse(words, 202, {**headers, "refresh": "2"})
 
-    def _download(self, session: str) -> Response:
+    async def _download(self, session: str) -> Response:
         path = self.past.sealed(session)
         return FileResponse(path, media_type="application/x-hdf5", filename=path.name)
+
+    async def _still(self, session: str) -> Response:
+        kelvin = await asyncio.to_thread(self.past.frame_k, session)
+        return Response(still(kelvin), media_type="application/octet-stream")
 
     # --- the socket
 

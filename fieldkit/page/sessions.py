@@ -23,6 +23,7 @@ from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
 from fieldkit.workflows.describe import describe_briefly
 from fieldkit.workflows.recordings import sessions_in
+from fieldkit.workflows.regions import FrameK, mean_of_first_frames_k
 from fieldkit.workflows.report import default_path
 
 SHOWN = 200
@@ -40,6 +41,7 @@ class PastSessions:
 
     config: Config
     _one_job: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _frames: dict[Path, FrameK] = field(default_factory=dict)
     _reports: dict[Path, asyncio.Task[str]] = field(default_factory=dict)
 
     def paths(self) -> dict[str, Path]:
@@ -75,6 +77,7 @@ class PastSessions:
             "duration_s": brief.get("length_s"), "bytes": brief["bytes"],
             "report_url": f"/session/{name}/report" if has_files else None,
             "download_url": f"/session/{name}/download" if has_files else None,
+            "picture_url": f"/session/{name}/picture" if has_files else None,
         }  # fmt: skip
 
     async def check(self, wanted: str) -> tuple[bool, str]:
@@ -89,6 +92,23 @@ class PastSessions:
         words = [f"{one['level']}: {one['what']}: {one['text']}" for one in findings if one["level"] != "ok"]
         is_clean = not any(one["level"] == "fail" for one in findings)
         return is_clean, "; ".join(words) or f"ok: {len(findings)} checks passed"
+
+    def frame_k(self, wanted: str) -> FrameK:
+        """The mean of a session's first good frames in kelvin, to draw on."""
+        path = self.sealed(wanted)
+        if path not in self._frames:
+            self._frames = {path: mean_of_first_frames_k(path)}  # of the one that is looked at
+        return self._frames[path]
+
+    async def estimate(self, wanted: str) -> list[dict[str, Any]]:
+        """Slopes of a session with the campaign's regions as they are now."""
+        path = self.sealed(wanted)
+        async with self._one_job:
+            _, output, errors = await _fieldkit("estimate", str(path), "--campaign", "--json")
+        try:
+            return list(json.loads(output)["slopes"])  # there also where none was found
+        except (ValueError, KeyError):
+            raise SessionError(errors.strip() or f"{path.stem} could not be estimated") from None
 
     def report(self, wanted: str) -> Path | asyncio.Task[str]:
         """The report of a session, or the task that makes it; its result is why it failed, if it did."""

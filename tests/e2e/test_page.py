@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,9 +24,8 @@ from fieldkit.model.samples import EventKind
 from fieldkit.page.keys import Keys
 from fieldkit.page.sessions import identifier
 from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.check import check
 from fieldkit.workflows.running import session_in_progress
-from tests.harness.page import HOST, PATIENCE_S, Answer, Browser, Served, campaign, served
+from tests.harness.page import HOST, PATIENCE_S, Answer, Browser, Served, campaign, lost_nothing, served
 
 PROGRAM = [sys.executable, "-m", "fieldkit"]
 ALL_FRAMES = "record.sampling=all"
@@ -176,15 +176,41 @@ def test_a_recording_of_somebody_else_is_followed_and_finds_the_instruments_free
         assert recorder.wait(PATIENT_S) == 0
 
 
-def lost_nothing(folder: Path) -> None:
-    """The only session is sealed and sound; no sample was dropped, no frame is missing between the others."""
+def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with served(folder, record__sampling="all") as page, page.browser() as browser:
+        assert browser.request(do="start", duration="60s")["ok"]
+        (first, *_) = browser.next("regions")["regions"]
+        answer = browser.request(do="shutter")
+        assert (answer["ok"], "shutter" in answer["text"].lower()) == (True, True), answer
+        answer = browser.request(do="acknowledge", alarm="disk")
+        assert (answer["ok"], "disk" in answer["text"]) == (True, True), answer
+        drawn = {"name": "corner", "role": "target", "vertices": [[2, 2], [20, 2], [20, 16], [2, 16]]}
+        answer = browser.request(do="add_region", region=drawn)
+        assert (answer["ok"], "corner added" in answer["text"]) == (True, True), answer
+        with page.browser("view") as other:
+            assert names(other.next("regions")) >= {"corner", first["name"]}
+        smaller = {**drawn, "vertices": [[2, 2], [18, 2], [18, 16], [2, 16]], "tilt_deg": 12.0}
+        found = browser.request(do="check_region", region=smaller, instead_of="corner")["data"]
+        assert found["level"] != "FAIL", found
+        answer = browser.request(do="edit_region", name="corner", region=smaller)
+        assert (answer["ok"], "corner changed" in answer["text"]) == (True, True), answer
+        over = {**drawn, "name": "over", "vertices": first["vertices"]}
+        answer = browser.request(do="add_region", region=over)
+        assert (answer["ok"], "shares" in answer["text"]) == (False, True), answer
+        answer = browser.request(do="remove_region", name="corner", confirm=True)
+        assert (answer["ok"], "corner removed" in answer["text"]) == (True, True), answer
+        assert browser.request(do="stop", confirm=True)["ok"]
+        phase(browser, "no-instruments")  # its process has ended, too
     (path,) = (folder / "recordings").glob("*.h5")
-    assert check(path).level != "fail"
     with open_session(path) as session:
-        assert session.state == "sealed"
-        assert session.count("camera") > 50
-        assert not [event for event in session.events() if event.kind in (EventKind.GAP, EventKind.VIEW)]
-        assert all(stream.dropped == 0 for health in session.health() for stream in health.streams)
+        kinds = [event.kind for event in session.events() if "request" in event.data]
+    assert kinds.count(EventKind.REGION) == 3
+    assert EventKind.SHUTTER in kinds
+
+
+def names(regions: dict[str, Any]) -> set[str]:
+    return {region["name"] for region in regions["regions"]}
 
 
 def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> None:
@@ -197,7 +223,7 @@ def test_a_page_that_is_killed_leaves_its_recording_alone(tmp_path: Path) -> Non
     with started(folder) as again, again.browser() as browser:
         browser.next("state", phase="recording")  # which goes on, and is followed
         until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
-    lost_nothing(folder)
+    lost_nothing(folder, 25)
 
 
 def come_and_go(page: Served, cookie: str, count: int) -> None:
@@ -236,7 +262,7 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
         until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
         with suppress(ConnectionClosed, OSError):
             deaf.close()
-    lost_nothing(folder)
+    lost_nothing(folder, seconds)
 
 
 def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
@@ -246,3 +272,26 @@ def test_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -
 @pytest.mark.slow
 def test_a_thousand_connections_that_come_and_go_cost_a_recording_nothing(tmp_path: Path) -> None:
     storm(campaign(tmp_path / "field"), 120, 1000)
+
+
+def test_a_past_session_is_drawn_on_and_estimated_anew(tmp_path: Path) -> None:
+    folder = campaign(tmp_path / "field")
+    with record(folder, 8) as recorder:
+        assert recorder.wait(PATIENT_S) == 0
+    with served(folder) as page, page.browser() as browser, page.browser("view") as looking:
+        (listed,) = browser.request(do="sessions")["data"]
+        assert looking.request(do="sessions")["data"][0]["picture_url"] is None
+        assert page.ask("GET", listed["picture_url"], Cookie=page.cookie("view")).status == 403
+        picture = page.ask("GET", listed["picture_url"], Cookie=page.cookie()).body
+        size = int.from_bytes(picture[:2], "little")
+        header = json.loads(picture[2 : 2 + size])
+        assert (header["rows"], header["cols"], header["mode"]) == (120, 160, "exact")
+        assert len(zlib.decompress(picture[2 + size :])) == 120 * 160 * 2
+        drawn = {"name": "corner", "role": "target", "vertices": [[2, 2], [20, 2], [20, 16], [2, 16]]}
+        found = browser.request(do="check_region", region=drawn, session=listed["id"])["data"]
+        assert (found["level"] != "FAIL", found["spread_c"] > 0) == (True, True), found
+        assert browser.request(do="add_region", region=drawn)["ok"]
+        answer = browser.request(do="estimate_session", session=listed["id"])
+        assert answer["ok"], answer
+        assert "corner" in {slope["region"] for slope in answer["data"]}
+        assert not looking.request(do="estimate_session", session=listed["id"])["ok"]

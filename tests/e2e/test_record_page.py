@@ -17,11 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from fieldkit.model.samples import EventKind
-from fieldkit.sessions.reader import open_session
-from fieldkit.workflows.check import check
 from fieldkit.workflows.running import session_in_progress
-from tests.harness.page import campaign
+from tests.harness.page import campaign, lost_nothing
 
 ADDRESS, PORT = "127.0.0.77", 8765
 """Another address of this computer, so that no other page has its port."""
@@ -61,15 +58,6 @@ def listens() -> bool:
         return probe.connect_ex((ADDRESS, PORT)) == 0
 
 
-def lost_nothing(folder: Path) -> None:
-    (path,) = (folder / "recordings").glob("*.h5")
-    assert check(path).level != "fail"
-    with open_session(path) as session:
-        assert session.state == "sealed"
-        assert not [event for event in session.events() if event.kind in (EventKind.GAP, EventKind.VIEW)]
-        assert all(stream.dropped == 0 for health in session.health() for stream in health.streams)
-
-
 def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: Path) -> None:
     folder = campaign(tmp_path / "field")
     with recording(folder, f"--page={ADDRESS}", "--for", "12s") as process:
@@ -80,7 +68,7 @@ def test_the_page_is_reached_by_its_link_and_ends_with_the_recording(tmp_path: P
         assert answer == 200
         assert process.wait(PATIENT_S) == 0
     assert not listens()
-    lost_nothing(folder)
+    lost_nothing(folder, 12)
 
 
 def ask(key: str) -> int:
@@ -101,7 +89,7 @@ def test_a_page_that_dies_or_hangs_costs_the_recording_nothing(tmp_path: Path, n
         assert session_in_progress(folder / "recordings") is not None
         assert process.wait(PATIENT_S) == 0
     assert not Path(f"/proc/{page}").exists()
-    lost_nothing(folder)
+    lost_nothing(folder, 15)
 
 
 def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path: Path) -> None:
@@ -110,4 +98,4 @@ def test_a_page_that_cannot_listen_costs_the_recording_nothing(tmp_path: Path) -
         _, words = process.communicate(timeout=PATIENT_S)
         assert process.returncode == 0
     assert "cannot serve on 203.0.113.1:8765" in words
-    lost_nothing(folder)
+    lost_nothing(folder, 8)

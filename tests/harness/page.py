@@ -12,13 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from fieldkit.config import load_config
+from fieldkit.model.samples import EventKind
 from fieldkit.page.checks import CHECKS, Check
 from fieldkit.page.server import Page, listening, server
 from fieldkit.page.viewer import Role
+from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.campaign import init_campaign
+from fieldkit.workflows.check import check
 
 HOST = "127.0.0.1"
 PATIENCE_S = 30.0
@@ -163,3 +168,17 @@ def served(
             running.should_exit = True
             thread.join(PATIENCE_S)
             assert not thread.is_alive()
+
+
+def lost_nothing(folder: Path, seconds: float) -> None:
+    """The only session is sealed and sound; no sample was dropped, and no frame is missing anywhere."""
+    (path,) = (folder / "recordings").glob("*.h5")
+    assert check(path).level != "fail"
+    with open_session(path) as session:
+        assert session.state == "sealed"
+        assert not [event for event in session.events() if event.kind in (EventKind.GAP, EventKind.VIEW)]
+        assert all(stream.dropped == 0 for health in session.health() for stream in health.streams)
+        times_s = np.array([frame.time_ns for frame in session.samples("camera")]) / 1e9
+        rate_hz = session.streams["camera"].rate_hz
+    assert np.diff(times_s).max() < 1.5 / rate_hz
+    assert len(times_s) == pytest.approx(seconds * rate_hz, abs=2)
