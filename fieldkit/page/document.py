@@ -18,6 +18,7 @@ SCRIPTS = (
     "status.js",
     "alarms.js",
     "actions.js",
+    "past.js",
     "sessions.js",
     "start.js",
 )

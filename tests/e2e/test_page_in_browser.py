@@ -58,26 +58,24 @@ def closed_afterwards(browser: Browser) -> Iterator[None]:
         context.close()
 
 
-def unseen(name: str, watched: Watched) -> None:
-    """In place of taking a picture."""
-
-
 def test_the_whole_journey_by_touch(browser: Browser, tmp_path: Path) -> None:
     campaign = journey.empty_campaign(tmp_path / "sandslope")
     with served(campaign, *journey.SETTINGS) as page:
         watched = opened(browser, page.link())
         watched.wait_for_picture()
         assert "#" not in watched.page.url  # the key has left the address bar
-        journey.draw(watched, "flat", journey.FLAT, unseen)
-        journey.draw(watched, "b15", journey.B15, unseen, tilt="15")
+        journey.draw(watched, "flat", journey.FLAT, journey.unseen)
+        journey.draw(watched, "b15", journey.B15, journey.unseen, tilt="15")
         written = (campaign / "fieldkit.toml").read_text(encoding="utf-8")
         assert 'name = "b15"' in written
         assert written.startswith("#")  # its comments are still there
-        journey.record(watched, unseen)
-        journey.mark(watched, unseen)
-        journey.be_warned(watched, unseen)
-        journey.stop(watched, unseen)
-        assert "two-beds" in journey.report(watched, unseen)
+        journey.record(watched, journey.unseen)
+        journey.mark(watched, journey.unseen)
+        journey.be_warned(watched, journey.unseen)
+        journey.stop(watched, journey.unseen)
+        assert "two-beds" in journey.report(watched, journey.unseen)
+        assert "tilt" in journey.estimate_anew(watched, journey.unseen)
+        watched.page.locator("#stage:not(.stale)").wait_for()  # live again
         assert watched.foreign == []
         assert watched.errors == []
 

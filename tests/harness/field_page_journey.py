@@ -15,7 +15,8 @@ from tests.harness.field_page import PATIENCE_MS, Watched, wait_until
 
 FLAT = ((22, 79), (62, 100))
 B15 = ((32, 31), (62, 50))
-"""Opposite corners of rectangles on two beds of the simulated field."""
+B25 = ((97, 31), (127, 50))
+"""Opposite corners of rectangles on three beds of the simulated field."""
 SETTINGS = ("simulation.speed=60", 'simulation.faults=["moved"]')
 FAULT = re.compile("camera")
 Shoot = Callable[[str, Watched], None]
@@ -110,3 +111,23 @@ def report(watched: Watched, shoot: Shoot) -> str:
     opened.locator("svg").first.wait_for(state="attached", timeout=2 * PATIENCE_MS)
     shoot("report", Watched(opened))
     return opened.title()
+
+
+def estimate_anew(watched: Watched, shoot: Shoot) -> str:
+    """Draw a bed that was forgotten on the session's picture and estimate the session with it; its line."""
+    page = watched.page
+    page.get_by_role("button", name="Draw regions").first.tap()
+    page.locator("#past-title", has_text="two-beds").wait_for()
+    draw(watched, "b25", B25, unseen)
+    page.locator("#estimate-past").tap()
+    line = page.locator("#past-slopes li", has_text="b25")
+    line.wait_for(timeout=2 * PATIENCE_MS)
+    shoot("anew", watched)
+    words = line.inner_text()
+    page.locator("#leave-past").tap()
+    page.locator("#past").wait_for(state="hidden")
+    return words
+
+
+def unseen(name: str, watched: Watched) -> None:
+    """In place of taking a picture."""

@@ -124,7 +124,8 @@ async function checkDraft(shrink) {
   if (drawing.checking && shrink === undefined) return void (drawing.unchecked = true);
   drawing.checking = true;
   const answer = await request({
-    do: "check_region", region: drawnRegion(), instead_of: drawing.draft.original ?? null, ...(shrink === undefined ? {} : { shrink }),
+    do: "check_region", region: drawnRegion(), instead_of: drawing.draft.original ?? null, session: past.session?.id ?? null,
+    ...(shrink === undefined ? {} : { shrink }),
   });
   drawing.checking = false;
   if (!drawing.draft) return;

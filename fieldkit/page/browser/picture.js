@@ -115,11 +115,11 @@ function showStale() {
   const last = picture.arrivals.at(-1);
   if (last === undefined) return;
   const ageMs = performance.now() - last;
-  const stale = ageMs > Math.max(600, STALE_AFTER * interval());
+  const stale = !past.session && ageMs > Math.max(600, STALE_AFTER * interval());
   stage.classList.toggle("stale", stale);
   $("stale").hidden = !stale;
   if (stale) say($("stale"), `Picture is ${duration(Math.max(1, ageMs / 1000))} old`);
-  say($("age"), stale ? "" : `${localTime(picture.header.time_ms)}`);
+  say($("age"), stale ? "" : past.session ? "recorded" : localTime(picture.header.time_ms));
 }
 
 function drawLegend() {
@@ -143,9 +143,10 @@ function lockScale(values) {
   if (picture.counts) draw();
 }
 
-/** Ask for pictures of the mode chosen; none while the tab is hidden or the link is gone. */
+/** Ask for pictures of the mode chosen; none while the tab is hidden, a past session is shown or the link is gone. */
 function choosePictures() {
-  if (link.socket?.readyState === WebSocket.OPEN) request({ do: "picture", mode: document.hidden ? "off" : picture.mode });
+  const mode = document.hidden || past.session ? "off" : picture.mode;
+  if (link.socket?.readyState === WebSocket.OPEN) request({ do: "picture", mode });
 }
 
 /** A pointer event's place in camera pixels, within the picture. */

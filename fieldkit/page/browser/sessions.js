@@ -1,4 +1,4 @@
-// Recorded sessions: report, check and download.
+// Recorded sessions: report, check, download, and drawing on their pictures.
 
 async function listSessions() {
   const answer = await request({ do: "sessions" });
@@ -16,12 +16,17 @@ function sessionItem(session) {
     const answer = await request({ do: "check_session", session: session.id });
     say(result, [answer.text, answer.fix].filter(Boolean).join(" "));
   };
+  const draw = async () => {
+    const shown = await openPast(session);
+    if (!shown.ok) say(result, [shown.text, shown.fix].filter(Boolean).join(" "));
+  };
   const about = [session.state, dayTime(session.started_ms), duration(session.duration_s), size(session.bytes)].join(", ");
   const reach = (url, words, props) => url && el("a", { class: "button", href: url, "aria-describedby": heading, ...props }, words);
   return el("li", {}, el("h3", { id: heading }, session.title || session.id), el("p", { class: "small" }, about),
     el("div", { class: "buttons" },
       reach(session.report_url, "Report", { target: "_blank", rel: "noopener" }) || null,
       reach(session.download_url, "Download", { download: true }) || null,
+      session.picture_url && el("button", { type: "button", "aria-describedby": heading, onclick: draw }, "Draw regions"),
       el("button", { type: "button", "aria-describedby": heading, onclick: check }, "Check")),
     result);
 }

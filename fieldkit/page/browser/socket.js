@@ -31,7 +31,7 @@ function connect() {
 
 function received(data) {
   link.heardMs = performance.now();
-  if (typeof data !== "string") return takePicture(data);
+  if (typeof data !== "string") return past.session ? undefined : takePicture(data);
   const message = JSON.parse(data);
   if (message.type === "answer") {
     link.waiting.get(message.id)?.(message);
