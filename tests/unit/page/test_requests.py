@@ -20,6 +20,7 @@ GOOD: list[dict[str, Any]] = [
     {"do": "check_region", "region": REGION, "shrink": 2},
     {"do": "sessions"},
     {"do": "check_session", "session": "0123456789abcdef"},
+    {"do": "estimate_session", "session": "0123456789abcdef"},
     {"do": "start", "name": "day", "duration": "3h"},
     {"do": "stop", "confirm": True},
     {"do": "mark", "text": "a cloud", "kind": "cloud", "at": "-30s", "to": None},
