@@ -18,6 +18,7 @@ from fieldkit.model.errors import NoAnswerError
 if TYPE_CHECKING:
     from fieldkit.workflows.batch import Failures
     from fieldkit.workflows.slope_map import MappedSession, Maps
+    from fieldkit.workflows.terrain_products import Products
 
 
 @click.command(cls=common.Command)
@@ -33,6 +34,16 @@ if TYPE_CHECKING:
     help="How far back from the last usable minute: 20m, 1h, all, or weather: as far as the regions' "
     "slopes look [default: as configured].",
 )
+@click.option(
+    "--products", metavar="LIST",
+    help="Add to the arrays, each with its uncertainty and an image: "
+    "slope, heading, rdir, ntilt, solar, uvw, ptilt, inertia.",
+)  # fmt: skip
+@click.option("--limit-deg", type=float, default=math.nan, metavar="DEG", help="Tilt whose risk ptilt is.")
+@click.option(
+    "--drive-deg", type=float, default=math.nan, metavar="DEG",
+    help="Direction of the drive that rdir is the slope along, from north, clockwise.",
+)  # fmt: skip
 @common.present_option
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options
@@ -43,6 +54,9 @@ def command(
     sessions: tuple[Path, ...],
     out: Path | None,
     window: float | str | None,
+    products: str | None,
+    limit_deg: float,
+    drive_deg: float,
     present: bool,
     follow: bool,
     jobs: int | None,
@@ -50,14 +64,29 @@ def command(
     address: str | None,
     settings: tuple[str, ...],
 ) -> None:
-    """Map the slopes of SESSIONS or folders of them (default: the latest), pixel by pixel.
+    r"""Map the slopes of SESSIONS or folders of them (default: the latest), pixel by pixel.
 
     NAME.png shows azimuth as hue and tilt as saturation, shaded like a relief; NAME.nc (netCDF) has the
     arrays with state and 90 % region of every pixel. With --follow both are replaced as a whole, so an
     image viewer or a browser may keep them open; the recording is not disturbed.
+
+    \b
+    Products, each with its standard uncertainty and NaN where there is no slope:
+      slope     tilt from horizontal, degrees
+      heading   azimuth of the surface normal, degrees
+      rdir      slope along a drive (--drive-deg), positive uphill, degrees
+      ntilt     tilt towards north, degrees
+      solar     mean cosine of the sun's incidence over the day
+      uvw       unit normal: east, north, up
+      ptilt     P(tilt > --limit-deg), and the mean of the steepest tenth that fits
+      inertia   thermal inertia found by the learned model
     """
     from fieldkit.workflows.slope_map import map_sessions, slope_map
+    from fieldkit.workflows.terrain_products import Products
 
+    wanted = None
+    if products is not None:
+        wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     if len(paths) > 1:
         if follow:
@@ -65,13 +94,20 @@ def command(
         workers = batch.workers(kind, address, jobs)
         _map_many(
             _bases(paths, out),
-            partial(map_sessions, window=window, settings=settings, present=present, workers=workers),
+            partial(
+                map_sessions,
+                window=window,
+                settings=settings,
+                present=present,
+                wanted=wanted,
+                workers=workers,
+            ),
         )
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
     if follow:
-        _follow(paths[0], lambda: _map(paths[0], out, make, common.print_json_line))
-    _map(paths[0], out, make, common.print_json_line if follow else common.print_json)
+        _follow(paths[0], lambda: _map(paths[0], out, make, wanted, common.print_json_line))
+    _map(paths[0], out, make, wanted, common.print_json_line if follow else common.print_json)
 
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
@@ -90,13 +126,14 @@ def _map(
     path: Path,
     out: Path | None,
     make: Callable[[], MappedSession],
+    wanted: Products | None,
     print_json: Callable[[Mapping[str, Any]], None],
 ) -> None:
     base = _base(out, path)
     found = make()
     for note in found.notes:
         common.say(note)
-    files = found.write(base)
+    files = found.write(base, wanted)
     if common.options().json:
         print_json(_document(path, found, files))
     else:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE
+from fieldkit.estimation.pixel_posterior import PixelPosterior
 from fieldkit.estimation.settings import PAPER_SCALE_SD, EstimatorSettings
 from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
@@ -142,6 +143,10 @@ class MapSums:
         values, vectors = np.linalg.eigh(self._H)
         vectors[:, 0] *= np.copysign(1.0, vectors[2, 0])
         return values[::-1], vectors[:, ::-1].T
+
+    def pull(self, direction: FloatArray, pixels: NDArray[np.bool_]) -> FloatArray:
+        """Half the gradient of the misfit of these pixels against a direction (3,), at the origin."""
+        return direction @ self._b[:, pixels.ravel()]
 
     def solve(self) -> SlopeMap:
         """The map of all frames so far; the state is `TOO_FEW` with fewer than three."""
@@ -274,19 +279,35 @@ class _Extent:
             np.maximum(extremes[1], values, out=extremes[1])
 
 
-def with_bounds(
+def posterior(
     slopes: SlopeMap, sums: MapSums, reference_normal: FloatArray, settings: EstimatorSettings
-) -> tuple[SlopeMap, PixelBounds]:
-    """The map with the states `FLAT` and `UNCERTAIN` by the rules of regions, and its pixels' bounds.
+) -> PixelPosterior:
+    """The likelihood of every pixel's normal.
 
     The stated systematic uncertainties of scale, offset and drift are included to first order.
     """
     known = np.isfinite(slopes.tilt_deg)
-    tilt, azimuth = (angle[known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
     values, axes = sums.sun_axes()
-    at = normal(tilt, azimuth) @ axes.T
-    covariance = _covariance(at, values, np.maximum(slopes.chi_square[known], 1.0))
+    at = normal(slopes.tilt_deg[known], slopes.azimuth_deg[known]) @ axes.T
+    inflation = np.maximum(slopes.chi_square[known].astype(np.float64), 1.0)
+    covariance = _covariance(at, values, inflation)
     _add_systematics(covariance, at - axes @ reference_normal, sums.per_kelvin, settings)
+    gain = 4.0 * sums.pull(axes[2], known) * at[:, 2] / inflation
+    second = np.exp(-0.5 * np.maximum(gain, 0.0))
+    # a mirror that is too steep, with all that its ellipse may add to it, is no second slope
+    up = at @ axes[:, 2] - 2.0 * at[:, 2] * axes[2, 2]
+    reach = 3.0 * np.sqrt(np.trace(covariance, axis1=1, axis2=2)) / np.maximum(np.abs(at[:, 2]), LEAST_ACROSS)
+    second[up + reach < np.cos(np.radians(settings.tilt_limit_deg))] = 0.0
+    return PixelPosterior(known, at, covariance, second, axes, settings.tilt_limit_deg)
+
+
+def with_bounds(
+    slopes: SlopeMap, likelihood: PixelPosterior, settings: EstimatorSettings
+) -> tuple[SlopeMap, PixelBounds]:
+    """The map with the states `FLAT` and `UNCERTAIN` by the rules of regions, and its pixels' bounds."""
+    known = likelihood.known
+    tilt, azimuth = (angle[known].astype(np.float64) for angle in (slopes.tilt_deg, slopes.azimuth_deg))
+    at, covariance, axes = likelihood.at, likelihood.covariance, likelihood.axes
     own, other, touches = _along_edge(tilt, azimuth, at, covariance, axes)
     is_vertical = _contains(axes[:2, 2] - at[:, :2], covariance) & ((at[:, 2] > 0.0) | touches)
     low, high = own.tilts

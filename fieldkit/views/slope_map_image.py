@@ -33,7 +33,7 @@ MEANINGS = {
     SlopeState.SHADED: "in its own shade",
     SlopeState.NO_DATA: "no data",
 }
-_MASKS = {
+MASKS = {
     SlopeState.TOO_FEW: (200, 200, 200),
     SlopeState.NO_INTERSECTION: (120, 120, 120),
     SlopeState.SHADED: (40, 40, 40),
@@ -51,13 +51,13 @@ def png(
 
     full_deg = full_colour_deg(slopes.tilt_deg)
     factor = max(1, round(width / slopes.state.shape[1]))
-    canvas = _enlarged(map_colours(slopes, full_deg), factor)
-    _hatch(canvas, _enlarged(slopes.state, factor))
+    canvas = enlarged(map_colours(slopes, full_deg), factor)
+    hatch(canvas, enlarged(slopes.state, factor))
     shape = (slopes.state.shape[0], slopes.state.shape[1])
     for region in regions:
         _outline(canvas, region, shape)
     under = "   ".join(part for part in (subtitle, tilt_uncertainty(bounds, regions)) if part)
-    page = _framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
+    page = framed(with_axes(canvas, factor), legend(slopes, full_deg), title, under)
     ok, data = cv2.imencode(".png", page[:, :, ::-1])
     assert ok
     return data.tobytes()
@@ -103,7 +103,7 @@ def slope_colours(tilt_deg: ArrayLike, azimuth_deg: ArrayLike, full_deg: float) 
 def map_colours(slopes: SlopeMap, full_deg: float) -> Colours:
     """The map at its own resolution: slopes in colour, other states in grey."""
     rgb = slope_colours(slopes.tilt_deg, slopes.azimuth_deg, full_deg)
-    for state, grey in _MASKS.items():
+    for state, grey in MASKS.items():
         rgb[slopes.state == state] = grey
     return rgb
 
@@ -111,16 +111,16 @@ def map_colours(slopes: SlopeMap, full_deg: float) -> Colours:
 def legend(slopes: SlopeMap, full_deg: float) -> Colours:
     """The colour wheel, north up, and the states in the map with their shares, on white."""
     panel: Colours = np.full((PANEL_HEIGHT, PANEL_WIDTH, 3), 255, np.uint8)
-    _text(panel, "colour: which way it faces", 20, 24)
-    _text(panel, "strength: how steep", 20, 46)
+    text(panel, "colour: which way it faces", 20, 24)
+    text(panel, "strength: how steep", 20, 46)
     _wheel(panel, PANEL_WIDTH // 2, 190, full_deg)
-    _text(panel, "north is up on this wheel,", 20, 340, 0.5)
-    _text(panel, "not in the camera's image", 20, 360, 0.5)
-    _text(panel, "shading: light from the north-west,", 20, 388, 0.5)
-    _text(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
+    text(panel, "north is up on this wheel,", 20, 340, 0.5)
+    text(panel, "not in the camera's image", 20, 360, 0.5)
+    text(panel, "shading: light from the north-west,", 20, 388, 0.5)
+    text(panel, f"{90 - LIGHT_TILT_DEG:.0f} deg high", 20, 408, 0.5)
     present = [state for state in MEANINGS if (slopes.state == state).any()]
     for row, state in enumerate(present):
-        _state_row(panel, state, float((slopes.state == state).mean()), 440 + 32 * row)
+        state_row(panel, state, float((slopes.state == state).mean()), 440 + 32 * row)
     return panel
 
 
@@ -134,28 +134,29 @@ def _wheel(panel: Colours, x: int, y: int, full_deg: float) -> None:
     square[away <= WHEEL_RADIUS] = disc[away <= WHEEL_RADIUS]
     for part in (0.5, 1.0):
         cv2.circle(panel, (x, y), round(part * WHEEL_RADIUS), BLACK, 1, cv2.LINE_AA)
-        _text(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
-    _text(panel, "0", x - 5, y + 5, 0.45)
+        text(panel, f"{part * full_deg:g}", x + 4, y + round(part * WHEEL_RADIUS) - 6, 0.45)
+    text(panel, "0", x - 5, y + 5, 0.45)
     for letter, dx, dy in (
         ("N", -7, -WHEEL_RADIUS - 10), ("S", -6, WHEEL_RADIUS + 24),
         ("E", WHEEL_RADIUS + 12, 7), ("W", -WHEEL_RADIUS - 30, 7),
     ):  # fmt: skip
-        _text(panel, letter, x + dx, y + dy, 0.65)
-    _text(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
+        text(panel, letter, x + dx, y + dy, 0.65)
+    text(panel, "tilt in degrees", x + 30, y + WHEEL_RADIUS + 26, 0.45)
 
 
-def _state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
+def state_row(panel: Colours, state: SlopeState, share: float, y: int) -> None:
+    """A state, what it means and its share of the pixels, as a line of a legend."""
     import cv2
 
     swatch = panel[y : y + 22, 20:54]
-    swatch[:] = _MASKS.get(state, (120, 200, 160))
-    _hatch(swatch, np.full(swatch.shape[:2], state, np.uint8))
+    swatch[:] = MASKS.get(state, (120, 200, 160))
+    hatch(swatch, np.full(swatch.shape[:2], state, np.uint8))
     cv2.rectangle(panel, (20, y), (53, y + 21), BLACK, 1)
     percent = f"{share:.0%}" if share >= 0.01 else "<1%"
-    _text(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
+    text(panel, f"{MEANINGS[state]}: {percent}", 62, y + 16, 0.45)
 
 
-def _hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
+def hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
     """Strokes at one slant for two slopes that fit, at the other for none, dots for an uncertain one."""
     rows, cols = np.ogrid[: state.shape[0], : state.shape[1]]
     canvas[(state == SlopeState.UNCERTAIN) & (rows % 6 == 0) & (cols % 6 == 0)] = WHITE
@@ -163,7 +164,8 @@ def _hatch(canvas: Colours, state: NDArray[np.uint8]) -> None:
     canvas[(state == SlopeState.NO_INTERSECTION) & ((rows - cols) % 8 < 2)] = (175, 175, 175)
 
 
-def _enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """Each pixel as a square of `factor` pixels."""
     return np.ascontiguousarray(image.repeat(factor, axis=0).repeat(factor, axis=1))
 
 
@@ -177,25 +179,25 @@ def _outline(canvas: Colours, region: Region, shape: tuple[int, int]) -> None:
     (width, height), below = cv2.getTextSize(region.name, cv2.FONT_HERSHEY_SIMPLEX, 0.7, 1)
     left, base = x - width // 2, y + height // 2
     cv2.rectangle(canvas, (left - 5, base - height - 5), (left + width + 5, base + below), BLACK, cv2.FILLED)
-    _text(canvas, region.name, left, base, 0.7, WHITE)
+    text(canvas, region.name, left, base, 0.7, WHITE)
 
 
-def _framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
+def framed(canvas: Colours, panel: Colours, title: str, subtitle: str) -> Colours:
     """Map and legend side by side under a title, on white."""
     head = 64
     height = head + max(canvas.shape[0], panel.shape[0])
     page: Colours = np.full((height, canvas.shape[1] + panel.shape[1], 3), 255, np.uint8)
     page[head : head + canvas.shape[0], : canvas.shape[1]] = canvas
     page[head : head + panel.shape[0], canvas.shape[1] :] = panel
-    _text(page, title, 10, 28, 0.75)
-    _text(page, subtitle, 10, 52, 0.5)
+    text(page, title, 10, 28, 0.75)
+    text(page, subtitle, 10, 52, 0.5)
     return page
 
 
-def _text(
+def text(
     canvas: Colours, text: str, x: int, y: int, size: float = 0.55, colour: tuple[int, int, int] = BLACK
 ) -> None:
-    """Letters from the left end of their base line."""
+    """Draw letters from the left end of their base line."""
     import cv2
 
     letters = text.encode("ascii", "replace").decode()

@@ -29,11 +29,13 @@ from fieldkit.estimation.bins import History, MinuteBin, RegionColumns
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.learned.as_settings import learnt_settings
-from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, with_bounds
+from fieldkit.estimation.pixel_posterior import PixelPosterior
+from fieldkit.estimation.pixel_slopes import MapSums, PixelBounds, SlopeMap, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings, Model
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.durations import as_seconds
 from fieldkit.model.errors import FieldkitError, IntegrityError, NoAnswerError, StorageError
+from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Frame, Quality, is_usable
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.slope import CERTAIN, WITH_SLOPE, SlopeEstimate, SlopeState, final_estimates
@@ -44,13 +46,14 @@ from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.file_tree import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import SessionReader, open_session
-from fieldkit.views import formatting, plots, slope_map_image
+from fieldkit.views import formatting, layer_image, plots, slope_map_image
 from fieldkit.workflows.batch import Failures, Progress, no_progress
 from fieldkit.workflows.cache import code_version
 from fieldkit.workflows.estimate import estimates_of, estimator_for, minutes_of
 from fieldkit.workflows.executors import THIS_PROCESS, Work, Workers
 from fieldkit.workflows.provenance import command_line
 from fieldkit.workflows.sources import SessionOrFile, Settings, config_for, reading, settings_from
+from fieldkit.workflows.terrain_products import Layer, Products, layers
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -103,6 +106,7 @@ class MappedSession:
     overrides: tuple[str, ...]
     slopes: SlopeMap
     bounds: PixelBounds
+    likelihood: PixelPosterior
     camera: StreamInfo
     site: Site
     regions: tuple[Region, ...]
@@ -114,6 +118,8 @@ class MappedSession:
     minutes: int
     flags: Quality
     damaged: int = 0
+    inertia: LearntParameter | None = None
+    """Thermal inertia that the learned model found, shared by all regions."""
 
     @property
     def states(self) -> dict[str, float]:
@@ -176,25 +182,35 @@ class MappedSession:
             attrs={"session": self.path.name, "minutes": self.minutes},
         )
 
-    def write(self, base: str | Path | None = None) -> list[Path]:
+    def products(self, wanted: Products) -> list[Layer]:
+        """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
+        return layers(self, wanted)
+
+    def write(self, base: str | Path | None = None, wanted: Products | None = None) -> list[Path]:
         """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files. Raises `StorageError`.
 
-        Without `base` they go to the campaign's results, or beside a session elsewhere.
+        Products are added to the arrays; each has an image ``BASE-NAME.png``. Without `base` the files go to
+        the campaign's results, or beside a session elsewhere.
         """
+        made = [] if wanted is None else self.products(wanted)
         base = default_base(self.path) if base is None else Path(base)
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
+        images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in made}
         try:
             base.parent.mkdir(parents=True, exist_ok=True)
             # as a whole: a viewer may have the previous one open
             with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as arrays:
                 image.write_bytes(_image(self))
                 with open_session(self.path) as session:
-                    write_map(arrays, self, session)
+                    write_map(arrays, self, session, made)
+            for path, layer in images.items():
+                with replacing(path, synced=False) as image:
+                    image.write_bytes(_layer_image(self, layer))
         except OSError as error:
             raise StorageError(
                 f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
             ) from error
-        return files
+        return [*files, *images]
 
 
 Maps = dict[Path, tuple[MappedSession, list[Path]]]
@@ -245,10 +261,11 @@ def map_sessions(
     *,
     settings: Sequence[str] = (),
     present: bool = False,
+    wanted: Products | None = None,
     workers: Workers = THIS_PROCESS,
     on_progress: Progress = no_progress,
 ) -> tuple[Maps, Failures]:
-    """Map sessions and write each under its base: maps and files by session, and what failed.
+    """Map sessions and write each under its base, with its products: maps and files, and what failed.
 
     Workers read the recordings; the files are written here. Raises `StorageError`.
     """
@@ -264,7 +281,11 @@ def map_sessions(
             if isinstance(found, FieldkitError):
                 failures[path] = found
                 continue
-            made[path] = found, found.write(bases[path])
+            try:
+                made[path] = found, found.write(bases[path], wanted)
+            except NoAnswerError as error:
+                failures[path] = error
+                continue
             if (damage := found.damage) is not None:
                 failures[path] = damage
     return {path: made[path] for path in bases if path in made}, failures
@@ -298,12 +319,13 @@ def _mapped(
             fix="run fieldkit check for what is missing; --window all uses the whole session",
         )
     used = _settings(estimator, minutes)
-    slopes, bounds = _solved(session, camera, estimator, used, chosen)
+    slopes, bounds, likelihood = _solved(session, camera, estimator, used, chosen)
     return MappedSession(
         path=session.path,
         overrides=settings,
         slopes=slopes,
         bounds=bounds,
+        likelihood=likelihood,
         camera=camera,
         site=estimator.site,
         regions=estimator.regions,
@@ -315,6 +337,7 @@ def _mapped(
         minutes=len(chosen),
         flags=_flags(chosen),
         damaged=session.damaged.get(camera.name, 0),
+        inertia=_inertia(estimator, minutes),
     )
 
 
@@ -323,13 +346,23 @@ def _settings(estimator: Estimator, minutes: Sequence[Minute]) -> EstimatorSetti
     settings = estimator.settings
     if settings.model != "learned":
         return settings
-    learnt = next((one.learnt for one in reversed(minutes) if one.learnt is not None), None)
+    learnt = _learnt(minutes)
     if learnt is None:
         return replace(settings, model="full")
     air_k = np.array([one.air_k for one in estimator.bins])
     return learnt_settings(
         settings, learnt, float(np.nanmean(air_k)) if np.isfinite(air_k).any() else math.nan
     )
+
+
+def _learnt(minutes: Sequence[Minute]) -> Learnt | None:
+    return next((one.learnt for one in reversed(minutes) if one.learnt is not None), None)
+
+
+def _inertia(estimator: Estimator, minutes: Sequence[Minute]) -> LearntParameter | None:
+    learnt = _learnt(minutes) if estimator.settings.model == "learned" else None
+    found = learnt.parameters if learnt is not None else ()
+    return next((one for one in found if one.name == "thermal_inertia"), None)
 
 
 def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], window: Window) -> list[MinuteBin]:
@@ -382,7 +415,7 @@ def _solved(
     estimator: Estimator,
     settings: EstimatorSettings,
     chosen: Sequence[MinuteBin],
-) -> tuple[SlopeMap, PixelBounds]:
+) -> tuple[SlopeMap, PixelBounds, PixelPosterior]:
     field, shape = RegionColumns(estimator.regions), (camera.shape[0], camera.shape[1])
     sums = MapSums(shape, settings.surface, settings.noise_k, settings.tilt_limit_deg)
     emissivity, offset_k = _of_pixels(estimator.regions, shape, settings)
@@ -405,8 +438,10 @@ def _solved(
     else:
         references = field.references[seen]
         _add_full(sums, surface_k, estimator.bins, chosen, references, reference_normal, settings)
-    slopes, bounds = with_bounds(sums.solve(), sums, reference_normal, settings)
-    return _within_regions(slopes, estimator.regions), bounds
+    slopes = sums.solve()
+    likelihood = posterior(slopes, sums, reference_normal, settings)
+    slopes, bounds = with_bounds(slopes, likelihood, settings)
+    return _within_regions(slopes, estimator.regions), bounds, likelihood
 
 
 def _add_full(
@@ -510,11 +545,23 @@ def _shares(states: NDArray[np.uint8]) -> dict[str, float]:
 
 
 def _image(found: MappedSession) -> bytes:
+    caption = _caption(found)
+    return slope_map_image.png(found.slopes, found.bounds, found.regions, found.path.stem, caption)
+
+
+def _layer_image(found: MappedSession, layer: Layer) -> bytes:
+    planes = (layer.values,) if layer.sd is None else (layer.values, layer.sd)
+    title, caption = f"{found.path.stem}: {layer.long_name}", _caption(found)
+    return layer_image.png(
+        planes, found.slopes.state, title, caption, units=layer.units, is_cyclic=layer.is_cyclic
+    )
+
+
+def _caption(found: MappedSession) -> str:
     begin, end = (formatting.clock_time(time_ns, found.site) for time_ns in (found.start_ns, found.end_ns))
     day = formatting.local_time(found.start_ns, found.site).date()
     zone = formatting.zone_name(found.start_ns, found.site)
-    caption = f"{day} {begin}-{end} {zone}, {found.minutes} min"
-    return slope_map_image.png(found.slopes, found.bounds, found.regions, found.path.stem, caption)
+    return f"{day} {begin}-{end} {zone}, {found.minutes} min"
 
 
 # Written as netCDF-4 with CF conventions; by h5py, since netCDF-4 is HDF5 with dimension scales.
@@ -556,8 +603,8 @@ BOUNDS: dict[str, dict[str, Any]] = {
 """The same of how sure each pixel is: noise, misfit and stated systematic uncertainties included."""
 
 
-def write_map(path: Path, found: MappedSession, session: SessionReader) -> None:
-    """Write the arrays of a map with where they come from. Raises `OSError`."""
+def write_map(path: Path, found: MappedSession, session: SessionReader, made: Sequence[Layer] = ()) -> None:
+    """Write the arrays of a map and its products with where they come from. Raises `OSError`."""
     rows, cols = found.slopes.state.shape
     with h5py.File(path, "w", libver=LIBVER, track_order=True) as file:
         set_attributes(file, _provenance(found, session))
@@ -567,6 +614,8 @@ def write_map(path: Path, found: MappedSession, session: SessionReader) -> None:
             _put(file, name, getattr(found.slopes, name), attributes)
         for name, attributes in BOUNDS.items():
             _put(file, name, getattr(found.bounds, name), attributes)
+        for layer in made:
+            _put_layer(file, layer)
         _put(
             file, "region", _region_numbers(found), {
                 "long_name": "which region a pixel belongs to, 0 for none",
@@ -588,6 +637,17 @@ def _put(file: h5py.File, name: str, values: Any, attributes: dict[str, Any]) ->
     if values.dtype.kind == "f":
         dataset.attrs["_FillValue"] = np.array(np.nan, dataset.dtype)
     attach(file, dataset, "y", "x")
+
+
+def _put_layer(file: h5py.File, layer: Layer) -> None:
+    place = {"units": layer.units, "coordinates": "latitude longitude"}
+    named = {"standard_name": layer.standard_name} if layer.standard_name else {}
+    about = {"ancillary_variables": "state" if layer.sd is None else f"{layer.name}_sd state"}
+    _put(file, layer.name, layer.values, {**place, **named, **about, "long_name": layer.long_name})
+    if layer.sd is not None:
+        named = {name: f"{word} standard_error" for name, word in named.items()}
+        about = {"long_name": f"standard uncertainty of {layer.long_name}"}
+        _put(file, f"{layer.name}_sd", layer.sd, {**place, **named, **about})
 
 
 def _region_numbers(found: MappedSession) -> np.ndarray[Any, np.dtype[np.uint8]]:

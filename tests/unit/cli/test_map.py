@@ -172,6 +172,7 @@ def test_known_offset_of_a_region_is_taken_from_its_brightness(monkeypatch):
     flat = Region("flat", RegionKind.REFERENCE, ((0, 0), (1, 0), (0, 1)))
     pictures = []
     monkeypatch.setattr(slope_map.MapSums, "add", lambda self, kelvin, *_: pictures.append(kelvin))
+    monkeypatch.setattr(slope_map, "posterior", lambda *_: None)
     monkeypatch.setattr(slope_map, "with_bounds", lambda *_: (np.zeros(0), None))
     monkeypatch.setattr(slope_map, "_within_regions", lambda slopes, regions: slopes)
     seen = float(brightness_temperature_k(318.15, 0.85, 233.15)) + 1.0
@@ -239,3 +240,76 @@ def test_maps_of_one_name_are_not_written_over_each_other(session, tmp_path):
     done = fieldkit("map", session, other, "-o", tmp_path / "maps")
     assert done.exit_code == 2
     assert "one name" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def products(session, tmp_path_factory):
+    base = tmp_path_factory.mktemp("products") / "beds"
+    done = fieldkit(
+        "map", session, "-o", base, "--products", "slope,heading,rdir,ntilt,solar,uvw,ptilt",
+        "--limit-deg", 15, "--drive-deg", 90, "--json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)["files"]
+
+
+def test_every_product_is_an_array_with_units_and_an_image(products):
+    names = ["slope", "heading", "rdir", "ntilt", "solar", "u", "v", "w", "ptilt", "cvar"]
+    assert [Path(file).name for file in products[2:]] == [f"beds-{name}.png" for name in names]
+    assert all(cv2.imread(file) is not None for file in products if file.endswith(".png"))
+    with h5py.File(products[1]) as file:
+        known = np.isfinite(file["tilt_deg"][:])
+        for name in names:
+            assert (np.isfinite(file[name][:]) == known).all()
+            assert file[name].attrs["units"] in (b"degree", b"1")
+            assert "state" in file[name].attrs["ancillary_variables"].decode()
+        for name in names[:-2]:
+            assert f"{name}_sd" in file[name].attrs["ancillary_variables"].decode()
+            assert (file[f"{name}_sd"][:] >= 0.0).all()
+        assert file["slope"].attrs["standard_name"] == b"ground_slope_angle"
+
+
+def test_products_follow_from_the_mapped_slope(products):
+    with h5py.File(products[1]) as file:
+        tilt, azimuth = (np.radians(file[name][:].astype(float)) for name in ("tilt_deg", "azimuth_deg"))
+        east, north = np.sin(tilt) * np.sin(azimuth), np.sin(tilt) * np.cos(azimuth)
+        assert file["slope"][:] == pytest.approx(file["tilt_deg"][:], abs=1e-4)
+        assert file["u"][:] == pytest.approx(east, abs=1e-6)
+        assert file["rdir"][:] == pytest.approx(-np.degrees(np.arctan2(east, np.cos(tilt))), abs=1e-4)
+        assert file["ntilt"][:] == pytest.approx(np.degrees(np.arctan2(north, np.cos(tilt))), abs=1e-4)
+        probability, region = file["ptilt"][:], file["region"][:]
+        assert ((probability >= 0.0) & (probability <= 1.0)).all()
+        b05, b25 = (np.median(probability[region == number]) for number in (2, 4))
+        assert b05 < 0.1
+        assert b25 > 0.9
+        assert (file["cvar"][:] > file["slope"][:])[region == 3].mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--products", "roughness"), "'roughness' is not a product"),
+        (("--products", "ptilt"), "--limit-deg 20"),
+        (("--products", "rdir"), "--drive-deg 90"),
+        (("--products", "inertia"), "only the learned model finds a thermal inertia"),
+    ],
+)
+def test_product_that_cannot_be_made_says_what_is_missing(session, tmp_path, options, words):
+    done = fieldkit("map", session, "-o", tmp_path / "x", *options)
+    assert done.exit_code != 0
+    assert words in done.output
+    assert not (tmp_path / "x.nc").exists()
+
+
+def test_inertia_of_the_learned_model_with_its_uncertainty(session, tmp_path):
+    done = fieldkit(
+        "map", session, "-o", tmp_path / "x", "--products", "inertia",
+        "--set", "estimator.model=learned",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    with h5py.File(tmp_path / "x.nc") as file:
+        inside = file["region"][:] > 0
+        assert np.isnan(file["inertia"][:][~inside]).all()
+        known = np.isfinite(file["tilt_deg"][:]) & inside
+        (value,), (sd,) = (np.unique(file[name][:][known]) for name in ("inertia", "inertia_sd"))
+        assert 0.0 < sd < value

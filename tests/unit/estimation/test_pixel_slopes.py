@@ -8,7 +8,7 @@ import pytest
 
 from fieldkit.estimation.likelihood import NINETY_PERCENT, region
 from fieldkit.estimation.normal import Misfit, choose, solve
-from fieldkit.estimation.pixel_slopes import MapSums, with_bounds
+from fieldkit.estimation.pixel_slopes import MapSums, posterior, with_bounds
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
@@ -47,6 +47,11 @@ def mapped(sun, normals, noise_k=0.0, spoil=None):
             frame_k[spoil] = np.nan
         sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
     return sums.solve()
+
+
+def bounded(sums, settings):
+    slopes = sums.solve()
+    return with_bounds(slopes, posterior(slopes, sums, VERTICAL, settings), settings)
 
 
 def test_opencvs_azimuths_are_good_to_a_hundredth_of_a_degree():
@@ -192,7 +197,7 @@ def summed(normals, sun, seed: int = 1) -> MapSums:
 @pytest.mark.parametrize(("tilt", "azimuth"), [(4.0, 180.0), (12.0, 120.0), (20.0, 90.0)])
 def test_nine_of_ten_pixels_hold_their_true_slope(minutes: int, tilt: float, azimuth: float) -> None:
     sums = summed(np.broadcast_to(normal(tilt, azimuth), (40, 50, 3)), suns(minutes))
-    slopes, bounds = with_bounds(sums.solve(), sums, VERTICAL, NOISE_ALONE)
+    slopes, bounds = bounded(sums, NOISE_ALONE)
     known = np.isfinite(slopes.tilt_deg)
     holds = (bounds.tilt_low_deg[known] <= tilt) & (tilt <= bounds.tilt_high_deg[known])
     assert known.mean() > 0.95  # noise shows a few as what no slope explains
@@ -207,7 +212,7 @@ def test_nine_of_ten_pixels_hold_their_true_slope(minutes: int, tilt: float, azi
 def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth: float) -> None:
     sun = suns(60)
     sums = summed(np.broadcast_to(normal(tilt, azimuth), (1, 1, 3)), sun, seed=4)
-    slopes, bounds = with_bounds(sums.solve(), sums, VERTICAL, NOISE_ALONE)
+    slopes, bounds = bounded(sums, NOISE_ALONE)
     best = normal(float(slopes.tilt_deg[0, 0]), float(slopes.azimuth_deg[0, 0]))
     flat = [float(temperatures(VERTICAL, ray)) for ray in sun]
     weights = np.array(
@@ -225,7 +230,7 @@ def test_bounds_are_those_of_a_region_with_the_same_misfit(tilt: float, azimuth:
 
 def test_flat_pixels_are_flat_and_face_nowhere() -> None:
     sums = summed(np.broadcast_to(VERTICAL, (20, 30, 3)), suns(90))
-    slopes, bounds = with_bounds(sums.solve(), sums, VERTICAL, NOISE_ALONE)
+    slopes, bounds = bounded(sums, NOISE_ALONE)
     assert (slopes.state == SlopeState.FLAT).mean() > 0.85
     assert (slopes.state == SlopeState.OK).mean() < 0.15
     is_flat = slopes.state == SlopeState.FLAT
@@ -242,7 +247,7 @@ def test_a_wide_region_is_uncertain_and_systematics_widen_it() -> None:
         replace(NOISE_ALONE, offset_sd_k=0.5),
         replace(NOISE_ALONE, drift_sd_k_per_h=0.5),
     )
-    found = [with_bounds(sums.solve(), sums, VERTICAL, one) for one in settings]
+    found = [bounded(sums, one) for one in settings]
     widths = [float(np.median(bounds.tilt_high_deg - bounds.tilt_low_deg)) for _, bounds in found]
     assert (found[0][0].state == SlopeState.OK).all()
     assert all(width > 1.2 * widths[0] for width in widths[1:])
@@ -258,7 +263,7 @@ def test_pixels_without_a_slope_have_no_bounds() -> None:
         frame_k = np.broadcast_to(temperatures(normal(10.0, 150.0), ray), (4, 5)).copy()
         frame_k[:2] = np.nan
         sums.add(frame_k, float(temperatures(VERTICAL, ray)), ray, 800.0, VERTICAL)
-    slopes, bounds = with_bounds(sums.solve(), sums, VERTICAL, NOISE_ALONE)
+    slopes, bounds = bounded(sums, NOISE_ALONE)
     for plane in (bounds.tilt_low_deg, bounds.tilt_high_deg, bounds.azimuth_low_deg, bounds.azimuth_high_deg):
         assert np.isnan(plane[:2]).all()
         assert np.isfinite(plane[2:]).all()

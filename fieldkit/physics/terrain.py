@@ -1,0 +1,71 @@
+"""What a rover's planner reads from surface normals: slope along a drive, northerly tilt, share of the sun.
+
+Slope and heading are the tilt and azimuth of `facet`. The set is that of JPL's MARSSLOPE [1]_, with the sun's
+way over the day in place of its elevation at noon. Axes are east, north, up.
+
+.. [1] NASA AMMOS, "Help for MARSSLOPE", VICAR documentation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldkit.physics.facet import FloatArray
+
+
+def climb_deg(normals: ArrayLike, azimuth_deg: ArrayLike) -> FloatArray:
+    """Slope along a direction, such as that of a drive.
+
+    Parameters
+    ----------
+    normals
+        Unit normals, shape (..., 3). [-]
+    azimuth_deg
+        Direction from north, clockwise, shape that broadcasts to (...). [degrees]
+
+    Returns
+    -------
+    Shape (...), in [-90, 90] for surfaces that face up; positive where the way climbs. [degrees]
+    """
+    n, along = np.asarray(normals), np.radians(azimuth_deg)
+    downhill = n[..., 0] * np.sin(along) + n[..., 1] * np.cos(along)
+    return np.asarray(np.degrees(np.arctan2(-downhill, n[..., 2])))
+
+
+def northerly_tilt_deg(normals: ArrayLike) -> FloatArray:
+    """Tilt of surfaces towards north: the angle of the normal from the zenith in the meridian plane.
+
+    Parameters
+    ----------
+    normals
+        Unit normals, shape (..., 3). [-]
+
+    Returns
+    -------
+    Shape (...), positive where the surface faces north. [degrees]
+    """
+    return climb_deg(normals, 180.0)
+
+
+def sunlit_cosine(normals: ArrayLike, suns: ArrayLike) -> FloatArray:
+    """Mean cosine of incidence, zero while a surface or the horizontal faces away from the sun.
+
+    Times the direct normal irradiance, constant over the time, it is the mean direct irradiance.
+
+    Parameters
+    ----------
+    normals
+        Unit normals, shape (..., 3). [-]
+    suns
+        Unit vectors to the sun at even steps of time, shape (n, 3). [-]
+
+    Returns
+    -------
+    Shape (...), in [0, 1]. [-]
+    """
+    rays = np.asarray(suns, np.float64)
+    total = np.zeros(np.shape(normals)[:-1])
+    for ray in rays[rays[:, 2] > 0.0]:  # one at a time: a map times a day does not fit the memory
+        total += np.maximum(normals @ ray, 0.0)
+    return np.asarray(total / len(rays))
