@@ -14,7 +14,7 @@ from rich.table import Table
 
 from benchmarks.result import Result
 
-HELPERS = {"__main__", "drawn_worlds", "mjpeg_page", "replayed", "result", "session_data"}
+HELPERS = {"__main__", "drawn_worlds", "mjpeg_page", "replayed", "result", "session_data", "sides"}
 
 
 def modules() -> list[str]:

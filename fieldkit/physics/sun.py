@@ -1,9 +1,9 @@
 """Where the sun stands: unit vectors to it in east, north, up.
 
-The engine is astropy, which only this module imports: in the field there is no network, so its downloads
-are switched off. UT1 and polar motion come from the file that astropy brings along (IERS, finals2000A), read
-here in milliseconds; astropy's general reader takes longer than everything else a command does at its start.
-Beyond the end of that table UT1 is extrapolated, which costs far less than 0.01 degrees.
+The engine is ERFA, the library under astropy's coordinates, called directly: importing these takes longer than
+everything else a command does at its start. UT1 and polar motion come from the file that astropy brings along
+(IERS, finals2000A), so no network is needed. Before its first and after its last day the values there are held,
+which costs far less than 0.01 degrees.
 
 Positions are computed on a 300 s grid and the *unit vector* is interpolated by a cubic
 spline (angles would wrap at north and break at the zenith). Geometric positions are the
@@ -16,57 +16,56 @@ from __future__ import annotations
 import warnings
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
-import astropy.units as u
 import erfa  # type: ignore[import-untyped]
 import numpy as np
-from astropy.coordinates import AltAz, EarthLocation, get_sun
-from astropy.table import QTable
-from astropy.time import Time
-from astropy.utils import iers
-from astropy.utils.exceptions import AstropyWarning
+from astropy_iers_data import IERS_A_FILE  # type: ignore[import-untyped]
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_NS, DAY_S
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 
-COLUMNS = {
-    "MJD": (7, 15, u.d),
-    "PM_x": (18, 27, u.arcsec),
-    "PM_y": (37, 46, u.arcsec),
-    "UT1_UTC": (58, 68, u.s),
-}
-"""First and last character of each column, and its unit, by the file's description (readme.finals2000A)."""
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+EPOCH_JD, MJD_0_JD = 2440587.5, 2400000.5
+"""Julian dates of 1970-01-01 and of modified Julian day 0."""
+COLUMNS = {"mjd": (7, 15), "x_arcsec": (18, 27), "y_arcsec": (37, 46), "ut1_utc_s": (58, 68)}
+"""First and last character of each column, by the file's description (readme.finals2000A)."""
 
 
-class EarthRotation(iers.IERS):  # type: ignore[misc]
-    """UT1 - UTC and polar motion by day, measured and predicted; the last values hold beyond the ends."""
+class EarthRotation(NamedTuple):
+    """UT1 - UTC and polar motion at 0 h UTC of consecutive days, measured and predicted; shape (n,) each."""
 
-    def _check_interpolate_indices(self, *_: object) -> None:
-        """Accept times beyond the table: the error of UT1 there moves the sun by less than 0.005 degrees."""
+    mjd: FloatArray
+    x_arcsec: FloatArray
+    y_arcsec: FloatArray
+    ut1_utc_s: FloatArray
+
+    def at(self, mjd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """UT1 - UTC in seconds and the pole's x and y in radians; interpolated in UT1 - TAI, which has no leaps."""
+        within = np.clip(mjd, self.mjd[0], self.mjd[-1])
+        ut1_tai_s = np.interp(within, self.mjd, self.ut1_utc_s - _leap_seconds(self.mjd))
+        x, y = (np.interp(within, self.mjd, pole) for pole in (self.x_arcsec, self.y_arcsec))
+        return ut1_tai_s + _leap_seconds(within), np.radians(x / 3600.0), np.radians(y / 3600.0)
+
+
+def _leap_seconds(mjd: FloatArray) -> FloatArray:
+    """TAI - UTC in seconds."""
+    year, month, day, _ = erfa.jd2cal(MJD_0_JD, np.floor(mjd))
+    return np.asarray(erfa.dat(year, month, day, 0.0), np.float64)
 
 
 @lru_cache(maxsize=1)
 def earth_rotation() -> EarthRotation:
-    """Earth rotation from the IERS file that was installed with astropy; read once.
+    """Earth rotation from the IERS file that was installed with astropy; read once."""
+    days = [line for line in Path(IERS_A_FILE).read_text("ascii").splitlines() if line[58:68].strip()]
+    return EarthRotation(
+        *(np.array([line[begin:end] for line in days], np.float64) for begin, end in COLUMNS.values())
+    )
 
-    Returns
-    -------
-    Table to set as astropy's ``earth_orientation_table``.
-    """
-    days = [line for line in Path(iers.IERS_A_FILE).read_text("ascii").splitlines() if line[58:68].strip()]
-    columns = {
-        name: np.array([line[begin:end] for line in days], np.float64) * unit
-        for name, (begin, end, unit) in COLUMNS.items()
-    }
-    return EarthRotation(QTable(columns))
-
-
-iers.conf.auto_download = False
-iers.conf.auto_max_age = None
-iers.conf.iers_degraded_accuracy = "ignore"
 
 GRID_S = 300
 PADDING_NODES = 2
@@ -151,8 +150,8 @@ def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
     return np.column_stack([horizontal * np.cos(apparent)[:, np.newaxis], np.sin(apparent)])
 
 
-def astropy_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
-    """Geometric unit vectors to the sun straight from astropy.
+def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
+    """Geometric unit vectors to the sun straight from the ephemeris.
 
     About a second for 10 000 times; `sun_vectors` interpolates and is tested against it.
 
@@ -165,25 +164,47 @@ def astropy_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
 
     Returns
     -------
-    East, north, up, shape (n, 3). [-]
+    East, north, up, shape (n, 3). Within 0.0001 arcseconds of astropy. [-]
+
+    References
+    ----------
+    .. [1] IAU SOFA Board, "SOFA Astrometry Tools", 2023: astrometry for an observed place; ``epv00``,
+       IAU 2006/2000A precession and nutation.
     """
-    place = EarthLocation.from_geodetic(
-        site.longitude_deg * u.deg, site.latitude_deg * u.deg, site.elevation_m * u.m
-    )
     with warnings.catch_warnings():
-        # beyond its tables astropy warns of an accuracy far better than needed here
-        warnings.simplefilter("ignore", AstropyWarning)
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        with iers.earth_orientation_table.set(earth_rotation()):
-            time = Time(unix_s, format="unix", scale="utc")
-            sun = get_sun(time).transform_to(AltAz(obstime=time, location=place))
-    altitude, azimuth = sun.alt.rad, sun.az.rad
-    level = np.cos(altitude)
-    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(altitude)], axis=-1)
+        warnings.simplefilter("ignore", erfa.ErfaWarning)  # of years whose leap seconds are not known yet
+        observer = _observer(unix_s, site)
+        # The sun itself is where it is: aberration by the observer's motion, no parallax, no deflection.
+        aberrated = erfa.ab(-observer["eh"], observer["v"], observer["em"], observer["bm1"])
+        right_ascension, declination = erfa.c2s(erfa.rxp(observer["bpn"], aberrated))
+        azimuth, zenith, *_ = erfa.atioq(right_ascension, declination, observer)
+    return np.stack(
+        [np.sin(zenith) * np.sin(azimuth), np.sin(zenith) * np.cos(azimuth), np.cos(zenith)], axis=-1
+    )
+
+
+def _observer(unix_s: NDArray[np.float64], site: Site) -> NDArray[np.void]:
+    """ERFA's astrometry parameters of an observer without an atmosphere."""
+    utc = EPOCH_JD + np.floor(unix_s / DAY_S), (unix_s % DAY_S) / DAY_S
+    ut1_utc_s, x, y = earth_rotation().at(utc[0] - MJD_0_JD + utc[1])
+    ut1 = erfa.utcut1(*utc, ut1_utc_s)
+    tt = erfa.taitt(*erfa.utctai(*utc))
+    longitude, latitude = np.radians([site.longitude_deg, site.latitude_deg])
+    tdb = tt[0], tt[1] + erfa.dtdb(*tt, ut1[1] % 1.0, longitude, 0.0, 0.0) / DAY_S
+    heliocentric, barycentric = erfa.epv00(*tdb)
+    pole_x, pole_y, locator = erfa.xys06a(*tt)
+    return np.asarray(
+        erfa.apco(
+            *tt, barycentric, heliocentric["p"], pole_x, pole_y, locator, erfa.era00(*ut1),
+            longitude, latitude, site.elevation_m, x, y, erfa.sp00(*tt), 0.0, 0.0,
+        )
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=512)
 def _spline_of_day(day: int, site: Site) -> CubicSpline:
     """Spline of the sun vector over UTC day `day` since 1970, by seconds of the day."""
+    from scipy.interpolate import CubicSpline
+
     seconds = np.arange(-PADDING_NODES * GRID_S, DAY_S + PADDING_NODES * GRID_S + 1, GRID_S, dtype=np.float64)
-    return CubicSpline(seconds, astropy_vectors(day * DAY_S + seconds, site))
+    return CubicSpline(seconds, exact_vectors(day * DAY_S + seconds, site))

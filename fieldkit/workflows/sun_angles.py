@@ -6,18 +6,20 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import Any
 
+import numpy as np
+
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.site import Site
 from fieldkit.physics.facet import incidence_deg, normal, tilt_azimuth
-from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.sun import exact_vectors, refract
 
 
 def sun_rows(
     site: Site, moments: Sequence[datetime], facets: Sequence[tuple[float, float]] = ()
 ) -> list[dict[str, Any]]:
     """One row per moment: the sun's angles and one incidence angle per facet, degrees."""
-    times = [utc_ns(moment) for moment in moments]
-    seen = [sun_vectors(times, site, refraction=refracted) for refracted in (False, True)]
+    geometric = exact_vectors(np.array([utc_ns(moment) for moment in moments]) * 1e-9, site)
+    seen = (geometric, refract(geometric, site.elevation_m))
     (zenith, azimuth), (apparent, bearing) = (tilt_azimuth(sun) for sun in seen)
     # the last axis counts facets, so that no facet at all gives an empty table and not an error
     normals = normal([tilt for tilt, _ in facets], [turn for _, turn in facets]).reshape(-1, 3)

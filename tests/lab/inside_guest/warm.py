@@ -8,7 +8,7 @@ import pkgutil
 import time
 
 HEAVY = (
-    "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "astropy.coordinates", "rich.live",
+    "numpy", "cv2", "h5py", "scipy.interpolate", "scipy.optimize", "erfa", "rich.live",
     "serial", "usb.backend.libusb1", "fieldkit.views.terminal_view", "fieldkit.workflows.record",
     "fieldkit.workflows.estimate",
 )  # fmt: skip
@@ -28,7 +28,7 @@ def warm(place: tuple[float, float, float]) -> None:
 
 
 def _load_sun_tables(latitude_deg: float, longitude_deg: float, elevation_m: float) -> None:
-    """The first position of the sun makes astropy parse a large text file, seven seconds of emulated time."""
+    """The first position of the sun reads a large text file, which takes seconds of emulated time."""
     from fieldkit.model.site import Site
     from fieldkit.physics.sun import sun_vectors
 
