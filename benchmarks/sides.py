@@ -1,4 +1,4 @@
-"""Two sides of a comparison, timed in alternating rounds of one run, beside what the machine did meanwhile."""
+"""Two sides of a comparison in alternating rounds of one run, beside what the machine did meanwhile."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 def _stolen_s() -> float:
-    """Seconds of processor time that the host has taken away so far, all processors; 0 where it is not known."""
+    """Processor time that the host has taken away so far, in seconds; 0 where it is not known."""
     statistic = Path("/proc/stat")
     return int(statistic.read_text().split(maxsplit=10)[8]) / 100.0 if statistic.exists() else 0.0
 

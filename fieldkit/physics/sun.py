@@ -1,9 +1,9 @@
 """Where the sun stands: unit vectors to it in east, north, up.
 
-The engine is ERFA, the library under astropy's coordinates, called directly: importing these takes longer than
-everything else a command does at its start. UT1 and polar motion come from the file that astropy brings along
-(IERS, finals2000A), so no network is needed. Before its first and after its last day the values there are held,
-which costs far less than 0.01 degrees.
+The engine is ERFA, the library under astropy's coordinates, called directly: importing these takes longer
+than everything else a command does at its start. UT1 and polar motion come from the file that astropy brings
+along (IERS, finals2000A), so no network is needed. Before its first and after its last day the values there
+are held, which costs far less than 0.01 degrees.
 
 Positions are computed on a 300 s grid and the *unit vector* is interpolated by a cubic
 spline (angles would wrap at north and break at the zenith). Geometric positions are the
@@ -45,7 +45,10 @@ class EarthRotation(NamedTuple):
     ut1_utc_s: FloatArray
 
     def at(self, mjd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """UT1 - UTC in seconds and the pole's x and y in radians; interpolated in UT1 - TAI, which has no leaps."""
+        """UT1 - UTC in seconds and the pole's x and y in radians.
+
+        What is interpolated is UT1 - TAI, which has no leaps.
+        """
         within = np.clip(mjd, self.mjd[0], self.mjd[-1])
         ut1_tai_s = np.interp(within, self.mjd, self.ut1_utc_s - _leap_seconds(self.mjd))
         x, y = (np.interp(within, self.mjd, pole) for pole in (self.x_arcsec, self.y_arcsec))
