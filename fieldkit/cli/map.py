@@ -44,6 +44,14 @@ if TYPE_CHECKING:
     "--drive-deg", type=float, default=math.nan, metavar="DEG",
     help="Direction of the drive that rdir is the slope along, from north, clockwise.",
 )  # fmt: skip
+@click.option(
+    "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="Pose of the camera and its ground, a TOML file: writes NAME.tif and NAME.ply as well.",
+)  # fmt: skip
+@click.option(
+    "--cell-m", type=click.FloatRange(min=0, min_open=True), metavar="M",
+    help="Side of the cells of NAME.tif [default: as far apart as the pixels are].",
+)  # fmt: skip
 @common.present_option
 @click.option("--follow", is_flag=True, help="Map a session anew each minute while it is being recorded.")
 @common.workers_options
@@ -57,6 +65,8 @@ def command(
     products: str | None,
     limit_deg: float,
     drive_deg: float,
+    pose: Path | None,
+    cell_m: float | None,
     present: bool,
     follow: bool,
     jobs: int | None,
@@ -80,17 +90,22 @@ def command(
       uvw       unit normal: east, north, up
       ptilt     P(tilt > --limit-deg), and the mean of the steepest tenth that fits
       inertia   thermal inertia found by the learned model
+
+    With --pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
+    GeoTIFF with a band for each layer, and NAME.ply, points. Needs fieldkit[terrain].
     """
     from fieldkit.workflows.slope_map import map_sessions, slope_map
     from fieldkit.workflows.terrain_products import Products
 
-    wanted = None
+    wanted = Products(("slope", "heading")) if pose is not None else None
     if products is not None:
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
     if len(paths) > 1:
         if follow:
             raise click.UsageError("--follow is for one session")
+        if pose is not None:
+            raise click.UsageError("--pose is for one session")
         workers = batch.workers(kind, address, jobs)
         _map_many(
             _bases(paths, out),
@@ -105,9 +120,10 @@ def command(
         )
         return
     make = partial(slope_map, paths[0], window, settings=settings, present=present)
+    write = partial(_write, wanted=wanted, pose=pose, cell_m=cell_m)
     if follow:
-        _follow(paths[0], lambda: _map(paths[0], out, make, wanted, common.print_json_line))
-    _map(paths[0], out, make, wanted, common.print_json_line if follow else common.print_json)
+        _follow(paths[0], lambda: _map(paths[0], out, make, write, common.print_json_line))
+    _map(paths[0], out, make, write, common.print_json_line if follow else common.print_json)
 
 
 def _follow(path: Path, map_now: Callable[[], None]) -> None:
@@ -126,20 +142,34 @@ def _map(
     path: Path,
     out: Path | None,
     make: Callable[[], MappedSession],
-    wanted: Products | None,
+    write: Callable[[MappedSession, Path], list[Path]],
     print_json: Callable[[Mapping[str, Any]], None],
 ) -> None:
     base = _base(out, path)
     found = make()
     for note in found.notes:
         common.say(note)
-    files = found.write(base, wanted)
+    files = write(found, base)
     if common.options().json:
         print_json(_document(path, found, files))
     else:
         _print_map(found, files)
     if (damage := found.damage) is not None:
         raise damage
+
+
+def _write(
+    found: MappedSession, base: Path, wanted: Products | None, pose: Path | None, cell_m: float | None
+) -> list[Path]:
+    """Write a map, its products, and both on the ground if there is a pose."""
+    layers = found.products(wanted) if wanted is not None else []
+    if pose is None:
+        return found.write(base, layers)
+    from fieldkit.workflows.on_ground import ground_view, load_pose, write_on_ground
+
+    rows, cols = found.slopes.state.shape
+    view = ground_view(load_pose(pose), (rows, cols), cell_m)
+    return [*found.write(base, layers), *write_on_ground(base, view, layers, found.slopes.state)]
 
 
 def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]]) -> None:

@@ -186,13 +186,12 @@ class MappedSession:
         """Products of the map. Raises `NoAnswerError` for one that cannot be made of it."""
         return layers(self, wanted)
 
-    def write(self, base: str | Path | None = None, wanted: Products | None = None) -> list[Path]:
+    def write(self, base: str | Path | None = None, made: Sequence[Layer] = ()) -> list[Path]:
         """Write the map as image ``BASE.png`` and arrays ``BASE.nc``; the files. Raises `StorageError`.
 
-        Products are added to the arrays; each has an image ``BASE-NAME.png``. Without `base` the files go to
-        the campaign's results, or beside a session elsewhere.
+        Products in `made` are added to the arrays; each has an image ``BASE-NAME.png``. Without `base` the
+        files go to the campaign's results, or beside a session elsewhere.
         """
-        made = [] if wanted is None else self.products(wanted)
         base = default_base(self.path) if base is None else Path(base)
         files = [base.with_name(base.name + ending) for ending in ENDINGS]
         images = {base.with_name(f"{base.name}-{layer.name}.png"): layer for layer in made}
@@ -282,7 +281,8 @@ def map_sessions(
                 failures[path] = found
                 continue
             try:
-                made[path] = found, found.write(bases[path], wanted)
+                products = found.products(wanted) if wanted is not None else []
+                made[path] = found, found.write(bases[path], products)
             except NoAnswerError as error:
                 failures[path] = error
                 continue

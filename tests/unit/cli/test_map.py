@@ -313,3 +313,20 @@ def test_inertia_of_the_learned_model_with_its_uncertainty(session, tmp_path):
         known = np.isfinite(file["tilt_deg"][:]) & inside
         (value,), (sd,) = (np.unique(file[name][:][known]) for name in ("inertia", "inertia_sd"))
         assert 0.0 < sd < value
+
+
+def test_map_on_the_ground_before_the_camera(session, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    (tmp_path / "pose.toml").write_text(
+        'crs = "EPSG:32613"\neast_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\n'
+        "pitch_deg = -30.0\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n"
+    )
+    done = fieldkit("map", session, "-o", tmp_path / "x", "--pose", tmp_path / "pose.toml", "--cell-m", 0.25)
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "x.ply").read_bytes().startswith(b"ply\n")
+    with rasterio.open(tmp_path / "x.tif") as file:
+        assert file.descriptions == ("slope", "heading", "slope_sd", "heading_sd", "state")
+        assert file.units[0] == "degree"
+        assert file.res == (0.25, 0.25)
+        known = np.isfinite(file.read(1))
+    assert 0.2 < known.mean() < 0.9  # the trapezoid that the camera sees, in its bounding box

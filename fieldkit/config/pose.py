@@ -1,0 +1,57 @@
+"""Where the camera stood and looked, and the ground before it: a small TOML file of its own.
+
+It is not part of ``fieldkit.toml``: a pose is often surveyed after the recording.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+
+from fieldkit.config.load import read_text
+from fieldkit.config.toml_schema import Table
+from fieldkit.model.errors import ConfigError
+from fieldkit.physics.camera_geometry import Camera
+
+
+class PoseFile(Table):
+    """A pose, by its keys; angles against true north and the horizon."""
+
+    crs: str
+    east_m: float
+    north_m: float
+    height_m: float
+    yaw_deg: float = Field(ge=-360, le=360)
+    pitch_deg: float = Field(ge=-90, le=90)
+    roll_deg: float = Field(default=0.0, ge=-180, le=180)
+    hfov_deg: float = Field(gt=0, lt=180)
+    range_m: float = Field(gt=0, le=10_000)
+    ground_m: float | None = None
+    dem: str | None = None
+
+    def camera(self, shape: tuple[int, int], true_north_deg: float) -> Camera:
+        """The camera in the axes of the grid, whose true north lies in a direction clockwise of its own."""
+        place = (self.east_m, self.north_m, self.height_m)
+        yaw = self.yaw_deg + true_north_deg
+        return Camera(place, yaw, self.pitch_deg, self.roll_deg, self.hfov_deg, shape)
+
+
+def load_pose(path: Path) -> PoseFile:
+    """Read a pose; ``dem`` becomes a path beside the file. Raises `ConfigError`."""
+    try:
+        pose = PoseFile.model_validate(tomllib.loads(read_text(path)))
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{path}: {key}: {first['msg']}", fix=f"correct {key} in {path}") from None
+    if (pose.ground_m is None) == (pose.dem is None):
+        raise ConfigError(
+            f"{path} needs either ground_m, the height of level ground, or dem, a GeoTIFF of heights"
+        )
+    if pose.dem is None:
+        return pose
+    return pose.model_copy(update={"dem": str(path.parent / pose.dem)})

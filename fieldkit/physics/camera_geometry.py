@@ -1,0 +1,198 @@
+"""From pixels to the ground and back: a pinhole camera with a pose, over a plane or a grid of heights.
+
+Axes are east, north, up, in metres. Pixel centres are at whole numbers, x to the right, y downwards. Lens
+distortion, refraction and the Earth's curvature are not here: at 100 m the latter is below a millimetre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fieldkit.physics.facet import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole camera.
+
+    Attributes
+    ----------
+    position_m
+        East, north, up. [m]
+    yaw_deg, pitch_deg, roll_deg
+        Azimuth of the optical axis from north, clockwise; its elevation, negative downwards; turn of the
+        camera about it, clockwise as the camera sees. [degrees]
+    hfov_deg
+        Horizontal field of view, from edge to edge of the outermost pixels. [degrees]
+    shape
+        Rows and columns.
+    """
+
+    position_m: tuple[float, float, float]
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+    hfov_deg: float
+    shape: tuple[int, int]
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return 0.5 * self.shape[1] / float(np.tan(np.radians(0.5 * self.hfov_deg)))
+
+    @property
+    def axes(self) -> FloatArray:
+        """Unit vectors to the right of the frame, downwards in it and along the optical axis, as rows."""
+        yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
+        forward = np.array([np.cos(pitch) * np.sin(yaw), np.cos(pitch) * np.cos(yaw), np.sin(pitch)])
+        level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
+        below = np.cross(forward, level)
+        right = np.cos(roll) * level + np.sin(roll) * below
+        return np.array([right, np.cross(forward, right), forward])
+
+
+def rays(camera: Camera) -> FloatArray:
+    """Unit vectors from the camera through its pixels, shape (rows, cols, 3)."""
+    rows, cols = camera.shape
+    x, y = np.meshgrid(np.arange(cols) - 0.5 * (cols - 1), np.arange(rows) - 0.5 * (rows - 1))
+    lines = np.stack([x, y, np.full(camera.shape, camera.focal_px)], axis=-1) @ camera.axes
+    return np.asarray(lines / np.linalg.norm(lines, axis=-1, keepdims=True))
+
+
+def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where points appear.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    points_m
+        East, north, up, shape (..., 3). [m]
+
+    Returns
+    -------
+    x and y, shape (...) each, NaN behind the camera [pixels]; distance from the camera [m].
+    """
+    away = np.asarray(points_m, np.float64) - camera.position_m
+    right, down, forward = np.moveaxis(away @ camera.axes.T, -1, 0)
+    scale = np.divide(camera.focal_px, forward, out=np.full(forward.shape, np.nan), where=forward > 0.0)
+    rows, cols = camera.shape
+    x, y = right * scale + 0.5 * (cols - 1), down * scale + 0.5 * (rows - 1)
+    return x, y, np.linalg.norm(away, axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Heights:
+    """Heights of the ground on a grid of square cells with north up.
+
+    `west_m` and `north_m` are the outer edges of the first cell, `heights_m` (rows, cols) its rows from
+    north to south; NaN is unknown.
+    """
+
+    west_m: float
+    north_m: float
+    cell_m: float
+    heights_m: FloatArray
+
+    def at(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
+        """Heights in metres between cell centres, bilinear, shape of the coordinates; NaN outside."""
+        rows, cols = self.heights_m.shape
+        x = (np.asarray(east_m, np.float64) - self.west_m) / self.cell_m - 0.5
+        y = (self.north_m - np.asarray(north_m, np.float64)) / self.cell_m - 0.5
+        inside = (x >= 0.0) & (x <= cols - 1.0) & (y >= 0.0) & (y <= rows - 1.0)
+        x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+        left, top = np.minimum(x.astype(int), cols - 2), np.minimum(y.astype(int), rows - 2)
+        right_share, low_share = x - left, y - top
+        upper, lower = (
+            self.heights_m[row, left] * (1.0 - right_share) + self.heights_m[row, left + 1] * right_share
+            for row in (top, top + 1)
+        )
+        return np.where(inside, upper * (1.0 - low_share) + lower * low_share, np.nan)
+
+
+def distances_to_plane_m(camera: Camera, height_m: float) -> FloatArray:
+    """Distance in metres along each pixel's ray to a level plane, (rows, cols); NaN without one."""
+    up = rays(camera)[..., 2]
+    drop = height_m - camera.position_m[2]
+    with np.errstate(divide="ignore"):
+        away = drop / up
+    return np.where(np.isfinite(away) & (away > 0.0), away, np.nan)
+
+
+def distances_to_ground_m(camera: Camera, ground: Heights, range_m: float) -> FloatArray:
+    """Distance along each pixel's ray to where it first meets the ground.
+
+    Steps of half a cell, then twelve halvings: a ridge narrower than half a cell may be missed.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    ground
+        Heights; the camera may stand outside.
+    range_m
+        Largest distance considered. [m]
+
+    Returns
+    -------
+    Shape (rows, cols); NaN where a ray meets nothing. [m]
+    """
+    lines = rays(camera).reshape(-1, 3)
+    found = np.full(len(lines), np.nan)
+    left, step = np.arange(len(lines)), 0.5 * ground.cell_m
+    above = np.ones(len(lines), np.bool_)  # a ray that enters from below the grid's edge meets nothing
+    for number in range(1, int(range_m / step) + 1):
+        over = _height_over(camera, ground, lines[left], np.full(left.size, number * step))
+        meets = above[left] & (over <= 0.0)
+        above[left] = np.where(np.isnan(over), above[left], over > 0.0)
+        found[left[meets]] = _halved(camera, ground, lines[left[meets]], number * step, step)
+        left = left[~meets]
+        if not left.size:
+            break
+    return found.reshape(camera.shape)
+
+
+def _height_over(camera: Camera, ground: Heights, lines: FloatArray, away_m: FloatArray) -> FloatArray:
+    east, north, up = (np.asarray(camera.position_m) + away_m[:, np.newaxis] * lines).T
+    return np.asarray(up - ground.at(east, north))
+
+
+def _halved(camera: Camera, ground: Heights, lines: FloatArray, away_m: float, step_m: float) -> FloatArray:
+    low, high = np.full(len(lines), away_m - step_m), np.full(len(lines), away_m)
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        below = _height_over(camera, ground, lines, middle) <= 0.0
+        low, high = np.where(below, low, middle), np.where(below, middle, high)
+    return high
+
+
+def seen_by(
+    camera: Camera, points_m: FloatArray, distances_m: FloatArray, slack_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+    """The pixel that sees each point, and whether it does.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    points_m
+        East, north, up, shape (..., 3). [m]
+    distances_m
+        Of the ground along each pixel's ray, shape (rows, cols): what is farther is hidden. [m]
+    slack_m
+        How much farther still counts as seen: about the size of a cell. [m]
+
+    Returns
+    -------
+    Row, column and whether it is seen, shape (...) each; row and column are 0 where it is not.
+    """
+    x, y, away = project(camera, points_m)
+    rows, cols = camera.shape
+    inside = (x > -0.5) & (x < cols - 0.5) & (y > -0.5) & (y < rows - 0.5)
+    row, col = (np.rint(np.where(inside, one, 0.0)).astype(np.intp) for one in (y, x))
+    # the pixel's own ray may meet farther ground than the point does near its edge
+    seen = inside & (np.abs(distances_m[row, col] - away) <= slack_m + 0.05 * away)
+    return np.where(seen, row, 0), np.where(seen, col, 0), seen

@@ -1,0 +1,167 @@
+"""Products of a map on the ground: orthorectified as GeoTIFF, and as points.
+
+A cell takes the value of the pixel that sees its centre. Heights are those of the plane or DEM of the pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.config.pose import PoseFile, load_pose
+from fieldkit.disk import replacing
+from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
+from fieldkit.physics.camera_geometry import (
+    Camera,
+    Heights,
+    distances_to_ground_m,
+    distances_to_plane_m,
+    rays,
+    seen_by,
+)
+from fieldkit.physics.facet import FloatArray
+from fieldkit.sessions.formats import geotiff, ply
+
+__all__ = ["GroundView", "ground_view", "load_pose", "write_on_ground"]
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+    from fieldkit.workflows.terrain_products import Layer
+
+MOST_CELLS = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class GroundView:
+    """What each pixel of a camera sees of the ground.
+
+    Attributes
+    ----------
+    camera, crs
+        The camera, in the axes of the projected reference system.
+    ground
+        Heights of the ground on the cells of the output.
+    distances_m
+        From the camera along each pixel's ray, (rows, cols); NaN where it meets no ground within range. [m]
+    """
+
+    camera: Camera
+    crs: CRS
+    ground: Heights
+    distances_m: FloatArray
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Ground points of the pixels in metres, shape (rows, cols, 3)."""
+        return np.asarray(self.camera.position_m) + self.distances_m[..., np.newaxis] * rays(self.camera)
+
+    def on_cells(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
+        row, col, seen = self._seen()
+        return np.where(seen, values[row, col], np.float32(np.nan))
+
+    def _seen(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+        rows, cols = self.ground.heights_m.shape
+        cell = self.ground.cell_m
+        east = self.ground.west_m + cell * (np.arange(cols) + 0.5)
+        north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
+        points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
+        return seen_by(self.camera, points, self.distances_m, cell)
+
+
+def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
+    """Trace a camera's pixels to the ground.
+
+    Parameters
+    ----------
+    pose
+        Pose of the camera, with its ground.
+    shape
+        Rows and columns of a frame.
+    cell_m
+        Side of a cell; the median distance between neighbouring pixels on the ground by default. [m]
+
+    Raises
+    ------
+    ConfigError
+        If the reference system is unknown or not in metres, the DEM does not fit it, or a cell is too small.
+    NoAnswerError
+        If no pixel meets the ground within range.
+    """
+    crs = geotiff.projected_crs(pose.crs)
+    camera = pose.camera(shape, geotiff.true_north_deg(crs, pose.east_m, pose.north_m))
+    dem = None if pose.dem is None else geotiff.read_heights(Path(pose.dem), crs)
+    away = _distances_m(camera, pose, dem)
+    if not np.isfinite(away).any():
+        what = f"the DEM {pose.dem}" if pose.dem else f"level ground at {pose.ground_m} m"
+        raise NoAnswerError(
+            f"no pixel meets {what} within {pose.range_m:g} m of the camera",
+            fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
+        )
+    points = np.asarray(camera.position_m) + away[..., np.newaxis] * rays(camera)
+    return GroundView(camera, crs, _cells(points, pose, dem, cell_m), away)
+
+
+def _distances_m(camera: Camera, pose: PoseFile, dem: Heights | None) -> FloatArray:
+    if dem is not None:
+        return distances_to_ground_m(camera, dem, pose.range_m)
+    assert pose.ground_m is not None
+    away = distances_to_plane_m(camera, pose.ground_m)
+    return np.where(away <= pose.range_m, away, np.nan)
+
+
+def _cells(points: FloatArray, pose: PoseFile, dem: Heights | None, cell_m: float | None) -> Heights:
+    """Heights on the cells around the points, edges at multiples of their side."""
+    if cell_m is None:
+        apart = np.linalg.norm(np.diff(points, axis=1)[..., :2], axis=-1)
+        cell_m = float(np.nanmedian(apart)) if np.isfinite(apart).any() else 1.0
+    east, north = points[..., 0], points[..., 1]
+    west, south = (float(np.floor(np.nanmin(one) / cell_m)) * cell_m for one in (east, north))
+    cols, rows = (
+        max(2, int(np.ceil((np.nanmax(one) - edge) / cell_m))) for one, edge in ((east, west), (north, south))
+    )
+    if rows * cols > MOST_CELLS:
+        raise ConfigError(
+            f"cells of {cell_m:g} m make {rows} x {cols} of them", fix="choose a larger --cell-m"
+        )
+    top = south + rows * cell_m
+    flat = np.full((rows, cols), np.nan if pose.ground_m is None else pose.ground_m)
+    if dem is not None:
+        at = west + cell_m * (np.arange(cols) + 0.5), top - cell_m * (np.arange(rows) + 0.5)
+        flat = dem.at(*np.meshgrid(*at))
+    return Heights(west, top, cell_m, flat)
+
+
+def write_on_ground(
+    base: Path, view: GroundView, layers: Sequence[Layer], state: NDArray[np.uint8]
+) -> list[Path]:
+    """Write ``BASE.tif``, a band for each layer, its uncertainty and the state, and ``BASE.ply``; the files.
+
+    Raises `StorageError`.
+    """
+    planes = [(layer.name, layer.units, layer.values) for layer in layers]
+    planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
+    planes.append(("state", "1", state.astype(np.float32)))
+    files = [base.with_name(f"{base.name}{ending}") for ending in (".tif", ".ply")]
+    try:
+        base.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as points:
+            ground = view.ground
+            on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
+            geotiff.write_layers(image, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
+            met = np.isfinite(view.distances_m)
+            columns = dict(zip("xyz", view.points_m[met].T, strict=True))
+            ply.write_points(
+                points, columns | {name: values[met] for name, _, values in planes}, f"crs {view.crs}"
+            )
+    except OSError as error:
+        raise StorageError(
+            f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
+        ) from error
+    return files

@@ -1,0 +1,108 @@
+"""Layers on the ground: an oblique view of a ridge, a crater and a plain, against the heights themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fieldkit.config.pose import load_pose
+from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.workflows.on_ground import ground_view, write_on_ground
+from fieldkit.workflows.terrain_products import Layer
+
+rasterio = pytest.importorskip("rasterio")
+
+POSE = """
+crs = "EPSG:32654"
+east_m = 354600.0
+north_m = 3936200.0
+height_m = 112.0
+yaw_deg = 10.0
+pitch_deg = -25.0
+hfov_deg = 50.0
+range_m = 90.0
+"""
+SHAPE = (120, 160)
+
+
+def terrain(east, north):
+    ridge = 3.0 * np.exp(-(((north - 3936236.0) / 3.0) ** 2))
+    return 100.0 + ridge - 1.5 * np.exp(-((east - 354606.0) ** 2 + (north - 3936222.0) ** 2) / 8.0)
+
+
+@pytest.fixture
+def dem(tmp_path):
+    """200 x 200 cells of half a metre."""
+    centre = 0.5 * (np.arange(200) + 0.5)
+    heights = terrain(*np.meshgrid(354550.0 + centre, 3936290.0 - centre))
+    profile = {"driver": "GTiff", "width": 200, "height": 200, "count": 1, "dtype": "float64"}
+    place = rasterio.Affine(0.5, 0.0, 354550.0, 0.0, -0.5, 3936290.0)
+    with rasterio.open(tmp_path / "dem.tif", "w", crs="EPSG:32654", transform=place, **profile) as file:
+        file.write(heights, 1)
+    return tmp_path / "dem.tif"
+
+
+def pose_file(folder, text):
+    (folder / "pose.toml").write_text(text)
+    return folder / "pose.toml"
+
+
+def test_cells_hold_what_lies_on_them(tmp_path, dem):
+    """Each pixel carries its ground coordinates: at a cell they are the cell's within half of one."""
+    view = ground_view(load_pose(pose_file(tmp_path, POSE + 'dem = "dem.tif"')), SHAPE, 1.0)
+    east, north, up = np.moveaxis(view.points_m, -1, 0)
+    assert up[np.isfinite(up)] == pytest.approx(terrain(east, north)[np.isfinite(up)], abs=0.05)
+    layers = [
+        Layer(name, name, "m", (values - origin).astype(np.float32))
+        for name, values, origin in (("east", east, 354550.0), ("north", north, 3936200.0))
+    ]
+    tif, points = write_on_ground(tmp_path / "map", view, layers, np.zeros(SHAPE, np.uint8))
+    with rasterio.open(tif) as file:
+        assert file.crs == rasterio.crs.CRS.from_epsg(32654)
+        assert file.descriptions == ("east", "north", "state")
+        assert file.transform.e == -1.0
+        found = file.read()
+        at_east = file.bounds.left + 0.5 + np.arange(file.width)
+        at_north = file.bounds.top - 0.5 - np.arange(file.height)[:, np.newaxis]
+    seen = np.isfinite(found[2])
+    assert seen.sum() > 500
+    off_east = np.abs(found[0] + 354550.0 - at_east)[seen]
+    off_north = np.abs(found[1] + 3936200.0 - at_north)[seen]
+    near = np.broadcast_to(at_north, seen.shape)[seen] < 3936232.0  # farther a pixel covers more than a cell
+    assert off_east[near].max() < 0.5
+    assert off_north[near].max() < 0.5
+    head = points.read_bytes().split(b"end_header\n")[0].decode()
+    assert f"element vertex {np.isfinite(up).sum()}" in head
+    assert "property double z\nproperty float east" in head
+
+
+def test_ground_behind_the_ridge_is_unknown(tmp_path, dem):
+    low = POSE.replace("112.0", "102.0").replace("-25.0", "-2.0") + 'dem = "dem.tif"'
+    view = ground_view(load_pose(pose_file(tmp_path, low)), SHAPE, 1.0)
+    north = view.points_m[..., 1]
+    assert np.nanmax(north[:, 60:100]) < 3936237.0
+
+
+def test_true_north_is_not_the_grids(tmp_path):
+    """Convergence of the UTM zone: (longitude - 141 E) sin(latitude), -0.94 degrees there."""
+    view = ground_view(load_pose(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE)
+    assert view.camera.yaw_deg - 10.0 == pytest.approx(0.94, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (POSE, "either ground_m"),
+        (POSE.replace("hfov_deg = 50.0", "") + "ground_m = 0", "hfov_deg"),
+        (POSE.replace("EPSG:32654", "EPSG:1") + "ground_m = 0.0", "unknown coordinate reference system"),
+        (POSE.replace("EPSG:32654", "EPSG:4326") + "ground_m = 0.0", "not a projected system"),
+        (POSE.replace("32654", "32653") + 'dem = "dem.tif"', "gdalwarp"),
+        (POSE + 'dem = "none.tif"', "cannot read the DEM"),
+        (POSE.replace("3936200", "3836200") + 'dem = "dem.tif"', "no pixel meets the DEM"),
+        (POSE.replace("-25.0", "40.0") + "ground_m = 100.0", "no pixel meets level ground"),
+    ],
+)
+def test_poses_that_lead_nowhere_say_why(tmp_path, dem, text, words):
+    with pytest.raises((ConfigError, NoAnswerError)) as error:
+        ground_view(load_pose(pose_file(tmp_path, text)), SHAPE)
+    assert words in f"{error.value.message} {error.value.fix}"
