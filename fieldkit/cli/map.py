@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="Pose of the camera and its ground, a TOML file: writes NAME.tif and NAME.ply as well.",
+    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap.",
 )  # fmt: skip
 @click.option(
     "--cell-m", type=click.FloatRange(min=0, min_open=True), metavar="M",
@@ -92,7 +92,8 @@ def command(
       inertia   thermal inertia found by the learned model
 
     With --pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
-    GeoTIFF with a band for each layer, and NAME.ply, points. Needs fieldkit[terrain].
+    GeoTIFF with a band for each layer, NAME.ply, points, and NAME.mcap, a grid map and of ptilt an
+    occupancy grid for ROS 2. Needs fieldkit[terrain].
     """
     from fieldkit.workflows.slope_map import map_sessions, slope_map
     from fieldkit.workflows.terrain_products import Products
@@ -169,7 +170,8 @@ def _write(
 
     rows, cols = found.slopes.state.shape
     view = ground_view(load_pose(pose), (rows, cols), cell_m)
-    return [*found.write(base, layers), *write_on_ground(base, view, layers, found.slopes.state)]
+    on_ground = write_on_ground(base, view, layers, found.slopes.state, found.end_ns)
+    return [*found.write(base, layers), *on_ground]
 
 
 def _map_many(bases: Mapping[Path, Path], make: Callable[..., tuple[Maps, Failures]]) -> None:

@@ -1,4 +1,4 @@
-"""Products of a map on the ground: orthorectified as GeoTIFF, and as points.
+"""Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids, and as points.
 
 A cell takes the value of the pixel that sees its centre. Heights are those of the plane or DEM of the pose.
 """
@@ -25,7 +25,7 @@ from fieldkit.physics.camera_geometry import (
     seen_by,
 )
 from fieldkit.physics.facet import FloatArray
-from fieldkit.sessions.formats import geotiff, ply
+from fieldkit.sessions.formats import geotiff, ply, ros2_maps
 
 __all__ = ["GroundView", "ground_view", "load_pose", "write_on_ground"]
 
@@ -139,29 +139,50 @@ def _cells(points: FloatArray, pose: PoseFile, dem: Heights | None, cell_m: floa
 
 
 def write_on_ground(
-    base: Path, view: GroundView, layers: Sequence[Layer], state: NDArray[np.uint8]
+    base: Path, view: GroundView, layers: Sequence[Layer], state: NDArray[np.uint8], time_ns: int
 ) -> list[Path]:
-    """Write ``BASE.tif``, a band for each layer, its uncertainty and the state, and ``BASE.ply``; the files.
+    """Write layers on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
 
-    Raises `StorageError`.
+    Each holds the layers, their uncertainties and the state. Raises `StorageError`.
+
+    Parameters
+    ----------
+    base
+        The files without their endings.
+    view
+        What the camera sees of the ground.
+    layers, state
+        Of the frame, (rows, cols) each.
+    time_ns
+        Time that the layers are of, UTC nanoseconds since 1970.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
     planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
     planes.append(("state", "1", state.astype(np.float32)))
-    files = [base.with_name(f"{base.name}{ending}") for ending in (".tif", ".ply")]
+    on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
+    ground = view.ground
+    risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
     try:
         base.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(files[0], synced=False) as image, replacing(files[1], synced=False) as points:
-            ground = view.ground
-            on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
-            geotiff.write_layers(image, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
-            met = np.isfinite(view.distances_m)
-            columns = dict(zip("xyz", view.points_m[met].T, strict=True))
-            ply.write_points(
-                points, columns | {name: values[met] for name, _, values in planes}, f"crs {view.crs}"
+        with replacing(image := base.with_name(f"{base.name}.tif"), synced=False) as file:
+            geotiff.write_layers(file, on_cells, view.crs, ground.west_m, ground.north_m, ground.cell_m)
+        with replacing(points := base.with_name(f"{base.name}.ply"), synced=False) as file:
+            ply.write_points(file, _columns(view, planes), f"crs {view.crs}")
+        with replacing(maps := base.with_name(f"{base.name}.mcap"), synced=False) as file:
+            ros2_maps.write_maps(
+                file, {name: values for name, _, values in on_cells}, ground, time_ns, risk=risk
             )
     except OSError as error:
         raise StorageError(
             f"cannot write {base}: {error.strerror or error}", fix="name another place with -o"
         ) from error
-    return files
+    return [image, points, maps]
+
+
+def _columns(
+    view: GroundView, planes: Sequence[tuple[str, str, NDArray[np.float32]]]
+) -> dict[str, NDArray[np.floating]]:
+    """Place and layers of each pixel that meets the ground."""
+    met = np.isfinite(view.distances_m)
+    columns: dict[str, NDArray[np.floating]] = dict(zip("xyz", view.points_m[met].T, strict=True))
+    return columns | {name: values[met] for name, _, values in planes}

@@ -56,7 +56,9 @@ def test_cells_hold_what_lies_on_them(tmp_path, dem):
         Layer(name, name, "m", (values - origin).astype(np.float32))
         for name, values, origin in (("east", east, 354550.0), ("north", north, 3936200.0))
     ]
-    tif, points = write_on_ground(tmp_path / "map", view, layers, np.zeros(SHAPE, np.uint8))
+    state = np.zeros(SHAPE, np.uint8)
+    tif, points, maps = write_on_ground(tmp_path / "map", view, layers, state, 10**18)
+    assert maps.stat().st_size > 1000
     with rasterio.open(tif) as file:
         assert file.crs == rasterio.crs.CRS.from_epsg(32654)
         assert file.descriptions == ("east", "north", "state")
