@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 import http.client
 import json
+import math
 import os
 import shutil
 import socket
@@ -30,24 +31,49 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from benchmarks.result import Result
+from fieldkit.model.samples import Frame
 from fieldkit.page.document import document
 from fieldkit.page.keys import Keys
+from fieldkit.views.feed import FeedReader, feed_path
 from fieldkit.workflows.campaign import init_campaign
 
 HOST = "127.0.0.1"
 SECONDS, SETTLED_S, ROUNDS = 10.0, 1.0, 3
 """How long one look lasts; bytes of its first second are not counted."""
+DELAYS_S = 60.0
 STARTS_WITHIN_S = 60.0
 FIRST_PICTURE = """new Promise((resolve) => {
     const look = () => document.getElementById("low").textContent
         ? requestAnimationFrame(() => resolve(performance.now())) : requestAnimationFrame(look);
     look();
 })"""
+WATCH_PICTURES = """
+    window.drawn = [];
+    let taken = null;
+    const Original = WebSocket;
+    window.WebSocket = class extends Original {
+        constructor(...words) {
+            super(...words);
+            this.addEventListener("message", ({ data }) => {
+                if (typeof data === "string") return;
+                const size = new DataView(data).getUint16(0, true);
+                taken = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 2, size))).time_ms;
+            });
+        }
+    };
+    const put = CanvasRenderingContext2D.prototype.putImageData;
+    CanvasRenderingContext2D.prototype.putImageData = function (...words) {
+        put.apply(this, words);
+        const stamp = taken;
+        if (this.canvas.id === "pixels") requestAnimationFrame(() => window.drawn.push([stamp, Date.now()]));
+    };
+"""
+"""Notes of every picture the camera's time and that of the screen's next frame, in milliseconds."""
 TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 def run() -> list[Result]:
-    """All of it; takes about two minutes."""
+    """All of it; takes about three minutes."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
         campaign = Path(folder) / "field"
         init_campaign(campaign, simulated=True)
@@ -70,7 +96,8 @@ def run() -> list[Result]:
             return _watched(flask, [partial(_stream, theirs)] * count)
 
         three, eight = ([(view(n), view_flask(n)) for _ in range(ROUNDS)] for n in (3, 8))
-        hidden, pictures = view(1, "off"), _first_pictures(campaign, ours)
+        hidden = view(1, "off")
+        pictures = [*_first_pictures(campaign, ours), *_delays(campaign, ours)]
     size = len(gzip.compress(document("0" * 32).encode(), 9)) / 1000.0
     return [
         _ratio("server CPU over Flask + MJPEG, 3 viewers", three),
@@ -121,6 +148,46 @@ def _first_pictures(campaign: Path, port: int) -> list[Result]:
         Result("first picture on loopback", _median(loads), "ms", "<= 300"),
         Result("first picture, CPU 4x slower and 1.6 Mbit/s", slow, "ms", "<= 1500"),
     ]
+
+
+def _delays(campaign: Path, port: int) -> list[Result]:
+    """How long after the camera's frame a picture is on the screen, for one of three browsers that look."""
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        return []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        tabs = [browser.new_context(viewport={"width": 360, "height": 740}).new_page() for _ in range(3)]
+        for tab in tabs:
+            tab.add_init_script(WATCH_PICTURES)
+            tab.goto(f"http://{HOST}:{port}/#" + Keys(campaign / "recordings").new_link("view"))
+            tab.evaluate(FIRST_PICTURE)
+        offset_ms = _clock_offset_ms(campaign)
+        delays = [on_screen - taken - offset_ms for taken, on_screen in tabs[0].evaluate("drawn.slice(20)")]
+        browser.close()
+    note = f"{len(delays)} pictures, 3 browsers on this computer"
+    return [
+        Result("camera to screen, median", _median(delays), "ms", "<= 80", note),
+        Result("camera to screen, 99 %", statistics.quantiles(delays, n=100)[-1], "ms", "<= 250"),
+    ]
+
+
+def _clock_offset_ms(campaign: Path) -> float:
+    """This computer's clock minus that of the simulated field, by the fastest of the frames of a while.
+
+    They reach the follower of a recording here a little after the camera's time, so delays come out that
+    much too short.
+    """
+    (journal,) = (campaign / "recordings").glob("*.journal")
+    reader, end = FeedReader(feed_path(journal)), time.monotonic() + DELAYS_S
+    offsets = [math.inf]
+    for item in reader.items():
+        if isinstance(item, Frame):
+            offsets.append(time.time() * 1e3 - item.time_ns * 1e-6)
+        if time.monotonic() > end:
+            break
+    reader.close()
+    return min(offsets)
 
 
 @contextmanager

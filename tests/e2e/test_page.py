@@ -32,8 +32,8 @@ ALL_FRAMES = "record.sampling=all"
 PATIENT_S = 90.0
 
 
-def until(done: Callable[[], object], what: str) -> None:
-    deadline = time.monotonic() + PATIENT_S
+def until(done: Callable[[], object], what: str, patience_s: float = PATIENT_S) -> None:
+    deadline = time.monotonic() + patience_s
     while not done():
         assert time.monotonic() < deadline, what
         time.sleep(0.05)
@@ -259,7 +259,11 @@ def storm(folder: Path, seconds: int, connections: int) -> None:
         assert path.with_name(f"{path.name}.journal").exists(), "the recording ended before the storm"
         assert browser.picture()
         assert page.kilobytes - before < 10_000
-        until(lambda: session_in_progress(folder / "recordings") is None, "the recording did not end")
+        until(
+            lambda: session_in_progress(folder / "recordings") is None,
+            "the recording did not end",
+            seconds + PATIENT_S,
+        )
         with suppress(ConnectionClosed, OSError):
             deaf.close()
     lost_nothing(folder, seconds)
