@@ -173,7 +173,7 @@ def _delays(campaign: Path, port: int) -> list[Result]:
 
 
 def _clock_offset_ms(campaign: Path) -> float:
-    """This computer's clock minus that of the simulated field, by the fastest of the frames of a while.
+    """The clock of this computer minus that of the simulated field, by the fastest frame of a while.
 
     They reach the follower of a recording here a little after the camera's time, so delays come out that
     much too short.
