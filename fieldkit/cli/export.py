@@ -14,7 +14,7 @@ from fieldkit.model.errors import IntegrityError
 if TYPE_CHECKING:
     from fieldkit.workflows.export import Export, Kind
 
-KINDS = ("csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff")
+KINDS = ("csv", "parquet", "netcdf", "mcap", "ros2", "png", "mp4", "tiff")
 MOST_NAMES = 10
 
 
@@ -23,7 +23,9 @@ MOST_NAMES = 10
 @click.option("--to", "kind", type=click.Choice(KINDS), required=True, help="Format to write.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), metavar="DIR", help="[default: results/NAME]")
 @click.option(
-    "--stream", metavar="NAME", help="Which camera, if there are several; for MCAP, only this stream."
+    "--stream",
+    metavar="NAME",
+    help="Which camera, if there are several; for mcap and ros2, only this stream.",
 )
 @click.option("--every", type=click.IntRange(1), default=1, help="Only every n-th frame.")
 @click.pass_context
@@ -33,7 +35,8 @@ def command(
     """Write SESSION (default: the latest) for other programs.
 
     Tables as CSV or Parquet, one row a sample, units in the header; netCDF, one file a stream;
-    MCAP, everything in one file for its viewers; frames as PNG, film, or 16-bit TIFF of 0.01 K per count.
+    MCAP, everything in one file for its viewers; ros2, an MCAP with ROS 2's own message types; frames
+    as PNG, film, or 16-bit TIFF of 0.01 K per count.
     """
     from fieldkit.sessions.reader import open_session
     from fieldkit.workflows.export import export

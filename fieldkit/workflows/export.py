@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from fieldkit.model.errors import ConfigError, IncompleteError, StorageError
-from fieldkit.sessions.formats import images_out, mcap_out, tables_out
+from fieldkit.sessions.formats import images_out, mcap_out, ros2_out, tables_out
 from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.sources import SessionOrFile, path_of, reading
 
-Kind = Literal["csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff"]
+Kind = Literal["csv", "parquet", "netcdf", "mcap", "ros2", "png", "mp4", "tiff"]
 WHOLE_KINDS = ("csv", "parquet", "netcdf")
 """Kinds that always contain every stream, each in a file of its own."""
 IMAGE_KINDS = ("png", "mp4", "tiff")
@@ -40,9 +40,10 @@ def export(
     ----------
     session : Session or path
         The session to export, or its file.
-    to : {"csv", "parquet", "netcdf", "mcap", "png", "mp4", "tiff"}
+    to : {"csv", "parquet", "netcdf", "mcap", "ros2", "png", "mp4", "tiff"}
         Tables with one row per sample and units in the header; netCDF, one file per stream; MCAP, one
-        file of everything; frames as images, as a film, or as 16-bit TIFF of 0.01 K per count.
+        file of everything; the same typed for ROS 2; frames as images, as a film, or as 16-bit TIFF of
+        0.01 K per count.
     folder : path, optional
         Where to write; by default ``results/NAME`` of the campaign, or a folder beside the session.
     stream : str, optional
@@ -87,6 +88,7 @@ def _written(
     """The files, and what could not be read for them."""
     of_frames = {
         "mcap": mcap_out.export_mcap,
+        "ros2": ros2_out.export_ros2,
         "png": images_out.export_pngs,
         "mp4": images_out.export_mp4,
         "tiff": images_out.export_tiffs,

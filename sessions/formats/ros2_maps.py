@@ -13,16 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_geometry import Heights
+from fieldkit.sessions.formats.ros2 import definition, header, ros2_writer, time
 
-_PARTS = {
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-}
 _GRID_MAP = {
     "": "std_msgs/Header header\ngrid_map_msgs/GridMapInfo info\nstring[] layers\nstring[] basic_layers\n"
     "std_msgs/Float32MultiArray[] data\nuint16 outer_start_index\nuint16 inner_start_index",
@@ -71,13 +64,7 @@ def write_maps(
     ConfigError
         If the package that writes ROS 2 messages is not installed.
     """
-    try:
-        from mcap_ros2.writer import Writer
-    except ImportError as error:
-        raise ConfigError(
-            "MCAP of ROS 2 needs mcap-ros2-support", fix="pip install 'fieldkit[terrain]'"
-        ) from error
-    header = {"stamp": _time(time_ns), "frame_id": frame_id}
+    head = header(time_ns, frame_id)
     heights = {"elevation": ground.heights_m.astype(np.float32)}
     messages = [
         ("/grid_map", "grid_map_msgs/msg/GridMap", _GRID_MAP, _grid_map({**heights, **layers}, ground))
@@ -85,20 +72,10 @@ def write_maps(
     if risk is not None:
         grid = _occupancy_grid(layers[risk], ground, time_ns)
         messages.append(("/occupancy_grid", "nav_msgs/msg/OccupancyGrid", _OCCUPANCY_GRID, grid))
-    with path.open("wb") as file, Writer(file) as writer:
+    with path.open("wb") as file, ros2_writer(file) as writer:
         for topic, kind, parts, message in messages:
-            schema = writer.register_msgdef(kind, _definition(parts))
-            writer.write_message(topic, schema, {"header": header, **message}, time_ns, time_ns)
-
-
-def _definition(parts: Mapping[str, str]) -> str:
-    """A message and what it is made of, each after a line of 80 equal signs, as rosbag2 stores them."""
-    own, *others = {**parts, **_PARTS}.items()
-    return f"\n{'=' * 80}\n".join([own[1], *(f"MSG: {name}\n{text}" for name, text in others)])
-
-
-def _time(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}
+            schema = writer.register_msgdef(kind, definition(parts))
+            writer.write_message(topic, schema, {"header": head, **message}, time_ns, time_ns)
 
 
 def _pose(east_m: float, north_m: float) -> dict[str, Any]:
@@ -135,7 +112,7 @@ def _occupancy_grid(risk: NDArray[np.float32], ground: Heights, time_ns: int) ->
     rows, cols = risk.shape
     percent = np.where(np.isnan(risk), UNKNOWN, np.rint(100.0 * np.nan_to_num(risk)))
     info = {
-        "map_load_time": _time(time_ns), "resolution": ground.cell_m, "width": cols, "height": rows,
+        "map_load_time": time(time_ns), "resolution": ground.cell_m, "width": cols, "height": rows,
         "origin": _pose(ground.west_m, ground.north_m - rows * ground.cell_m),
     }  # fmt: skip
     return {"info": info, "data": percent[::-1].astype(int).ravel().tolist()}

@@ -1,0 +1,65 @@
+"""A session as ROS 2 messages, read back by rosbags with ROS's own definitions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fieldkit.model.samples import Frame
+from fieldkit.physics.camera_laws import frame_k
+from fieldkit.sessions.formats.ros2_out import export_ros2
+from fieldkit.sessions.reader import open_session
+from fieldkit.sessions.writer import SessionWriter
+from tests.harness.recording import CountedClock, fill, header
+
+pytest.importorskip("mcap_ros2")
+typesys = pytest.importorskip("rosbags.typesys")
+make_reader = pytest.importorskip("mcap.reader").make_reader
+STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+
+
+@pytest.fixture
+def session(tmp_path):
+    clock = CountedClock()
+    writer = SessionWriter(tmp_path / "field.h5", header((24, 32)), clock)
+    fill(writer, 6, clock)
+    writer.close()
+    with open_session(tmp_path / "field.h5") as opened:
+        yield opened
+
+
+def messages(path):
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            stored = typesys.get_types_from_msg(schema.data.decode(), schema.name)
+            assert all(fields[1] == STORE.fielddefs[name][1] for name, fields in stored.items())
+            decoded = STORE.deserialize_cdr(message.data, schema.name)
+            found.setdefault(channel.topic, []).append((message.log_time, decoded))
+    return found
+
+
+def test_frames_and_readings_come_back_as_ros_has_them(session, tmp_path):
+    (path,) = export_ros2(session, tmp_path)
+    found = messages(path)
+    (name,) = (name for name, info in session.streams.items() if info.is_camera)
+    frames = [one for one in session.samples(name) if isinstance(one, Frame)]
+    assert len(found[f"/{name}/image_raw"]) == len(frames) == 6
+    for (time_ns, image), frame in zip(found[f"/{name}/image_raw"], frames, strict=True):
+        assert time_ns == frame.time_ns == image.header.stamp.sec * 10**9 + image.header.stamp.nanosec
+        assert (image.height, image.width, image.encoding, image.step) == (24, 32, "32FC1", 128)
+        kelvin = image.data.view("<f4").reshape(24, 32)
+        assert kelvin == pytest.approx(frame_k(session.streams[name], frame.counts, frame.metadata_rows))
+    for other, info in session.streams.items():
+        topics = [topic for topic in found if topic.startswith(f"/{other}/")]
+        assert len(topics) == (1 if info.is_camera else info.shape[0])
+    assert all(np.isin(log.level, (20, 30, 40)) for _, log in found.get("/rosout", []))
+
+
+def test_only_every_other_frame_of_one_stream(session, tmp_path):
+    (name,) = (name for name, info in session.streams.items() if info.is_camera)
+    (path,) = export_ros2(session, tmp_path, stream=name, every=2)
+    assert path.name == f"field-{name}-ros2.mcap"
+    found = messages(path)
+    assert set(found) <= {f"/{name}/image_raw", "/rosout"}
+    assert len(found[f"/{name}/image_raw"]) == 3
