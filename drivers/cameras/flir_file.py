@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.model.errors import DecodeError
-from fieldkit.physics.camera_laws import Planck, path_transmission, planck_table
+from fieldkit.physics.camera_laws import Planck, path_transmission, planck_k
 
 MAGIC = (b"FFF\0", b"AFF\0")
 HEADER, ENTRY, RAW_HEADER = 64, 32, 32
@@ -45,7 +45,7 @@ class FlirFrame:
 
     def temperature_k(self) -> NDArray[np.float32]:
         """Object temperature in kelvin with the emissivity and path stored in the file."""
-        return planck_table(self.constants).take(self.counts)
+        return planck_k(self.counts, self.constants)
 
 
 def frames(data: bytes | mmap) -> Iterator[FlirFrame]:

@@ -389,9 +389,31 @@ def planck(counts: Counts, metadata_rows: Counts, settings: Mapping[str, Any]) -
     Shape of `counts`. [K]
     """
     names = {one.name for one in fields(Planck)}
-    return planck_table(
-        Planck(**{key: float(value) for key, value in settings.items() if key in names})
-    ).take(counts)
+    constants = Planck(**{key: float(value) for key, value in settings.items() if key in names})
+    return planck_k(counts, constants)
+
+
+def planck_k(counts: NDArray[np.uint16], constants: Planck) -> Kelvin:
+    """Brightness temperature by the constants of a FLIR file.
+
+    Parameters
+    ----------
+    counts
+        Raw counts, any shape.
+    constants
+        Constants of the camera and of the path.
+
+    Returns
+    -------
+    Shape of `counts`; NaN where there is no solution. [K]
+    """
+    import cv2  # numpy's take needs five times as long
+
+    if counts.size == 0:
+        return np.empty(counts.shape, np.float32)
+    # rows and columns only: more axes would be channels
+    flat = np.ascontiguousarray(counts, np.uint16).reshape(-1, counts.shape[-1] if counts.ndim else 1)
+    return np.asarray(cv2.LUT(flat, planck_table(constants)), np.float32).reshape(counts.shape)
 
 
 LAWS: Mapping[str, Law] = MappingProxyType({"ht301": ht301, "planck": planck})
