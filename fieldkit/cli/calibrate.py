@@ -1,4 +1,4 @@
-"""``fieldkit calibrate``: emissivity, uniformity, irradiance, surface and clock, each kept as a record."""
+"""``fieldkit calibrate``: emissivity, uniformity, irradiance, surface and clock, kept as records; pose."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import click
 from fieldkit.cli.calibrate_clock import command as clock
 from fieldkit.cli.calibrate_emissivity import command as emissivity
 from fieldkit.cli.calibrate_irradiance import command as irradiance
+from fieldkit.cli.calibrate_pose import command as pose
 from fieldkit.cli.calibrate_surface import command as surface
 from fieldkit.cli.calibrate_uniformity import command as uniformity
 from fieldkit.cli.common import CommandGroup
@@ -23,5 +24,6 @@ for name, subcommand in {
     "irradiance": irradiance,
     "surface": surface,
     "clock": clock,
+    "pose": pose,
 }.items():
     command.add_command(subcommand, name)

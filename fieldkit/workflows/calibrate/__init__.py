@@ -9,6 +9,7 @@ from fieldkit.workflows.calibrate.emissivity import emissivity
 from fieldkit.workflows.calibrate.emissivity_live import record_emissivity
 from fieldkit.workflows.calibrate.irradiance import irradiance
 from fieldkit.workflows.calibrate.measurement import MeasurementOptions
+from fieldkit.workflows.calibrate.pose import pose
 from fieldkit.workflows.calibrate.result import Calibration
 from fieldkit.workflows.calibrate.surface import surface
 from fieldkit.workflows.calibrate.uniformity import uniformity
@@ -20,6 +21,7 @@ __all__ = [
     "emissivity",
     "host_clock",
     "irradiance",
+    "pose",
     "record_emissivity",
     "surface",
     "uniformity",

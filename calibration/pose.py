@@ -1,0 +1,140 @@
+"""Pose of a camera from ground points marked in its frame, by least squares on their pixels.
+
+It starts from OpenCV's SQPnP (G. Terzakis and M. Lourakis, "A consistently fast and globally optimal solution
+to the perspective-n-point problem", ECCV 2020) for each of some fields of view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fieldkit.model.errors import CalibrationError
+from fieldkit.physics.camera_geometry import Camera, project
+from fieldkit.physics.facet import FloatArray
+
+LEAST_POINTS = 4
+FIELDS_DEG = (10.0, 20.0, 35.0, 50.0, 70.0, 95.0)
+"""Horizontal fields of view to start from where it is not known."""
+WORST_CONDITION = 1e7
+QUANTITIES = ("east_m", "north_m", "height_m", "yaw_deg", "pitch_deg", "roll_deg", "hfov_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    """A camera's pose.
+
+    Attributes
+    ----------
+    camera
+        The camera.
+    sd
+        Standard uncertainties by the names of `QUANTITIES`, 0 of a given field of view.
+    residuals_px
+        Distance of each mark from where the pose sees its point, shape (n,). [pixels]
+    """
+
+    camera: Camera
+    sd: dict[str, float]
+    residuals_px: FloatArray
+
+
+def fit_pose(
+    pixels: FloatArray, points_m: FloatArray, shape: tuple[int, int], *, hfov_deg: float | None = None,
+    mark_sd_px: float = 1.0,
+) -> PoseFit:  # fmt: skip
+    """Find the pose that sees points where they were marked.
+
+    Parameters
+    ----------
+    pixels
+        Marks x, y, shape (n, 2), four or more. [pixels]
+    points_m
+        Their east, north, up, shape (n, 3). [m]
+    shape
+        Rows and columns of a frame.
+    hfov_deg
+        Horizontal field of view; found as well if it is not given. [degrees]
+    mark_sd_px
+        Standard uncertainty of a mark, in x and in y; the scatter counts where it is larger. [pixels]
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than four points, or they do not determine the pose.
+    """
+    if len(points_m) < LEAST_POINTS:
+        raise CalibrationError(
+            f"a pose needs {LEAST_POINTS} points, here are {len(points_m)}", fix="mark more of them"
+        )
+    centre = points_m.mean(axis=0)
+    starts = [
+        start
+        for field in ((hfov_deg,) if hfov_deg is not None else FIELDS_DEG)
+        if (start := _start(pixels, points_m - centre, shape, field)) is not None
+    ]
+    count = len(QUANTITIES) - (hfov_deg is not None)
+
+    def misses(numbers: FloatArray) -> FloatArray:
+        x, y, _ = project(_camera(numbers, shape, hfov_deg), points_m - centre)
+        # behind the camera there is no pixel: far off
+        return np.nan_to_num(np.column_stack([x, y]) - pixels, nan=1e4).ravel() / mark_sd_px
+
+    fits = [least_squares(misses, start[:count], x_scale="jac") for start in starts]
+    if not fits:
+        raise CalibrationError("no pose sees the points where they are marked", fix="check their order")
+    best = min(fits, key=lambda fit: float(fit.cost))
+    slopes = np.asarray(best.jac, np.float64)
+    information = slopes.T @ slopes
+    scale = np.sqrt(np.diag(information))
+    if not (scale > 0.0).all() or np.linalg.cond(information / np.outer(scale, scale)) > WORST_CONDITION:
+        raise CalibrationError(
+            "the points do not determine the pose", fix="mark points farther apart and of different heights, "
+            "or give --hfov-deg",
+        )  # fmt: skip
+    freedom = max(best.fun.size - count, 1)
+    inflation = max(1.0, 2.0 * float(best.cost) / freedom)
+    sd = np.zeros(len(QUANTITIES))
+    sd[:count] = np.sqrt(np.diag(np.linalg.inv(information)) * inflation)
+    camera = _camera(best.x, shape, hfov_deg)
+    east, north, up = (float(one) for one in np.asarray(camera.position_m) + centre)
+    residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
+    return PoseFit(
+        replace(camera, position_m=(east, north, up)),
+        dict(zip(QUANTITIES, map(float, sd), strict=True)),
+        residuals,
+    )
+
+
+def _camera(numbers: FloatArray, shape: tuple[int, int], hfov_deg: float | None) -> Camera:
+    east, north, up, yaw, pitch, roll, *field = (float(one) for one in numbers)
+    return Camera((east, north, up), yaw, pitch, roll, field[0] if hfov_deg is None else hfov_deg, shape)
+
+
+def _start(
+    pixels: FloatArray, points_m: FloatArray, shape: tuple[int, int], hfov_deg: float
+) -> FloatArray | None:
+    """Position, angles and field of view by SQPnP; None where it finds none."""
+    import cv2
+
+    rows, cols = shape
+    focal = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).focal_px
+    intrinsics = np.array([[focal, 0, 0.5 * (cols - 1)], [0, focal, 0.5 * (rows - 1)], [0, 0, 1.0]])
+    marks, points = (np.ascontiguousarray(one, np.float64) for one in (pixels, points_m))  # as OpenCV asks
+    ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, None, flags=cv2.SOLVEPNP_SQPNP)
+    if not ok:
+        return None
+    axes = cv2.Rodrigues(turned)[0]
+    position = -axes.T @ moved.ravel()
+    return np.array([*position, *_angles_deg(np.asarray(axes)), hfov_deg])
+
+
+def _angles_deg(axes: FloatArray) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of a camera's axes."""
+    right, _, forward = axes
+    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
+    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
+    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
+    return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))

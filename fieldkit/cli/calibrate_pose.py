@@ -1,0 +1,64 @@
+"""``fieldkit calibrate pose``: where the camera stands and looks, from ground points marked in its frame."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from fieldkit.cli import common
+
+
+@click.command(cls=common.Command)
+@click.argument("points", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--crs", required=True, help="Projected system of the points in metres, such as EPSG:32654.")
+@click.option("--frame", required=True, metavar="COLSxROWS", help="Size of the camera's frame: 160x120.")
+@click.option(
+    "--hfov-deg", type=click.FloatRange(0, 180, min_open=True, max_open=True), metavar="DEG",
+    help="Horizontal field of view [default: found as well].",
+)  # fmt: skip
+@click.option(
+    "--mark-sd-px", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, metavar="PX",
+    help="Standard uncertainty of a mark.",
+)  # fmt: skip
+@click.option("--range-m", type=float, default=100.0, show_default=True, help="Farther ground is omitted.")
+@click.option("--ground-m", type=float, metavar="M", help="Height of level ground; or give --dem.")
+@click.option("--dem", metavar="FILE", help="GeoTIFF of heights, by its path from the folder of the pose.")
+@click.option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default="pose.toml", show_default=True,
+    help="File to write.",
+)  # fmt: skip
+def command(
+    points: Path, crs: str, frame: str, hfov_deg: float | None, mark_sd_px: float, range_m: float,
+    ground_m: float | None, dem: str | None, out: Path,
+) -> None:  # fmt: skip
+    r"""Find the pose of a camera from four or more surveyed POINTS marked in a frame.
+
+    POINTS is a CSV file with the columns x_px, y_px, east_m, north_m, height_m; pixel centres are at whole
+    numbers, as on the axes of every image that fieldkit draws. The pose goes to a file for fieldkit map
+    --pose. Needs fieldkit[terrain].
+
+    \b
+    fieldkit calibrate pose points.csv --crs EPSG:32654 --frame 160x120 --ground-m 12.5
+    """
+    from fieldkit.views.formatting import number
+    from fieldkit.workflows.calibrate.pose import pose
+
+    size = re.fullmatch(r"(\d+)x(\d+)", frame)
+    if size is None:
+        raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
+    if (ground_m is None) == (dem is None):
+        raise click.UsageError("give one of --ground-m, --dem")
+    shape = int(size[2]), int(size[1])
+    found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px)
+    found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
+    residuals = [float(one) for one in found.fit.residuals_px]
+    if common.options().json:
+        document = {"file": str(out), "pose": found.values, "sd": found.fit.sd, "residuals_px": residuals}
+        common.print_json(document)
+        return
+    rows = [(name, number(value, 3), number(found.fit.sd[name], 3)) for name, value in found.values.items()]
+    common.print_table(("", "pose", "standard uncertainty"), rows)
+    click.echo(f"marks off by {max(residuals):.1f} px at most")
+    click.echo(f"wrote {out}")

@@ -1,0 +1,93 @@
+"""The pose of a camera from ground points marked in its frame, as a file for ``fieldkit map --pose``."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
+from fieldkit.config.load import read_text
+from fieldkit.disk import replacing
+from fieldkit.model.errors import ConfigError, StorageError
+from fieldkit.physics.facet import FloatArray
+from fieldkit.sessions.formats import geotiff
+
+COLUMNS = ("x_px", "y_px", "east_m", "north_m", "height_m")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCalibration:
+    """A pose and its reference system; `true_north_deg` is where true north lies on the grid, clockwise."""
+
+    fit: PoseFit
+    crs: str
+    true_north_deg: float
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The pose by the names of `QUANTITIES`, its yaw against true north."""
+        camera = self.fit.camera
+        yaw = (camera.yaw_deg - self.true_north_deg) % 360.0
+        numbers = (*camera.position_m, yaw, camera.pitch_deg, camera.roll_deg, camera.hfov_deg)
+        return dict(zip(QUANTITIES, numbers, strict=True))
+
+    def write(self, path: Path, *, range_m: float, ground_m: float | None, dem: str | None) -> None:
+        """Write the pose with its uncertainties and its ground. Raises `StorageError`."""
+        lines = [f'crs = "{self.crs}"']
+        for name, value in self.values.items():
+            sd = self.fit.sd[name]
+            lines.append(f"{name} = {value:.4f}" + (f"  # standard uncertainty {sd:.2g}" if sd else ""))
+        lines.append(f"range_m = {range_m}")
+        lines.append(f"ground_m = {ground_m}" if dem is None else f"dem = '{dem}'")
+        try:
+            with replacing(path, synced=False) as file:
+                file.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        except OSError as error:
+            raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def pose(
+    points: Path, crs: str, shape: tuple[int, int], *, hfov_deg: float | None = None, mark_sd_px: float = 1.0
+) -> PoseCalibration:
+    """Find the pose of a camera.
+
+    Parameters
+    ----------
+    points
+        CSV file with the columns of `COLUMNS`, a row for each marked point.
+    crs
+        Projected system of the points in metres, such as ``EPSG:32654``.
+    shape
+        Rows and columns of a frame.
+    hfov_deg
+        Horizontal field of view; found as well if it is not given. [degrees]
+    mark_sd_px
+        Standard uncertainty of a mark. [pixels]
+
+    Raises
+    ------
+    ConfigError
+        If the file or the reference system is wrong.
+    CalibrationError
+        If the points do not determine the pose.
+    """
+    system = geotiff.projected_crs(crs)
+    table = _read(points)
+    fit = fit_pose(table[:, :2], table[:, 2:], shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px)
+    east_m, north_m, _ = fit.camera.position_m
+    return PoseCalibration(fit, crs, geotiff.true_north_deg(system, east_m, north_m))
+
+
+def _read(points: Path) -> FloatArray:
+    rows = list(csv.DictReader(io.StringIO(read_text(points))))
+    try:
+        return np.array([[float(row[name]) for name in COLUMNS] for row in rows]).reshape(-1, len(COLUMNS))
+    except (KeyError, TypeError, ValueError) as error:
+        raise ConfigError(
+            f"{points}: not a table of numbers with the columns {', '.join(COLUMNS)} ({error})",
+            fix=f"begin the file with {','.join(COLUMNS)}",
+        ) from error

@@ -1,0 +1,57 @@
+"""A known camera's pose from points projected by OpenCV, with and without noise."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldkit.calibration.pose import QUANTITIES, fit_pose
+from fieldkit.model.errors import CalibrationError
+from fieldkit.physics.camera_geometry import Camera
+
+TRUTH = Camera((354600.0, 3936200.0, 112.0), 20.0, -25.0, 4.0, 50.0, (120, 160))
+POINTS = np.array([
+    [354602.0, 3936215.0, 100.0], [354608.0, 3936217.0, 101.5], [354606.0, 3936228.0, 100.2],
+    [354614.0, 3936232.0, 103.0], [354610.0, 3936221.0, 99.0], [354604.0, 3936223.0, 102.0],
+])  # fmt: skip
+
+
+def marked(noise_px=0.0, seed=1):
+    centre = np.asarray(TRUTH.position_m)
+    intrinsics = np.array([[TRUTH.focal_px, 0, 79.5], [0, TRUTH.focal_px, 59.5], [0, 0, 1]])
+    turned = cv2.Rodrigues(TRUTH.axes)[0]
+    pixels = cv2.projectPoints(POINTS - centre, turned, np.zeros(3), intrinsics, None)[0].reshape(-1, 2)
+    return pixels + noise_px * np.random.default_rng(seed).standard_normal(pixels.shape)
+
+
+def numbers(camera):
+    return np.array([*camera.position_m, camera.yaw_deg, camera.pitch_deg, camera.roll_deg, camera.hfov_deg])
+
+
+@pytest.mark.parametrize("hfov_deg", [None, 50.0])
+def test_exact_marks_give_the_pose(hfov_deg):
+    found = fit_pose(marked(), POINTS, TRUTH.shape, hfov_deg=hfov_deg)
+    assert numbers(found.camera) == pytest.approx(numbers(TRUTH), abs=1e-3)
+    assert found.residuals_px.max() < 1e-3
+    assert (found.sd["hfov_deg"] == 0.0) == (hfov_deg is not None)
+
+
+def test_four_points_are_enough():
+    found = fit_pose(marked()[:4], POINTS[:4], TRUTH.shape, hfov_deg=50.0)
+    assert numbers(found.camera) == pytest.approx(numbers(TRUTH), abs=1e-2)
+
+
+def test_stated_uncertainties_are_those_of_noisy_marks():
+    fits = [
+        fit_pose(marked(0.5, seed), POINTS, TRUTH.shape, hfov_deg=50.0, mark_sd_px=0.5) for seed in range(60)
+    ]
+    scatter = np.std([numbers(one.camera) for one in fits], axis=0)[:6]
+    stated = np.median([[one.sd[name] for name in QUANTITIES[:6]] for one in fits], axis=0)
+    assert stated == pytest.approx(scatter, rel=0.35)
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_too_few_points_are_an_error(count):
+    with pytest.raises(CalibrationError, match="needs 4 points"):
+        fit_pose(marked()[:count], POINTS[:count], TRUTH.shape)

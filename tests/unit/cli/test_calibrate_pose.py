@@ -1,0 +1,63 @@
+"""``fieldkit calibrate pose`` on points projected by OpenCV."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from fieldkit.config.pose import load_pose
+from fieldkit.physics.camera_geometry import Camera
+
+pytest.importorskip("rasterio")
+TRUTH = Camera((354600.0, 3936200.0, 112.0), 20.0, -25.0, 4.0, 50.0, (120, 160))
+POINTS = np.array([
+    [354602.0, 3936215.0, 100.0], [354608.0, 3936217.0, 101.5], [354606.0, 3936228.0, 100.2],
+    [354614.0, 3936232.0, 103.0], [354610.0, 3936221.0, 99.0],
+])  # fmt: skip
+OPTIONS = ("--crs", "EPSG:32654", "--frame", "160x120", "--ground-m", "100")
+
+
+def calibrate(folder, text, *options):
+    (folder / "points.csv").write_text(text)
+    words = ("calibrate", "pose", folder / "points.csv", "-o", folder / "pose.toml", *options)
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.fixture
+def table():
+    intrinsics = np.array([[TRUTH.focal_px, 0, 79.5], [0, TRUTH.focal_px, 59.5], [0, 0, 1]])
+    turned = cv2.Rodrigues(TRUTH.axes)[0]
+    pixels = cv2.projectPoints(POINTS - TRUTH.position_m, turned, np.zeros(3), intrinsics, None)[0]
+    rows = np.column_stack([pixels.reshape(-1, 2), POINTS])
+    return "x_px,y_px,east_m,north_m,height_m\n" + "\n".join(",".join(map(str, row)) for row in rows)
+
+
+def test_pose_file_sees_the_points_where_they_were_marked(tmp_path, table):
+    done = calibrate(tmp_path, table, *OPTIONS)
+    assert done.exit_code == 0, done.output
+    assert "marks off by 0.0 px" in done.output
+    pose = load_pose(tmp_path / "pose.toml")
+    assert (pose.east_m, pose.north_m, pose.height_m) == pytest.approx(TRUTH.position_m, abs=1e-2)
+    # true north lies 0.94 degrees clockwise of the grid's: (longitude - 141) sin(latitude)
+    assert pose.yaw_deg == pytest.approx(20.0 - 0.94, abs=0.02)
+    assert (pose.pitch_deg, pose.roll_deg, pose.hfov_deg) == pytest.approx((-25.0, 4.0, 50.0), abs=1e-2)
+    assert "# standard uncertainty" in (tmp_path / "pose.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        (lambda text: text.replace("x_px", "x"), OPTIONS, "x_px,y_px,east_m"),
+        (lambda text: "\n".join(text.split("\n")[:4]), OPTIONS, "needs 4 points"),
+        (str, (*OPTIONS[:-2],), "--ground-m, --dem"),
+        (str, (*OPTIONS, "--frame", "160"), "columns x rows"),
+    ],
+)
+def test_what_gives_no_pose_is_an_error(tmp_path, table, change, options, words):
+    done = calibrate(tmp_path, change(table), *options)
+    assert done.exit_code != 0
+    assert words in done.output
+    assert not (tmp_path / "pose.toml").exists()
