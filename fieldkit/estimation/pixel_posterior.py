@@ -23,8 +23,8 @@ from fieldkit.physics.facet import FloatArray
 Measure = Callable[[NDArray[Any]], NDArray[Any]]
 """A number of every unit normal: (..., 3) to (...)."""
 
-NODES, GENERATOR = 89, 55
-"""Points of the lattice: probabilities are good to about 0.02."""
+NODES, GENERATOR = 55, 34
+"""Points of the lattice: probabilities are good to about 0.03."""
 PIECE = 2048
 LEAST_ACROSS = 0.05
 """Least distance from the plane of the sun's motion, where the sphere stands square to it."""
