@@ -26,7 +26,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
@@ -97,7 +97,7 @@ def run() -> list[Result]:
 
         three, eight = ([(view(n), view_flask(n)) for _ in range(ROUNDS)] for n in (3, 8))
         hidden = view(1, "off")
-        pictures = [*_first_pictures(campaign, ours), *_delays(campaign, ours)]
+        pictures = _in_chromium(campaign, ours)
     size = len(gzip.compress(document("0" * 32).encode(), 9)) / 1000.0
     return [
         _ratio("server CPU over Flask + MJPEG, 3 viewers", three),
@@ -122,49 +122,52 @@ def _median(values: Iterable[float]) -> float:
     return float(statistics.median(values))
 
 
-def _first_pictures(campaign: Path, port: int) -> list[Result]:
-    """Five loads on loopback, and one on a slow phone in a slow network."""
+def _in_chromium(campaign: Path, port: int) -> list[Result]:
+    """What people see; nothing without the system's Chromium."""
     chromium = shutil.which("chromium")
     if chromium is None:
         return []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        tab = browser.new_context(viewport={"width": 360, "height": 740}).new_page()
-        address = f"http://{HOST}:{port}/"
-        tab.goto(address + "#" + Keys(campaign / "recordings").new_link("view"))
-        tab.evaluate(FIRST_PICTURE)  # the link is exchanged for a cookie
-        loads = []
-        for _ in range(5):
-            tab.goto(address)
-            loads.append(tab.evaluate(FIRST_PICTURE))
-        devtools = tab.context.new_cdp_session(tab)
-        devtools.send("Emulation.setCPUThrottlingRate", {"rate": 4})
-        rates = dict.fromkeys(("downloadThroughput", "uploadThroughput"), 1.6e6 / 8)
-        devtools.send("Network.emulateNetworkConditions", {"offline": False, "latency": 0, **rates})
-        tab.goto(address)
-        slow = tab.evaluate(FIRST_PICTURE)
+        results = [*_first_pictures(browser, campaign, port), *_delays(browser, campaign, port)]
         browser.close()
+    return results
+
+
+def _tab(browser: Browser, campaign: Path, port: int, script: str = "") -> Page:
+    """A phone of its own that has used a link, and shows a picture."""
+    tab = browser.new_context(viewport={"width": 360, "height": 740}).new_page()
+    tab.add_init_script(script)
+    tab.goto(f"http://{HOST}:{port}/#" + Keys(campaign / "recordings").new_link("view"))
+    tab.evaluate(FIRST_PICTURE)
+    return tab
+
+
+def _first_pictures(browser: Browser, campaign: Path, port: int) -> list[Result]:
+    """Five loads on loopback, and one on a slow phone in a slow network."""
+    tab, address = _tab(browser, campaign, port), f"http://{HOST}:{port}/"
+    loads = []
+    for _ in range(5):
+        tab.goto(address)
+        loads.append(tab.evaluate(FIRST_PICTURE))
+    devtools = tab.context.new_cdp_session(tab)
+    devtools.send("Emulation.setCPUThrottlingRate", {"rate": 4})
+    rates = dict.fromkeys(("downloadThroughput", "uploadThroughput"), 1.6e6 / 8)
+    devtools.send("Network.emulateNetworkConditions", {"offline": False, "latency": 0, **rates})
+    tab.goto(address)
+    slow = tab.evaluate(FIRST_PICTURE)
+    tab.context.close()
     return [
         Result("first picture on loopback", _median(loads), "ms", "<= 300"),
         Result("first picture, CPU 4x slower and 1.6 Mbit/s", slow, "ms", "<= 1500"),
     ]
 
 
-def _delays(campaign: Path, port: int) -> list[Result]:
+def _delays(browser: Browser, campaign: Path, port: int) -> list[Result]:
     """How long after the camera's frame a picture is on the screen, for one of three browsers that look."""
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        return []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        tabs = [browser.new_context(viewport={"width": 360, "height": 740}).new_page() for _ in range(3)]
-        for tab in tabs:
-            tab.add_init_script(WATCH_PICTURES)
-            tab.goto(f"http://{HOST}:{port}/#" + Keys(campaign / "recordings").new_link("view"))
-            tab.evaluate(FIRST_PICTURE)
-        offset_ms = _clock_offset_ms(campaign)
-        delays = [on_screen - taken - offset_ms for taken, on_screen in tabs[0].evaluate("drawn.slice(20)")]
-        browser.close()
+    tab, *_ = [_tab(browser, campaign, port, WATCH_PICTURES) for _ in range(3)]
+    offset_ms = _clock_offset_ms(campaign)
+    delays = [on_screen - taken - offset_ms for taken, on_screen in tab.evaluate("drawn.slice(20)")]
     note = f"{len(delays)} pictures, 3 browsers on this computer"
     return [
         Result("camera to screen, median", _median(delays), "ms", "<= 80", note),
