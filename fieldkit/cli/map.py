@@ -170,7 +170,7 @@ def _write(
 
     rows, cols = found.slopes.state.shape
     view = ground_view(load_pose(pose), (rows, cols), cell_m)
-    on_ground = write_on_ground(base, view, layers, found.slopes.state, found.end_ns)
+    on_ground = write_on_ground(base, view, layers, found.slopes, found.end_ns)
     return [*found.write(base, layers), *on_ground]
 
 

@@ -1,6 +1,7 @@
 """Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids, and as points.
 
-A cell takes the value of the pixel that sees its centre. Heights are those of the plane or DEM of the pose.
+A cell takes the value of the pixel that sees its centre. Over level ground the slopes also give the relief:
+the heights of the surface that has them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from fieldkit.config.pose import PoseFile, load_pose
 from fieldkit.disk import replacing
+from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.physics.camera_geometry import (
     Camera,
@@ -24,7 +26,8 @@ from fieldkit.physics.camera_geometry import (
     rays,
     seen_by,
 )
-from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.heights import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ply, ros2_maps
 
 __all__ = ["GroundView", "ground_view", "load_pose", "write_on_ground"]
@@ -47,6 +50,10 @@ class GroundView:
         The camera, in the axes of the projected reference system.
     ground
         Heights of the ground on the cells of the output.
+    true_north_deg
+        Direction of true north on the grid, clockwise from the grid's own. [degrees]
+    is_level
+        Whether the ground was taken as level, not from a DEM.
     distances_m
         From the camera along each pixel's ray, (rows, cols); NaN where it meets no ground within range. [m]
     """
@@ -54,6 +61,8 @@ class GroundView:
     camera: Camera
     crs: CRS
     ground: Heights
+    true_north_deg: float
+    is_level: bool
     distances_m: FloatArray
 
     @property
@@ -65,6 +74,16 @@ class GroundView:
         """Values (rows, cols) of the frame on the cells of the ground; NaN where the camera sees none."""
         row, col, seen = self._seen()
         return np.where(seen, values[row, col], np.float32(np.nan))
+
+    def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
+        """Heights in metres that have these slopes, about the ground's, and their misclosure in degrees.
+
+        See `heights_from_normals`; on the cells of the ground.
+        """
+        tilt_deg, azimuth_deg = self.on_cells(slopes.tilt_deg), self.on_cells(slopes.azimuth_deg)
+        normals = normal(tilt_deg, azimuth_deg + self.true_north_deg)
+        heights, misclosure = heights_from_normals(normals, self.ground.cell_m)
+        return self.ground.heights_m + heights, misclosure
 
     def _seen(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
         rows, cols = self.ground.heights_m.shape
@@ -95,7 +114,8 @@ def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = N
         If no pixel meets the ground within range.
     """
     crs = geotiff.projected_crs(pose.crs)
-    camera = pose.camera(shape, geotiff.true_north_deg(crs, pose.east_m, pose.north_m))
+    true_north_deg = geotiff.true_north_deg(crs, pose.east_m, pose.north_m)
+    camera = pose.camera(shape, true_north_deg)
     dem = None if pose.dem is None else geotiff.read_heights(Path(pose.dem), crs)
     away = _distances_m(camera, pose, dem)
     if not np.isfinite(away).any():
@@ -105,7 +125,7 @@ def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = N
             fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
         )
     points = np.asarray(camera.position_m) + away[..., np.newaxis] * rays(camera)
-    return GroundView(camera, crs, _cells(points, pose, dem, cell_m), away)
+    return GroundView(camera, crs, _cells(points, pose, dem, cell_m), true_north_deg, dem is None, away)
 
 
 def _distances_m(camera: Camera, pose: PoseFile, dem: Heights | None) -> FloatArray:
@@ -139,11 +159,12 @@ def _cells(points: FloatArray, pose: PoseFile, dem: Heights | None, cell_m: floa
 
 
 def write_on_ground(
-    base: Path, view: GroundView, layers: Sequence[Layer], state: NDArray[np.uint8], time_ns: int
+    base: Path, view: GroundView, layers: Sequence[Layer], slopes: SlopeMap, time_ns: int
 ) -> list[Path]:
     """Write layers on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
 
-    Each holds the layers, their uncertainties and the state. Raises `StorageError`.
+    Each holds the layers, their uncertainties and the state; grids of level ground also the relief. Raises
+    `StorageError`.
 
     Parameters
     ----------
@@ -151,15 +172,18 @@ def write_on_ground(
         The files without their endings.
     view
         What the camera sees of the ground.
-    layers, state
-        Of the frame, (rows, cols) each.
+    layers, slopes
+        Of the frame.
     time_ns
         Time that the layers are of, UTC nanoseconds since 1970.
     """
     planes = [(layer.name, layer.units, layer.values) for layer in layers]
     planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
-    planes.append(("state", "1", state.astype(np.float32)))
+    planes.append(("state", "1", slopes.state.astype(np.float32)))
     on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
+    if view.is_level:
+        height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))
+        on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
     ground = view.ground
     risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
     try:

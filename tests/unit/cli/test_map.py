@@ -325,7 +325,8 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
     assert done.exit_code == 0, done.output
     assert (tmp_path / "x.ply").read_bytes().startswith(b"ply\n")
     with rasterio.open(tmp_path / "x.tif") as file:
-        assert file.descriptions == ("slope", "heading", "slope_sd", "heading_sd", "state")
+        layers = "slope", "heading", "slope_sd", "heading_sd", "state", "height", "misclosure"
+        assert file.descriptions == layers
         assert file.units[0] == "degree"
         assert file.res == (0.25, 0.25)
         known = np.isfinite(file.read(1))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from fieldkit.config.pose import load_pose
+from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.model.errors import ConfigError, NoAnswerError
+from fieldkit.physics.facet import tilt_azimuth
 from fieldkit.workflows.on_ground import ground_view, write_on_ground
 from fieldkit.workflows.terrain_products import Layer
 
@@ -56,8 +58,9 @@ def test_cells_hold_what_lies_on_them(tmp_path, dem):
         Layer(name, name, "m", (values - origin).astype(np.float32))
         for name, values, origin in (("east", east, 354550.0), ("north", north, 3936200.0))
     ]
-    state = np.zeros(SHAPE, np.uint8)
-    tif, points, maps = write_on_ground(tmp_path / "map", view, layers, state, 10**18)
+    flat = np.zeros(SHAPE, np.float32)
+    slopes = SlopeMap(flat, flat, flat, flat, np.zeros(SHAPE, np.uint8))
+    tif, points, maps = write_on_ground(tmp_path / "map", view, layers, slopes, 10**18)
     assert maps.stat().st_size > 1000
     with rasterio.open(tif) as file:
         assert file.crs == rasterio.crs.CRS.from_epsg(32654)
@@ -89,6 +92,32 @@ def test_true_north_is_not_the_grids(tmp_path):
     """Convergence of the UTM zone: (longitude - 141 E) sin(latitude), -0.94 degrees there."""
     view = ground_view(load_pose(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE)
     assert view.camera.yaw_deg - 10.0 == pytest.approx(0.94, abs=0.02)
+
+
+def test_slopes_on_level_ground_give_its_relief(tmp_path):
+    """Slopes of a hump that is known in closed form, with azimuths from true north as a map has them."""
+    view = ground_view(load_pose(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE, 0.5)
+    centre = 354606.0, 3936222.0
+
+    def hump(east, north):
+        return 0.8 * np.exp(-((east - centre[0]) ** 2 + (north - centre[1]) ** 2) / 18.0)
+
+    east, north = view.points_m[..., 0], view.points_m[..., 1]
+    height = hump(east, north)
+    normals = np.stack([height * (east - centre[0]) / 9.0, height * (north - centre[1]) / 9.0], axis=-1)
+    tilt, azimuth = tilt_azimuth(np.concatenate([normals, np.ones((*SHAPE, 1))], axis=-1))
+    tilt, azimuth = (one.astype(np.float32) for one in (tilt, (azimuth - view.true_north_deg) % 360.0))
+    nothing = np.zeros(SHAPE, np.float32)
+    heights, misclosure = view.relief(SlopeMap(tilt, azimuth, nothing, nothing, nothing.astype(np.uint8)))
+    known = np.isfinite(heights)
+    rows, cols = heights.shape
+    cells = (
+        view.ground.west_m + 0.5 * (np.arange(cols) + 0.5),
+        view.ground.north_m - 0.5 * (np.arange(rows) + 0.5),
+    )
+    off = (heights - 100.0 - hump(*np.meshgrid(*cells)))[known]
+    assert np.std(off) < 0.05 * 0.8
+    assert np.nanmedian(misclosure) < 1.0
 
 
 @pytest.mark.parametrize(

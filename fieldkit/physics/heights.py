@@ -1,0 +1,94 @@
+"""Heights from surface normals on a grid: the surface whose slopes differ least from theirs.
+
+Between neighbouring cells the height changes by the mean of their slopes; least squares over all neighbours
+gives the heights, also around cells without a normal [1]_. Slopes measured without error close every loop;
+what the surface cannot follow is a check of the normals.
+
+.. [1] R. T. Frankot and R. Chellappa, "A method for enforcing integrability in shape from shading
+   algorithms", IEEE PAMI 10, 1988, doi:10.1109/34.3909; on grids with holes: D. T. Ghiglia and
+   M. D. Pritt, "Two-dimensional phase unwrapping", Wiley 1998, chapter 5.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldkit.physics.facet import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+def heights_from_normals(normals: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
+    """Heights of a surface with these normals, and how far its slopes are from theirs.
+
+    Parameters
+    ----------
+    normals
+        Upward normals (east, north, up) of any length on a grid with north up, shape (rows, cols, 3); NaN
+        where there is none.
+    cell_m
+        Side of a cell. [m]
+
+    Returns
+    -------
+    heights_m
+        Shape (rows, cols), mean 0 over each connected area; NaN without a normal or a neighbour that has
+        one. [m]
+    misclosure_deg
+        Root mean square difference between the surface's slopes from a cell to its neighbours and those of
+        the normals. [degrees]
+    """
+    rise = np.stack([-normals[..., 0], -normals[..., 1]]) / normals[..., 2] * cell_m
+    ends, steps = _steps(rise)
+    number = normals[..., 0].size
+    differences = _differences(ends, number)
+    heights = _least_squares(differences, steps)
+    off = differences @ heights - steps
+    count = np.bincount(ends.ravel(), minlength=number)
+    with np.errstate(invalid="ignore"):
+        square = np.bincount(ends.ravel(), np.tile(off**2, 2), minlength=number) / count
+    misclosure = np.degrees(np.arctan(np.sqrt(square) / cell_m))
+    heights[count == 0] = np.nan
+    return heights.reshape(rise.shape[1:]), misclosure.reshape(rise.shape[1:])
+
+
+def _steps(rise_m: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Numbers of neighbouring cells (2, n), and the rise from the first to the second in metres (n,)."""
+    east, north = rise_m
+    cells = np.arange(east.size).reshape(east.shape)
+    across = 0.5 * (east[:, :-1] + east[:, 1:])
+    down = -0.5 * (north[:-1] + north[1:])  # rows run southwards
+    ends = np.hstack([[cells[:, :-1].ravel(), cells[:, 1:].ravel()], [cells[:-1].ravel(), cells[1:].ravel()]])
+    steps = np.concatenate([across.ravel(), down.ravel()])
+    known = np.isfinite(steps)
+    return ends[:, known], steps[known]
+
+
+def _differences(ends: NDArray[np.intp], count: int) -> csr_array:
+    """Matrix that takes heights to their steps."""
+    from scipy.sparse import csr_array
+
+    steps = ends.shape[1]
+    signs = np.repeat([-1.0, 1.0], steps)
+    return csr_array((signs, (np.tile(np.arange(steps), 2), ends.ravel())), shape=(steps, count))
+
+
+def _least_squares(differences: csr_array, steps: FloatArray) -> FloatArray:
+    """Heights whose steps are nearest, mean 0 over each connected area, of which one cell is held."""
+    from scipy.sparse import csc_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.sparse.linalg import spsolve
+
+    equations, wanted = csc_array(differences.T @ differences), differences.T @ steps
+    _, area = connected_components(equations, directed=False)
+    _, held = np.unique(area, return_index=True)
+    free = np.setdiff1d(np.arange(area.size), held)
+    heights = np.zeros(area.size)
+    if free.size:
+        heights[free] = spsolve(equations[free][:, free], wanted[free])
+    means = np.bincount(area, heights) / np.bincount(area)
+    return np.asarray(heights - means[area])
