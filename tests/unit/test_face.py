@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import pkgutil
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +43,30 @@ def test_completion_offers_what_is_public_and_nothing_else():
 @pytest.mark.parametrize("name", sorted(typed_names()))
 def test_every_public_name_is_there_and_documented(name):
     assert getattr(fieldkit, name).__doc__
+
+
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "api.md"
+
+
+def described() -> list[str]:
+    """What the reference of the documentation describes, as dotted names."""
+    return re.findall(r"^::: (\S+)$", REFERENCE.read_text("utf-8"), re.MULTILINE)
+
+
+def test_the_reference_describes_every_public_name_and_nothing_private():
+    names = {name.rpartition(".")[2] for name in described()}
+    assert names >= typed_names() - {"calibrate"} | set(fieldkit.calibrate.__all__)
+    assert not [name for name in described() if "._" in name]
+
+
+@pytest.mark.parametrize("name", described())
+def test_what_the_reference_describes_is_documented_to_its_last_member(name):
+    described = pkgutil.resolve_name(name)
+    assert described.__doc__
+    members = vars(described).items() if isinstance(described, type) else ()
+    public = {key: one for key, one in members if not key.startswith("_")}
+    bare = [key for key, one in public.items() if callable(getattr(one, "fget", one)) and not one.__doc__]
+    assert bare == []
 
 
 def test_an_unknown_name_is_an_attribute_error():
