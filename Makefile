@@ -49,7 +49,7 @@ dist: $(VENV)/.release
 sbom: $(VENV)/.release
 	rm -rf build/installed
 	$(RUN) -m venv build/installed
-	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,gps,alarms,dask,page,pdf]'
+	build/installed/bin/python -m pip install --quiet --constraint constraints.txt '.[lab,gps,alarms,dask,page,pdf,terrain]'
 	mkdir -p $(DIST)
 	$(VENV)/bin/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --of JSON -o $(DIST)/sbom.cdx.json build/installed
 
@@ -66,5 +66,5 @@ $(VENV)/.lab: pyproject.toml constraints.txt $(VENV)/.pip
 	touch $@
 
 $(VENV)/.test $(VENV)/.lint $(VENV)/.docs $(VENV)/.release: $(VENV)/.%: pyproject.toml constraints.txt $(VENV)/.pip
-	$(PIP) --editable '.[lab,gps,alarms,page]' --group $*
+	$(PIP) --editable '.[lab,gps,alarms,page,terrain]' --group $*
 	touch $@
