@@ -170,7 +170,7 @@ def test_a_doubt_of_one_standard_deviation_costs_one():
     """Rows that are off by just one standard deviation of a known effect: its square is what is left."""
     sun, truth = window("2017-08-30T03:00", 60), normal(12.0, 200.0)
     effect = 0.02 * np.sin(np.linspace(0.0, 25.0, 60))
-    summed = with_systematics(sun, sun @ truth + effect, np.full(60, 1e12), effect[np.newaxis])
+    summed = with_systematics(sun, sun @ truth + effect, np.full(60, 1e8), effect[np.newaxis])
     assert float(summed(truth)) == pytest.approx(1.0, rel=1e-3)
 
 
