@@ -62,3 +62,4 @@ def command(
     common.print_table(("", "pose", "standard uncertainty"), rows)
     click.echo(f"marks off by {max(residuals):.1f} px at most")
     click.echo(f"wrote {out}")
+    common.say(f"next: fieldkit map --pose {out}")
