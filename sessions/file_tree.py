@@ -106,6 +106,7 @@ def _entry(file: h5py.File, identity: SessionIdentity) -> None:
     ):
         set_attributes(site.create_dataset(name, data=float(value), track_order=True), {"units": units})
     put_text(site, "timezone", header.site.timezone)
+    put_text(site, "body", header.site.body)
     instrument = put_group(entry, "instrument", "NXinstrument")
     for info in header.streams:
         _instrument(instrument, info)

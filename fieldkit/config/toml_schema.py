@@ -57,7 +57,12 @@ class SiteTable(Table):
 
     latitude_deg: float = Field(examples=[35.558675], ge=-90, le=90, description="degrees, north positive")
     longitude_deg: float = Field(examples=[139.395232], ge=-180, le=180, description="degrees, east positive")
-    elevation_m: float = Field(default=0.0, ge=-500, le=9000, description="metres above sea level")
+    elevation_m: float = Field(
+        default=0.0, ge=-10_000, le=25_000, description="metres above sea level, elsewhere above the datum"
+    )
+    body: Literal["earth", "mars", "moon"] = Field(
+        default="earth", description="the world; latitude and longitude are planetographic, east positive"
+    )
     timezone: str = Field(default="UTC", description="IANA name such as Asia/Tokyo; only for display")
 
 

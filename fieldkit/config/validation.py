@@ -154,6 +154,7 @@ def cross_check(document: Mapping[str, Any]) -> list[Mistake]:
     """Mistakes between keys: time zone, names, probes, reference, outlines, method, irradiance, pairs."""
     checks = (
         _timezone,
+        _other_world,
         _device_names,
         _region_names,
         _shared_probes,
@@ -209,6 +210,20 @@ def _timezone(document: Mapping[str, Any]) -> Iterator[Mistake]:
     near = get_close_matches(name, known, n=1)
     message = f"unknown time zone {name!r}" + (f"; did you mean {near[0]}?" if near else "")
     yield Mistake(("site", "timezone"), f"{message} (IANA names, such as Asia/Tokyo)")
+
+
+def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
+    """A time zone or measured weather that only the Earth has."""
+    site, simulation = _table(document, "site"), _table(document, "simulation")
+    body = site.get("body", "earth")
+    if body == "earth":
+        return
+    if site.get("timezone", "UTC") != "UTC":
+        message = f"time zones belong to the Earth; omit it on {body}: local solar time is shown"
+        yield Mistake(("site", "timezone"), message)
+    if simulation and simulation.get("weather") != "clear":
+        message = f"measured weather belongs to the Earth; set it to clear on {body}"
+        yield Mistake(("simulation", "weather"), message)
 
 
 @functools.cache

@@ -20,12 +20,17 @@ from fieldkit.model.numbered import NumberedEnum
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A place on the Earth; `timezone` is an IANA name and only used for display."""
+    """A place on the Earth, Mars or the Moon (`body`).
+
+    `timezone` is an IANA name and only used for display. Latitudes are geographic: the angle between the
+    vertical and the equator.
+    """
 
     latitude_deg: float
     longitude_deg: float
     elevation_m: float = 0.0
     timezone: str = "UTC"
+    body: str = "earth"
 
 
 def zone_by_longitude(longitude_deg: float) -> str:

@@ -25,13 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.model.site import Site
 from fieldkit.model.units import DAY_NS, DAY_S
+from fieldkit.physics.bodies import body_of
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.time_scales import EPOCH_JD, MJD_0_JD
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-EPOCH_JD, MJD_0_JD = 2440587.5, 2400000.5
-"""Julian dates of 1970-01-01 and of modified Julian day 0."""
 COLUMNS = {"mjd": (7, 15), "x_arcsec": (18, 27), "y_arcsec": (37, 46), "ut1_utc_s": (58, 68)}
 """First and last character of each column, by the file's description (readme.finals2000A)."""
 
@@ -84,7 +84,7 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
     site
         Where the observer is.
     refraction
-        Apparent instead of geometric position; see `refract`.
+        Apparent instead of geometric position; see `refract`. Only the Earth's air refracts.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def sun_vectors(time_ns: ArrayLike, site: Site, *, refraction: bool = False) -> 
         seconds = (flat[chosen] - day * DAY_NS) * 1e-9
         vectors[chosen] = _spline_of_day(int(day), site)(seconds)
     vectors /= np.sqrt(np.einsum("ij,ij->i", vectors, vectors))[:, np.newaxis]
-    if refraction:
+    if refraction and body_of(site).refracts:
         vectors = refract(vectors, site.elevation_m)
     return vectors.reshape(*times.shape, 3)
 
@@ -156,7 +156,7 @@ def refract(vectors: FloatArray, elevation_m: float = 0.0) -> FloatArray:
 def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
     """Geometric unit vectors to the sun straight from the ephemeris.
 
-    About a second for 10 000 times; `sun_vectors` interpolates and is tested against it.
+    About a second for 10 000 times on the Earth; `sun_vectors` interpolates and is tested against it.
 
     Parameters
     ----------
@@ -167,13 +167,56 @@ def exact_vectors(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
 
     Returns
     -------
-    East, north, up, shape (n, 3). Within 0.0001 arcseconds of astropy. [-]
+    East, north, up, shape (n, 3). Within 0.0001 arcseconds of astropy on the Earth, 0.01 degrees
+    elsewhere. [-]
 
     References
     ----------
     .. [1] IAU SOFA Board, "SOFA Astrometry Tools", 2023: astrometry for an observed place; ``epv00``,
-       IAU 2006/2000A precession and nutation.
+       IAU 2006/2000A precession and nutation. For other bodies see `fieldkit.physics.bodies`.
     """
+    subsolar = body_of(site).subsolar
+    return _over_earth(unix_s, site) if subsolar is None else _over_point(site, *subsolar(unix_s)[:2])
+
+
+def solar_time_h(time_ns: ArrayLike, site: Site) -> FloatArray:
+    """Local true solar time: the sun's hour angle in 24ths of the body's day, 12 when it stands highest.
+
+    Parameters
+    ----------
+    time_ns
+        UTC nanoseconds since 1970, any shape.
+    site
+        Where the observer is.
+
+    Returns
+    -------
+    Same shape, in [0, 24). [h]
+    """
+    sun = sun_vectors(time_ns, site)
+    latitude = np.radians(site.latitude_deg)
+    towards_pole = sun[..., 1] * np.cos(latitude) + sun[..., 2] * np.sin(latitude)
+    towards_meridian = (sun[..., 2] - towards_pole * np.sin(latitude)) / np.cos(latitude)
+    return np.asarray((12.0 - np.degrees(np.arctan2(sun[..., 0], towards_meridian)) / 15.0) % 24.0)
+
+
+def _over_point(site: Site, declination_deg: FloatArray, subsolar_longitude_deg: FloatArray) -> FloatArray:
+    """Unit vectors to a sun far away that is overhead at these points, (n, 3).
+
+    The vertical of a planetographic latitude makes that angle with the equator, so the declination of the
+    sun's direction belongs here, not the planetographic latitude of the point below it.
+    """
+    declination, latitude = np.radians(declination_deg), np.radians(site.latitude_deg)
+    hour_angle = np.radians(site.longitude_deg - subsolar_longitude_deg)
+    outward = np.cos(declination) * np.cos(hour_angle)
+    east = -np.cos(declination) * np.sin(hour_angle)
+    north = np.cos(latitude) * np.sin(declination) - np.sin(latitude) * outward
+    up = np.sin(latitude) * np.sin(declination) + np.cos(latitude) * outward
+    return np.stack([east, north, up], axis=-1)
+
+
+def _over_earth(unix_s: NDArray[np.float64], site: Site) -> FloatArray:
+    """Topocentric unit vectors by ERFA, (n, 3)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)  # of years whose leap seconds are not known yet
         observer = _observer(unix_s, site)

@@ -22,6 +22,7 @@ def describe(session: SessionReader) -> dict[str, Any]:
         "site": {
             "latitude_deg": session.site.latitude_deg, "longitude_deg": session.site.longitude_deg,
             "elevation_m": session.site.elevation_m, "timezone": session.site.timezone,
+            "body": session.site.body,
         },
         "began": local_time(session, session.start_ns), "ended": local_time(session, session.end_ns),
         "start": iso_time(session, session.start_ns), "end": iso_time(session, session.end_ns),

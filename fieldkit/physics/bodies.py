@@ -1,0 +1,100 @@
+"""The worlds on which fieldkit works: what differs between Earth, Mars and Moon, in one object each.
+
+A site names its body; physics, simulation and estimation ask `body_of` and never compare names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fieldkit.model.errors import ConfigError
+from fieldkit.model.site import Site
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.mars_sun import SOL_S, mars_sun
+from fieldkit.physics.moon_sun import moon_subsolar
+
+Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""Declination, subsolar longitude east and distance of the sun (degrees, degrees, au) at UTC seconds (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What a world does to the sun's light and to a surface's heat.
+
+    `day_s` is the mean solar day. `subsolar` gives the sun; None is the Earth, where it is topocentric.
+    `dust_optical_depth` is that of a clear day; None is the Earth, whose sky has formulas of its own.
+    `exchange_w_m2_k` is the exchange of heat with the air, `longwave_down_w_m2` what the sky radiates,
+    `air_temperature_k` the daily mean near the ground. `albedo`, `emissivity` and `inertia`
+    (J m-2 K-1 s-1/2) are those of its loose ground.
+    """
+
+    name: str
+    day_s: float
+    subsolar: Subsolar | None
+    refracts: bool
+    dust_optical_depth: float | None
+    exchange_w_m2_k: float
+    longwave_down_w_m2: float
+    air_temperature_k: float
+    albedo: float
+    emissivity: float
+    inertia: float
+
+
+def _over_mars(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    sun = mars_sun(unix_s)
+    return sun.declination_deg, sun.subsolar_longitude_deg, sun.distance_au
+
+
+EARTH = Body(
+    name="earth",
+    day_s=86_400.0,
+    subsolar=None,
+    refracts=True,
+    dust_optical_depth=None,
+    exchange_w_m2_k=18.15,  # the paper's Table 1
+    longwave_down_w_m2=400.0,
+    air_temperature_k=303.15,
+    albedo=0.20,
+    emissivity=0.90,
+    inertia=570.0,  # dry loose silica sand
+)
+MARS = Body(
+    name="mars",
+    day_s=SOL_S,
+    subsolar=_over_mars,
+    refracts=False,
+    dust_optical_depth=0.5,  # clear season, Viking landers; Appelbaum and Flood, Solar Energy 45, 1990
+    exchange_w_m2_k=1.0,  # order of magnitude at 600-700 Pa; Martinez et al., Space Sci. Rev. 212, 2017
+    longwave_down_w_m2=50.0,  # CO2 and dust, 20-80 by season and opacity; Martinez et al. 2017
+    air_temperature_k=220.0,
+    albedo=0.25,  # global mean; Christensen et al., J. Geophys. Res. 106, 2001
+    emissivity=0.98,
+    inertia=250.0,  # sand and dust, 200-400; Putzig and Mellon, Icarus 191, 2007
+)
+MOON = Body(
+    name="moon",
+    day_s=2_551_442.9,
+    subsolar=moon_subsolar,
+    refracts=False,
+    dust_optical_depth=0.0,
+    exchange_w_m2_k=0.0,
+    longwave_down_w_m2=0.0,
+    air_temperature_k=2.7,  # no air: space
+    albedo=0.12,  # normal incidence, highlands and maria; Vasavada et al., J. Geophys. Res. 117, 2012
+    emissivity=0.95,  # Hayne et al., J. Geophys. Res. Planets 122, 2017
+    inertia=55.0,  # at 273 K; Hayne et al. 2017
+)
+BODIES = {body.name: body for body in (EARTH, MARS, MOON)}
+
+
+def body_of(site: Site) -> Body:
+    """The body of a site; raises `ConfigError` where fieldkit has no model of it."""
+    body = BODIES.get(site.body)
+    if body is None:
+        raise ConfigError(
+            f"no model of the sun and the ground of {site.body!r}",
+            fix=f"set site.body to one of {', '.join(BODIES)}",
+        )
+    return body
