@@ -54,7 +54,14 @@ class ConnectedDevice:
 
 
 def find_devices() -> list[ConnectedDevice]:
-    """All connected instruments, serial adapters and cameras; drivers that cannot be loaded are logged."""
+    """All connected instruments, serial adapters and cameras; drivers that cannot be loaded are logged.
+
+    Examples
+    --------
+    >>> for device in fieldkit.find_devices():
+    ...     print(device.identity, device.port, device.title)
+    10c4:ea60:A7 /dev/ttyUSB0 CP2102
+    """
     devices, problems = discover()
     for problem in problems:
         _log.warning("%s", problem)

@@ -231,6 +231,13 @@ def open_device(
         If the instrument is missing, busy, silent or not the one the driver expects.
     ConfigError
         If the driver or one of its options does not exist.
+
+    Examples
+    --------
+    >>> with fieldkit.open_device("lutron", port="light-meter") as meter:
+    ...     reading = meter.read()
+    >>> reading.value, reading.unit, reading.is_usable
+    (638.0, 'lx', True)
     """
     if not driver:
         driver = _only_device()

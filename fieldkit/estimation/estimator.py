@@ -33,6 +33,15 @@ class Minute:
     Temperatures per region in kelvin; `dni_w_m2` by `irradiance_model`, `dhi_w_m2` and `longwave_down_w_m2`
     as measured on the horizontal; angles in degrees; NaN where not measured. `events`: clouds, shade, a moved
     frame, late samples. `learnt`: what the data taught, with the learned model.
+
+    Examples
+    --------
+    >>> minutes = []
+    >>> session = fieldkit.record(campaign, duration="8m", name="short", on_minute=minutes.append)
+    >>> minutes[-1]
+    <Minute 19:08 UTC: b05 5.0°, b15 15.4°, b25 26.1°; 1023 W/m² direct>
+    >>> sorted(minutes[0].temperature_k)
+    ['b05', 'b15', 'b25', 'flat']
     """
 
     time_ns: int

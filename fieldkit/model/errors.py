@@ -28,7 +28,16 @@ from pathlib import Path
 
 
 class FieldkitError(Exception):
-    """An error with an explanation: `message` is what happened, `fix` what to type or do next."""
+    """An error with an explanation: `message` is what happened, `fix` what to type or do next.
+
+    Examples
+    --------
+    >>> try:
+    ...     fieldkit.open_session("nowhere.h5")
+    ... except fieldkit.FieldkitError as error:
+    ...     print(error.fix)
+    check the path; fieldkit ls shows the sessions of a campaign
+    """
 
     exit_code = 1
 

@@ -24,6 +24,12 @@ class Site:
 
     `timezone` is an IANA name and only used for display. Latitudes are geographic: the angle between the
     vertical and the equator.
+
+    Examples
+    --------
+    >>> site = fieldkit.Site(37.70, -105.92, 2317.0, "America/Denver")
+    >>> site.elevation_m
+    2317.0
     """
 
     latitude_deg: float
@@ -71,6 +77,20 @@ class Region:
     `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers. `tilt_deg` and
     `azimuth_deg` are as measured by inclinometer and compass: used by the estimator for references, for
     targets only for comparison (NaN: unknown).
+
+    Examples
+    --------
+    >>> from fieldkit.model.site import RegionKind
+    >>> outline = ((10, 10), (40, 10), (40, 30), (10, 30))
+    >>> bed = fieldkit.Region("b15", RegionKind.TARGET, outline, tilt_deg=15.0, azimuth_deg=180.0)
+    >>> int(bed.mask((120, 160)).sum())
+    651
+    >>> bed.box((120, 160))
+    (slice(10, 31, None), slice(10, 41, None))
+    >>> bed.is_within((120, 160)), bed.crosses_itself
+    (True, False)
+    >>> bed.shrunk(2.0).vertices
+    ((12.0, 12.0), (38.0, 12.0), (38.0, 28.0), (12.0, 28.0))
     """
 
     name: str

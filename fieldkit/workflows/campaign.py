@@ -1,9 +1,4 @@
-"""A campaign: create its folder, open it, add regions, estimate its sessions with other parameters.
-
->>> campaign = fieldkit.open_campaign("sandslope")          # doctest: +SKIP
->>> for session in campaign.sessions:                       # doctest: +SKIP
-...     session.estimate(albedo=0.25).to_frame()
-"""
+"""A campaign: create its folder, open it, add regions, estimate its sessions with other parameters."""
 
 from __future__ import annotations
 
@@ -40,7 +35,15 @@ GITIGNORE = (
 
 
 class Sessions(Sequence[Session]):
-    """The recordings of a campaign, oldest first; each is opened when it is asked for."""
+    """The recordings of a campaign, oldest first; each is opened when it is asked for.
+
+    Examples
+    --------
+    >>> len(campaign.sessions)
+    1
+    >>> campaign.sessions[-1].name
+    '20160101T190001Z-noon'
+    """
 
     def __init__(self, paths: Iterable[Path]) -> None:
         self.paths = tuple(paths)
@@ -66,6 +69,15 @@ class Campaign:
     """A campaign folder: its configuration as it is now, and its recordings by age.
 
     `settings` are ``KEY=VALUE`` that replace values of ``fieldkit.toml`` while this object is used.
+
+    Examples
+    --------
+    >>> campaign
+    <Campaign sand slopes under the sky of Alamosa, simulated: 4 regions, 1 sessions>
+    >>> [region.name for region in campaign.regions]
+    ['flat', 'b05', 'b15', 'b25']
+    >>> campaign["noon"].state
+    'sealed'
     """
 
     config: Config
@@ -123,7 +135,13 @@ class Campaign:
     ) -> None:
         """Add a region to ``fieldkit.toml`` and to `config`; parameters and errors as `regions.add_region`.
 
-        >>> campaign.add_region("b15", rect=(60, 60, 30, 30), tilt_deg=15)  # doctest: +SKIP
+        Examples
+        --------
+        >>> dunes = fieldkit.init_campaign("dunes")
+        >>> dunes.add_region("flat", rect=(10, 60, 30, 30), reference=True)
+        >>> dunes.add_region("slope", rect=(60, 60, 30, 30), tilt_deg=15.0, azimuth_deg=180.0)
+        >>> [region.name for region in dunes.regions]
+        ['flat', 'slope']
         """
         add_region(self.config.path, name, points=points, rect=rect, reference=reference, **properties)
         self.config = load_config(self.config.path, settings=self.settings)
@@ -132,10 +150,13 @@ class Campaign:
     def open_devices(self) -> Iterator[dict[str, Instrument[Any]]]:
         """The campaign's instruments by name, open to be read by hand; closed at the end.
 
-        >>> with campaign.open_devices() as devices:  # doctest: +SKIP
-        ...     devices["lux"].read().value
-
         Raises as `fieldkit.record`.
+
+        Examples
+        --------
+        >>> with campaign.open_devices() as devices:
+        ...     devices["lux"].read().unit
+        'lx'
         """
         with open_instruments(self.config) as opened, opened.clock.taking_part():
             yield {device.info.name: Instrument(device) for device in opened.devices}
@@ -164,6 +185,11 @@ class Campaign:
         ------
         ConfigError
             For a key or value that no estimate has.
+
+        Examples
+        --------
+        >>> campaign.sweep({"albedo": [0.20, 0.25], "estimator.model": ["paper", "full"]})
+        <Sweep of 4 sets, 1 sessions; best: surface.albedo = 0.2, estimator.model = full>
         """
         chosen = self.sessions.paths if sessions is None else sessions
         paths = [one.path if isinstance(one, Session) else one for one in chosen]
@@ -175,6 +201,12 @@ def open_campaign(path: str | Path = ".", settings: Settings = ()) -> Campaign:
 
     `settings` are other values for keys of ``fieldkit.toml``, which itself stays as it is:
     ``{"simulation.speed": "max"}``.
+
+    Examples
+    --------
+    >>> darker = fieldkit.open_campaign("sandslope", {"surface.albedo": 0.25})
+    >>> darker.config.tables.surface.albedo
+    0.25
     """
     given = tuple(settings_from(settings))
     return Campaign(load_config(find_campaign(Path(path)), settings=given), given)
@@ -208,6 +240,12 @@ def init_campaign(
         The folder is a campaign already.
     StorageError
         The folder cannot be written.
+
+    Examples
+    --------
+    >>> dunes = fieldkit.init_campaign("dunes", (37.70, -105.92, 2317.0), timezone="America/Denver")
+    >>> dunes.config.site.timezone
+    'America/Denver'
     """
     if simulated and (site or timezone):
         raise ConfigError("a simulated campaign brings its own site: omit site and timezone")

@@ -58,6 +58,14 @@ def check(session: SessionOrFile, *, estimates: bool = True) -> CheckedSession:
 
     Slopes are estimated again from the stored samples and compared with those the recording stored. Nothing
     is changed. What is wrong is a finding; nothing is raised for it.
+
+    Examples
+    --------
+    >>> checked = fieldkit.check(session)
+    >>> checked.level
+    'ok'
+    >>> checked.findings[0].text
+    'sealed: every sample was compared with the journal'
     """
     path = path_of(session)
     findings = file_check.check(path)

@@ -1,8 +1,4 @@
-"""From a session to slopes: `estimate` for a notebook, and the steps that other workflows share.
-
->>> slopes = estimate("recordings/20261211T030000Z.h5", albedo=0.25)          # doctest: +SKIP
->>> slopes["b05"].tilt_deg, slopes.to_frame()                                 # doctest: +SKIP
-"""
+"""From a session to slopes: `estimate` for a notebook, and the steps that other workflows share."""
 
 from __future__ import annotations
 
@@ -66,6 +62,18 @@ def estimate(
         If the session cannot be read or is still being recorded.
     ConfigError
         For a key or value that no estimate has, or a region that cannot be used in the session's frames.
+
+    Examples
+    --------
+    >>> estimates = fieldkit.estimate(session, model="full", albedo=0.25)
+    >>> estimates["b15"]
+    <b15: tilt 15.8° (11.2 to 22.0), azimuth 181°, uncertain>
+    >>> estimates.to_frame()[["region", "tilt_deg", "state"]].round(1).tail(3)
+                              region  tilt_deg      state
+    time
+    2016-01-01 19:20:30+00:00    b05       5.1  uncertain
+    2016-01-01 19:20:30+00:00    b15      15.8  uncertain
+    2016-01-01 19:20:30+00:00    b25      26.7  uncertain
     """
     keys = {**(settings or {}), **values}
     if model is not None:

@@ -57,6 +57,12 @@ def export(
         If `stream` is given for a kind that contains every stream, or there is no such kind.
     StorageError
         If the files cannot be written.
+
+    Examples
+    --------
+    >>> exported = fieldkit.export(session, "csv")
+    >>> [path.name for path in exported.files][:2]
+    ['20160101T190001Z-noon-camera-regions.csv', '20160101T190001Z-noon-lux.csv']
     """
     if to not in get_args(Kind):
         raise ConfigError(f"{to!r} is not a kind of export", fix=f"use one of {', '.join(get_args(Kind))}")

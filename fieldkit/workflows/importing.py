@@ -69,6 +69,13 @@ class ImportOptions:
         What a table in W/m2 measures, such as ``ghi``, if its columns are not named so.
     encoding : str
         Encoding of a table.
+
+    Examples
+    --------
+    >>> tokyo = fieldkit.Site(35.68, 139.77, 25.0, "Asia/Tokyo")
+    >>> options = fieldkit.ImportOptions(site=tokyo, zone="Asia/Tokyo", time_format="%Y%m%dT%H%M%S")
+    >>> options.zone, options.offset_s
+    ('Asia/Tokyo', 0.0)
     """
 
     name: str | None = None
@@ -143,6 +150,19 @@ def import_recording(
     ------
     ConfigError
         If the source cannot be read, or place, times or scale are not known.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("log.csv").write_text('''time,light [lx]
+    ... 2026-05-12 12:00:00,50000
+    ... 2026-05-12 12:01:00,51000
+    ... ''')
+    >>> options = fieldkit.ImportOptions(site=fieldkit.Site(47.1, 8.5, 400.0, "Europe/Zurich"), zone="UTC")
+    >>> made = fieldkit.import_recording("log.csv", "log.h5", options)
+    >>> with made.open() as imported:
+    ...     imported["logger"].readings().values.ravel().tolist()
+    [50000.0, 51000.0]
     """
     source, options = Path(source), options or ImportOptions()
     recording = read_source(source, options)
@@ -167,6 +187,15 @@ def import_into(
 
     `out` is the new session's file, by default beside the old one. Raises `ConfigError` if the source
     cannot be read or does not fit, `NoAnswerError` if ``offset_s="auto"`` finds no offset.
+
+    Examples
+    --------
+    >>> light = session["lux"].to_pandas()[["illuminance [lx]"]]
+    >>> light.to_csv("logger.csv", date_format="%Y-%m-%d %H:%M:%S")
+    >>> made = fieldkit.import_into(session, "logger.csv", "both.h5", fieldkit.ImportOptions(zone="UTC"))
+    >>> with made.open() as both:
+    ...     list(both.streams)
+    ['camera', 'lux', 'thermometer', 'logger']
     """
     source, options = Path(source), options or ImportOptions()
     recording = read_source(source, options)

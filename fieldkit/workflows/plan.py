@@ -1,8 +1,4 @@
-"""Plan a measuring day: sun, kelvin per degree and the best possible accuracy, before anything is measured.
-
->>> plan(Site(35.558675, 139.395232, 9.0, "Asia/Tokyo"), date(2026, 12, 11), [(5.0, 180.0)]).to_frame()
-... # doctest: +SKIP
-"""
+"""Plan a measuring day: sun, kelvin per degree and the best possible accuracy, before a measurement."""
 
 from __future__ import annotations
 
@@ -42,6 +38,14 @@ class PlanOptions:
 
     `noise_k` is that of a region's minute mean, `window_min` the length of an estimate's window,
     `air_c` the air temperature expected, `step_min` the time between rows.
+
+    Examples
+    --------
+    >>> options = fieldkit.PlanOptions(turbidity=3.0, noise_k=0.05)
+    >>> options.irradiance
+    'clear sky, Linke turbidity 3'
+    >>> fieldkit.plan((37.70, -105.92, 2317.0), "2016-01-01", options=options).options.noise_k
+    0.05
     """
 
     dni_w_m2: float = 800.0
@@ -251,6 +255,14 @@ def plan(
         If the site or the day is not a valid one.
     NoAnswerError
         If the sun does not rise.
+
+    Examples
+    --------
+    >>> day = fieldkit.plan((37.70, -105.92, 2317.0), "2016-01-01", [(15.0, 180.0)])
+    >>> day
+    <MeasuringPlan of 2016-01-01: no warnings>
+    >>> day.to_frame()[["sun_zenith_deg", "kelvin_per_degree"]].loc[10].round(2).tolist()
+    [60.93, 0.33]
     """
     site, day = _site(site), _day(day)
     if facets is None:

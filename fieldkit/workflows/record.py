@@ -83,6 +83,12 @@ def record(
         The campaign is being recorded already.
     StorageError
         The disk is too small, cannot be written, or filled up; in the last case the session is sealed.
+
+    Examples
+    --------
+    >>> session = fieldkit.record(campaign, duration="2m", name="short")
+    >>> session.name, session.count("thermometer")
+    ('20160101T190001Z-short', 121)
     """
     config = config_of(campaign)
     with prepare(

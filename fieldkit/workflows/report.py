@@ -1,7 +1,4 @@
-"""Reports: sessions estimated afresh and written as one HTML file, or printed to PDF.
-
->>> fieldkit.report("recordings/20261211T030000Z.h5").path          # doctest: +SKIP
-"""
+"""Reports: sessions estimated afresh and written as one HTML file, or printed to PDF."""
 
 from __future__ import annotations
 
@@ -71,6 +68,12 @@ class ReportOptions:
     `sd` is the standard deviation of absolute errors: the paper's eq. (9) as printed, or the usual
     one. `settings` are other values for keys of the configuration, such as ``{"albedo": 0.25}``; `present`
     takes the campaign's ``fieldkit.toml`` and regions as they are now.
+
+    Examples
+    --------
+    >>> options = fieldkit.ReportOptions(settings={"albedo": 0.25})
+    >>> fieldkit.report(session, "darker.html", options)
+    <Report darker.html: 1 sessions>
     """
 
     sd: SdKind = "paper"
@@ -113,6 +116,11 @@ def report(
         If no session can be read or estimated.
     StorageError
         If the report cannot be written.
+
+    Examples
+    --------
+    >>> fieldkit.report(session, "noon.html")
+    <Report noon.html: 1 sessions>
     """
     given = (sessions,) if isinstance(sessions, str | Path | SessionReader) else sessions
     paths = tuple(map(path_of, given))

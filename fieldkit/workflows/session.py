@@ -1,8 +1,5 @@
 """`Session`: one recording, and everything that can be done with it.
 
->>> session = fieldkit.open_session("recordings/20261211T030000Z.h5")          # doctest: +SKIP
->>> session["camera"].kelvin(0, 1), session.estimate()["b15"].tilt_deg          # doctest: +SKIP
-
 The stored samples are read by `fieldkit.sessions.reader.SessionReader`, which this class extends by what
 needs other rooms: configuration, estimation, reports, plots.
 """
@@ -36,6 +33,67 @@ class Session(SessionReader):
     """One recording: its streams by name, slopes, maps, reports.
 
     A context manager; `close` releases its file, and so does the end of the program.
+
+    Examples
+    --------
+    Streams by name, as arrays and tables:
+
+    >>> list(session.streams)
+    ['camera', 'lux', 'thermometer']
+    >>> session["camera"].kelvin(0, 1).shape
+    (1, 120, 160)
+    >>> session.to_pandas("lux").columns.tolist()
+    ['illuminance [lx]', 'seq', 'flags', 'mono_ns']
+    >>> dict(session.to_xarray("camera").sizes)
+    {'time': 60, 'y': 120, 'x': 160, 'metadata_row': 2}
+    >>> session.region_series().mean_k.shape
+    (60, 4)
+    >>> session.readings("lux").values.shape, session.raw("camera").dtype
+    ((1200, 1), dtype('uint16'))
+    >>> sum(1 for sample in session.samples("lux", "thermometer"))
+    2401
+    >>> session.count("camera") == session.times_ns("camera").size == session.flags("camera").size
+    True
+
+    Slopes of every region, of every pixel, and those of the recording itself:
+
+    >>> session.estimate()["b15"]
+    <b15: tilt 15.7° (11.2 to 23.5), azimuth 179°, uncertain>
+    >>> session.slope_map("all")
+    <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
+    >>> session.estimates()[-1].region, len(session.minutes()), len(session.learnt())
+    ('b25', 21, 21)
+    >>> session.irradiance()["irradiance_w_m2"].shape
+    (21,)
+
+    What happened while recording:
+
+    >>> [event.kind.name for event in session.events()]
+    ['START', 'STOP']
+    >>> [one.received for one in session.health()[-1].streams]
+    [60, 1200, 1201]
+    >>> len(session.region_history()), session.region_changes()
+    (4, [])
+    >>> session.clock_checks()[0].source
+    'system'
+    >>> session.time_map()
+    []
+
+    What can be done with it:
+
+    >>> session.check()
+    <CheckedSession 20160101T190001Z-noon: 12 ok>
+    >>> session.report().path.name
+    '20160101T190001Z-noon.html'
+    >>> len(session.export("csv").files)
+    5
+    >>> session.plot().get_ylabel()
+    'brightness temperature, °C'
+
+    A session that is still being recorded shows what was added since it was opened:
+
+    >>> session.refresh()
+    >>> session.close()
     """
 
     @property
@@ -134,5 +192,11 @@ def open_session(path: str | Path) -> Session:
     ------
     SessionError
         Where the path holds no session, one of a newer version, or one too damaged to read.
+
+    Examples
+    --------
+    >>> with fieldkit.open_session(session.path) as opened:
+    ...     opened.state, opened.count("camera")
+    ('sealed', 60)
     """
     return open_as(Session, path)

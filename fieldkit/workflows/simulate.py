@@ -86,6 +86,12 @@ def simulate(
         Too many beds, an invalid slope, or an unknown day.
     RefusedError
         The folder is a campaign already.
+
+    Examples
+    --------
+    >>> session = fieldkit.simulate("steep", beds={"steep": (30.0, 180.0)}, duration="3m")
+    >>> [(region.name, region.tilt_deg) for region in session.regions]
+    [('flat', 0.0), ('steep', 30.0)]
     """
     where = Path(tempfile.mkdtemp(prefix="fieldkit-")) if folder is None else Path(folder)
     simulation = {**SIMULATED["simulation"], "weather": day, "speed": "max", "seed": seed, "drawn": drawn}

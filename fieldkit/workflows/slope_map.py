@@ -4,8 +4,6 @@ The estimator goes over the session first, so a minute has the same sun, irradia
 for a pixel as for a region; then the frames of the window's minutes are read once more. Cloudy minutes,
 which barely affect a region's estimate, are excluded. With the learned model pixels are solved by the full
 model with the parameters learnt from the regions.
-
->>> slope_map("recordings/20261211T030000Z.h5").to_xarray()          # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -249,6 +247,14 @@ def slope_map(
     NoAnswerError
         If there is no reference region, no camera of known temperatures, or fewer than three minutes
         of frames under steady sun.
+
+    Examples
+    --------
+    >>> slopes = fieldkit.slope_map(session, "all")
+    >>> slopes
+    <MappedSession 20160101T190001Z-noon: 20 min, 100% uncertain>
+    >>> [(bed.region, round(bed.tilt_deg)) for bed in slopes.by_region()]
+    [('flat', 1), ('b05', 5), ('b15', 15), ('b25', 26)]
     """
     with reading(session) as opened:
         return _mapped(opened, window, tuple(settings_from(settings)), present)

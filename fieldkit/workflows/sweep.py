@@ -44,6 +44,21 @@ class Sweep:
 
     `ranking` is None where no region of known tilt was estimated. `failures` has the sessions that could not
     be estimated, or that are damaged in part, and why. Of its `runs`, `cached` were estimated before.
+
+    Examples
+    --------
+    >>> sweep = campaign.sweep({"albedo": [0.20, 0.25]})
+    >>> sweep.best
+    {'surface.albedo': '0.25'}
+    >>> sweep.to_frame()[["surface.albedo", "region", "median_tilt_deg"]].round(1).head(3)
+       surface.albedo region  median_tilt_deg
+    0             0.2    b05              5.0
+    1             0.2    b15             15.7
+    2             0.2    b25             26.5
+    >>> [path.name for path in sweep.write(campaign.directory / "results" / "albedo")]
+    ['albedo.csv', 'albedo.parquet', 'albedo.json']
+    >>> sweep.ranking_document()["best"]
+    {'surface.albedo': '0.25'}
     """
 
     grid: Grid

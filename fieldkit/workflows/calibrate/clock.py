@@ -85,6 +85,20 @@ def clock(
         If the stream does not carry what is needed.
     CalibrationError
         If the receiver had no fix, or the illuminance does not determine an offset.
+
+    Examples
+    --------
+    A clear day of a light logger that was left on daylight saving time:
+
+    >>> import numpy as np, pandas as pd
+    >>> options = fieldkit.PlanOptions(turbidity=3.0, step_min=2)
+    >>> day = fieldkit.plan(campaign.config.site, "2016-01-01", [(15.0, 180.0)], options).to_frame()
+    >>> time = pd.to_datetime(day["time"]) + pd.Timedelta("1h")
+    >>> light = 100 * day["direct_normal_w_m2"] * np.cos(np.radians(day["sun_zenith_deg"]))
+    >>> pd.DataFrame({"time": time, "light [lx]": light}).to_csv("logger.csv", index=False)
+    >>> logged = fieldkit.import_recording("logger.csv", campaign=campaign.directory)
+    >>> fieldkit.calibrate.clock(logged.path)
+    <ClockCalibration: add -363... ± 22... s (k=2)   the light against the sun's height>
     """
     with reading(session) as opened:
         config = config_for(opened)
@@ -112,6 +126,14 @@ def host_clock(
     """Find the offset of this computer's clock against another one, read by hand.
 
     `host_ns` is this computer's UTC, nanoseconds since 1970, at the moment the other clock showed `shown`.
+
+    Examples
+    --------
+    >>> from datetime import datetime
+    >>> shown = datetime.fromisoformat("2026-12-11T11:52:30+09:00")
+    >>> host_ns = 1_796_957_545_000_000_000
+    >>> fieldkit.calibrate.host_clock(campaign.config, host_ns=host_ns, shown=shown)
+    <ClockCalibration: add +5.0 ± 1.0 s (k=2)   another clock, read by hand>
     """
     own, true = np.array([host_ns], np.int64), np.array([utc_ns(shown)], np.int64)
     found = offset_from_times(own, true, BY_HAND_S, "other clock by hand")

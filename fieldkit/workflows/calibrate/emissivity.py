@@ -106,6 +106,13 @@ def emissivity(
     ----------
     ASTM E1933, Standard Practice for Measuring and Compensating for Emissivity Using Infrared Imaging
     Radiometers.
+
+    Examples
+    --------
+    >>> with_foil = fieldkit.open_campaign("sandslope", {"simulation.speed": "max", "simulation.foil": "b05"})
+    >>> session = fieldkit.record(with_foil, duration="15m", name="foil")
+    >>> fieldkit.calibrate.emissivity(session, sample="dry-sand", reflected="b05")
+    <EmissivityCalibration: emissivity 0.900 ± 0.032 (k=2)   band 8-14 um, flat   residual 0.03 K   n=4 ...>
     """
     with reading(session) as opened:
         options = options or MeasurementOptions()

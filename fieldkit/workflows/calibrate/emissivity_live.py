@@ -76,6 +76,16 @@ def record_emissivity(
     ------
     ConfigError, DeviceError, RefusedError, StorageError
         See `fieldkit.workflows.record.record`.
+
+    Examples
+    --------
+    >>> options = fieldkit.calibrate.MeasurementOptions(reflected="b05", temperatures=1, duration="10m")
+    >>> quick = {"simulation.speed": "max", "simulation.foil": "b05"}
+    >>> recorded = fieldkit.calibrate.record_emissivity(
+    ...     "sandslope", sample="sand", options=options, settings=quick
+    ... )
+    >>> recorded.path.name
+    '20160101T190001Z-sand.h5'
     """
     config = load_config(find_campaign(Path(campaign)), settings=(*BURSTS, *settings_from(settings)))
     stopping = threading.Event()

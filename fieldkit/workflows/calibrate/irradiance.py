@@ -74,6 +74,11 @@ def irradiance(
         If a stream or station does not measure what is needed, or not at the session's times.
     CalibrationError
         If the readings do not determine a factor.
+
+    Examples
+    --------
+    >>> fieldkit.calibrate.irradiance(session, against="station", reference="alamosa-2016-01-01")
+    <Calibration: 0.009156 ± 0.000458 W/m² per lx (k=2)   109 lm/W   scatter 0.1%   21 minutes>
     """
     with reading(session) as opened:
         config = config_for(opened, settings)

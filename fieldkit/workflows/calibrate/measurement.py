@@ -90,6 +90,12 @@ class MeasurementOptions:
         While recording: stop after this many steady temperatures.
     duration : str, optional
         While recording: stop after this time, such as ``3h``.
+
+    Examples
+    --------
+    >>> options = fieldkit.calibrate.MeasurementOptions(region="flat", reflected=-42.0, probe_sd_k=0.2)
+    >>> options.recorded()["reflected"]
+    '-42.0'
     """
 
     region: str | None = None

@@ -74,6 +74,22 @@ def pose(
         If the file or the reference system is wrong.
     CalibrationError
         If the points do not determine the pose.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> points = Path("points.csv")
+    >>> _ = points.write_text('''x_px,y_px,east_m,north_m,height_m
+    ... 52.4,104.5,354602.0,3936215.0,100.0
+    ... 94.0,71.4,354608.0,3936217.0,101.5
+    ... 57.0,53.8,354606.0,3936228.0,100.2
+    ... 88.0,27.0,354614.0,3936232.0,103.0
+    ... 94.7,71.4,354610.0,3936221.0,99.0
+    ... ''')
+    >>> pose = fieldkit.calibrate.pose(points, "EPSG:32654", (120, 160), hfov_deg=50.0)
+    >>> {name: round(value) for name, value in pose.values.items()}
+    {'east_m': 354600, 'north_m': 3936200, 'height_m': 112, 'yaw_deg': 19, 'pitch_deg': -25, 'roll_deg': 4,
+     'hfov_deg': 50}
     """
     system = geotiff.projected_crs(crs)
     table = _read(points)

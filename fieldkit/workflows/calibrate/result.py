@@ -20,6 +20,16 @@ class Calibration:
     `record` holds value, uncertainty and error budget; `summary` states them in a line or two.
     `used_by` is the line of ``fieldkit.toml`` that uses the record, `folder` where the campaign keeps its
     records.
+
+    Examples
+    --------
+    >>> kappa = fieldkit.calibrate.surface(session, settings={"estimator.model": "paper"})
+    >>> kappa.used_by
+    'estimator.scale = "@beds"'
+    >>> kappa.to_frame().columns.tolist()
+    ['name', 'uncertainty', 'unit', 'kind', 'effect']
+    >>> kappa.save().name
+    '20160101T192001Z-beds.toml'
     """
 
     record: CalibrationRecord

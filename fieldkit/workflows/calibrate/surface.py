@@ -95,6 +95,12 @@ def surface(
     CalibrationError
         If no region has, if there are too few clear minutes, or if the regions disagree. With the learned
         model: if the session teaches nothing.
+
+    Examples
+    --------
+    >>> fieldkit.calibrate.surface(session, settings={"estimator.model": "paper"})
+    <Calibration: kappa 1.132 ± 0.031 (k=2)   paper model, eq10 /0.44, diffuse 15%, horizontal
+      b05 1.079   b15 1.118   b25 1.138>
     """
     with reading(session) as opened:
         config = config_for(opened, settings)

@@ -54,6 +54,14 @@ def uniformity(
         Without a reference region and other regions.
     CalibrationError
         If a recording is too short, or the regions did not see one uniform target.
+
+    Examples
+    --------
+    Beds that all lie flat stand for the board here:
+
+    >>> board = fieldkit.simulate("board", beds={"b05": (0, 180), "b15": (0, 180)}, duration="8m")
+    >>> fieldkit.calibrate.uniformity(board)
+    <Calibration: bias relative to the reference (k=2):  b05 -0.03 ± 0.10 K   b15 +0.04 ± 0.10 K>
     """
     sessions = [before] if after is None else [before, after]
     views = []
