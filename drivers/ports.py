@@ -107,11 +107,11 @@ class Framer:
     """
 
     def __init__(self, byte_ns: int) -> None:
-        self.received = 0
+        self.received: int = 0
         """Bytes received so far."""
-        self.left = b""
+        self.left: bytes = b""
         """Bytes of earlier chunks that are no record yet, or further ones."""
-        self.rejected = 0
+        self.rejected: int = 0
         self._byte_ns = byte_ns
         self._arrivals: deque[Arrival] = deque(maxlen=_CHUNKS_KEPT)
         self._read_ns = self._passed_ns = _LONG_AGO_NS
@@ -244,7 +244,7 @@ class SerialPort:
 
         self.path = path
         self.line = line
-        self.framer = Framer(line.byte_ns)
+        self.framer: Framer = Framer(line.byte_ns)
         self._clock = clock
         self._serial = serial.Serial()
         self._serial.port = path
@@ -262,7 +262,7 @@ class SerialPort:
         except (OSError, termios.error) as error:
             self._serial.close()
             raise open_failure(path, error) from error
-        self.usb_latency_ms = _shorten_usb_latency(self._serial)
+        self.usb_latency_ms: int | None = _shorten_usb_latency(self._serial)
 
     @property
     def byte_ns(self) -> int:

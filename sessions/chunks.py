@@ -98,8 +98,8 @@ class FrameWriter:
         down, across = dataset.shape[1] // rows, dataset.shape[2] // cols
         # Cut while it is gathered, so that each chunk lies in one piece when the block is full.
         self._chunks = np.empty((down, across, self.depth, rows, cols), "<u2")
-        self.length = 0
-        self.bytes_written = 0
+        self.length: int = 0
+        self.bytes_written: int = 0
 
     @property
     def is_full(self) -> bool:

@@ -66,7 +66,7 @@ class GuardedFile:
         self._path = path.resolve()
         # Not locked for HDF5: a reader that follows the recording must not keep it from being sealed.
         # Against a second writer there is the session's own lock.
-        self.file = h5py.File(path, "r+", libver=LIBVER, locking=False)
+        self.file: Any = h5py.File(path, "r+", libver=LIBVER, locking=False)
         self._descriptor: int = self.file.id.get_vfd_handle()
 
     def __enter__(self) -> h5py.File:

@@ -86,8 +86,8 @@ class Journal:
 
     def __init__(self, folder: Path, identity: SessionIdentity, part_bytes: int = PART_BYTES) -> None:
         self.folder = folder
-        self.bytes_written = 0
-        self.next_id = 0
+        self.bytes_written: int = 0
+        self.next_id: int = 0
         self._identity = identity
         self.part_bytes = part_bytes
         self._streams = {info.name: number for number, info in enumerate(identity.header.streams)}
@@ -97,7 +97,7 @@ class Journal:
         self._database = create_part(self.part_path(1), identity)
         self._next: sqlite3.Connection | None = None
         self._next_lock = threading.Lock()
-        self.is_closed = False
+        self.is_closed: bool = False
         self.full_parts: deque[tuple[Path, int]] = deque()
         """Parts that are full, oldest first, each with the number of the record after its last."""
 
@@ -278,7 +278,7 @@ class RetainedPart:
 
 # --- on the disk, second by second
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 SYNC_EVERY_S = 1.0
 
@@ -291,7 +291,7 @@ class SyncThread(threading.Thread):
 
     def __init__(self, journal: Journal, failed: Callable[[str], None]) -> None:
         super().__init__(name="session-sync", daemon=True)
-        self.took_ms = 0.0
+        self.took_ms: float = 0.0
         self._journal = journal
         self._failed = failed
         self._wake = threading.Event()

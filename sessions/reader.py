@@ -131,7 +131,7 @@ def _texts(dataset: h5py.Dataset) -> list[str]:
     return [decode_text(text) for text in dataset[:].tolist()]
 
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 _MEANING = ("config/header", "entry/utc_minus_mono_ns")
 _CHANGED = "%s: %s changed after it was sealed; times, places and scales may be wrong: fieldkit check %s"

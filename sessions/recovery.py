@@ -31,7 +31,7 @@ from fieldkit.sessions.salvage import LostRange, RecoveryStatistics, Salvage
 from fieldkit.sessions.seal import SealReport, remove_journal, seal
 from fieldkit.sessions.session_file import COMPRESSORS, SessionFile
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,9 @@ class Salvage:
         self._journal = self._try_journal()
         self.identity: SessionIdentity = self._identity()
         self._written = read_written(journal_path(path), len(self.identity.header.streams))
-        self.statistics = {info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams}
+        self.statistics: dict[str, RecoveryStatistics] = {
+            info.name: RecoveryStatistics(info.name) for info in self.identity.header.streams
+        }
 
     def __enter__(self) -> Salvage:
         return self
@@ -357,7 +359,7 @@ class StoredSamples:
         self._first, self._block = -1, list[Sample]()
         self.numbers: NDArray[np.int64] = np.empty(0, np.int64)
         self._whole: NDArray[np.int64] = np.empty(0, np.int64)
-        self.total = 0
+        self.total: int = 0
         if session is not None:
             try:
                 self._count_up(session.path.stat().st_size)

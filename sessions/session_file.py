@@ -192,7 +192,7 @@ class _Stream:
 
 # --- the thread that keeps the file up with the journal, and the journal small
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 HANDOVER_BYTES = 64_000_000
 
@@ -222,7 +222,7 @@ class FileThread(threading.Thread):
         self._identity = identity
         self._failed = failed
         self._retained = RetainedPart(journal.folder, identity)
-        self.file = SessionFile(path, identity, self._pool)
+        self.file: SessionFile = SessionFile(path, identity, self._pool)
         self.error: Exception | None = None
         self._offers: queue.SimpleQueue[tuple[int, Record, int | None] | None] = queue.SimpleQueue()
         self._handed_bytes = 0

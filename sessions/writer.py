@@ -41,7 +41,7 @@ from fieldkit.sessions.seal import SealReport as SealReport
 from fieldkit.sessions.seal import journal_crc32s, remove_journal, seal
 from fieldkit.sessions.session_file import FileThread
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 RESERVE_BYTES = 64_000_000
 
@@ -58,7 +58,7 @@ class SessionWriter:
         check_new(header)
         self.path = path
         self.header = header
-        self.is_closed = False
+        self.is_closed: bool = False
         self._clock = clock
         self._counts = {info.name: 0 for info in header.streams}
         self._region_names = set(header.region_names)

@@ -194,7 +194,7 @@ class Boson:
     name = "boson"
     title = "FLIR Boson"
     quantity = "brightness_temperature"
-    options = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
+    options: tuple[str, ...] = (*camera.OPTIONS, "radiometric", "kelvin_per_count")
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected Bosons."""

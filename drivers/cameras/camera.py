@@ -248,7 +248,7 @@ class ThermalCamera:
     ) -> None:
         self.info = info
         self.source = source
-        self.rejected = 0
+        self.rejected: int = 0
         self._decode = decode
         self._clock = clock
         self._run = run

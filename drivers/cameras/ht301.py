@@ -100,7 +100,7 @@ class Ht301:
     name = "ht301"
     title = "HT-301 / T3S / T2L"
     quantity = "brightness_temperature"
-    options = (*camera.OPTIONS, "range")
+    options: tuple[str, ...] = (*camera.OPTIONS, "range")
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected HT-301 cameras; the other models go by changing ids."""

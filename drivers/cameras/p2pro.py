@@ -252,7 +252,7 @@ class P2Pro:
     name = "p2pro"
     title = "InfiRay P2 Pro / Topdon TC001"
     quantity = "brightness_temperature"
-    options = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
+    options: tuple[str, ...] = (*camera.OPTIONS, "gain", "emissivity", "distance_m", "auto_shutter")
 
     def find(self) -> list[DiscoveredDevice]:
         """Cameras with the chip maker's ids; the frame size decides when opening."""

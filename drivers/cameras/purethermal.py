@@ -110,7 +110,7 @@ class PureThermal:
     name = "purethermal"
     title = "PureThermal with FLIR Lepton"
     quantity = "brightness_temperature"
-    options = (*camera.OPTIONS, "kelvin_per_count")
+    options: tuple[str, ...] = (*camera.OPTIONS, "kelvin_per_count")
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected PureThermal boards."""

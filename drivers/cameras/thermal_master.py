@@ -79,8 +79,8 @@ class Assembler:
         self._length = length
         self._data = b""
         self._third = -1
-        self.sequence = -1
-        self.rejected = 0
+        self.sequence: int = -1
+        self.rejected: int = 0
 
     def feed(self, chunk: bytes) -> bytes | None:
         """A frame with its markers, once it is complete."""
@@ -247,7 +247,7 @@ class ThermalMaster:
     name = "thermal-master"
     title = "Thermal Master P1, P2, P3"
     quantity = "brightness_temperature"
-    options = (*camera.OPTIONS, "model")
+    options: tuple[str, ...] = (*camera.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:
         """Connected cameras of the family, with and without a kernel driver."""

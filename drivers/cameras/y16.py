@@ -73,7 +73,14 @@ class Y16:
     name = "y16"
     title = "any camera with Y16"
     quantity = "counts"
-    options = (*camera.OPTIONS, "width", "height", "kelvin_per_count", "kelvin_offset", "rate_hz")
+    options: tuple[str, ...] = (
+        *camera.OPTIONS,
+        "width",
+        "height",
+        "kelvin_per_count",
+        "kelvin_offset",
+        "rate_hz",
+    )
 
     def find(self) -> list[DiscoveredDevice]:
         """Nothing: every camera could be one, and a family's own driver does more."""

@@ -171,7 +171,7 @@ class Center309:
     name = "center-309"
     title = "Center 304/309, K204, HH309 thermometer"
     quantity = "temperature"
-    options = meter.OPTIONS
+    options: tuple[str, ...] = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""
@@ -303,7 +303,7 @@ class Center303:
     name = "center-303"
     title = "Center 300-303, HH303, KEW301, TC0301 thermometer"
     quantity = "temperature"
-    options = (*meter.OPTIONS, "model")
+    options: tuple[str, ...] = (*meter.OPTIONS, "model")
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; only the reply to ``K`` decides, so each is a candidate."""

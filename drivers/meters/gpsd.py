@@ -93,8 +93,8 @@ class SocketPort:
 
     def __init__(self, host: str, port: int, clock: Clock) -> None:
         self.path: str = f"{host}:{port}"
-        self.facts = {"line": "tcp"}
-        self.framer = Framer(self.byte_ns)
+        self.facts: dict[str, str] = {"line": "tcp"}
+        self.framer: Framer = Framer(self.byte_ns)
         self._clock = clock
         try:
             self._socket = socket.create_connection((host, port), timeout=5.0)
@@ -150,7 +150,7 @@ class Gpsd:
     name = "gpsd"
     title = "gpsd (position, time, clock error)"
     quantity = "position"
-    options = meter.OPTIONS
+    options: tuple[str, ...] = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
         """A gpsd on this computer."""

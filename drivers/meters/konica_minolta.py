@@ -185,7 +185,7 @@ class KonicaMinolta:
     name = "konica-minolta"
     title = "Konica Minolta T-10(A), CL-200(A)"
     quantity = "illuminance"
-    options = (*meter.OPTIONS, "model", "head")
+    options: tuple[str, ...] = (*meter.OPTIONS, "model", "head")
 
     def find(self) -> list[DiscoveredDevice]:
         """FTDI adapters; the meter's own has a common identity, so each is only a candidate."""

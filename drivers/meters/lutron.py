@@ -109,7 +109,7 @@ class Lutron:
     name = "lutron"
     title = "Lutron / Extech 16-character stream"
     quantity = "illuminance"
-    options = meter.OPTIONS
+    options: tuple[str, ...] = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; the stream does not name its sender, so each is only a candidate."""

@@ -372,7 +372,7 @@ class Modbus:
     name = "modbus"
     title = "Modbus RTU instrument by register map"
     quantity = "irradiance"
-    options = (*meter.OPTIONS, "map", "unit", "baud", "parity")
+    options: tuple[str, ...] = (*meter.OPTIONS, "map", "unit", "baud", "parity")
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial adapters; an RS-485 adapter does not show what is connected to it."""

@@ -144,7 +144,7 @@ class Nmea:
     name = "nmea"
     title = "NMEA 0183 receiver (position, time)"
     quantity = "position"
-    options = (*meter.OPTIONS, "baud")
+    options: tuple[str, ...] = (*meter.OPTIONS, "baud")
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial ports; only the sentences decide, so each is a candidate."""

@@ -97,7 +97,7 @@ class Pce174:
     name = "pce-174"
     title = "PCE-174, Extech HD450 light meter"
     quantity = "illuminance"
-    options = meter.OPTIONS
+    options: tuple[str, ...] = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
         """CP210x adapters; the meter's own has a common identity, so each is only a candidate."""

@@ -157,7 +157,7 @@ class Text:
     name = "text"
     title = "lines of text from a microcontroller board"
     quantity = "temperature"
-    options = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
+    options: tuple[str, ...] = (*meter.OPTIONS, "columns", "no_value", "baud", "unit")
 
     def find(self) -> list[DiscoveredDevice]:
         """Serial ports; only the lines decide, so each is a candidate."""

@@ -75,14 +75,14 @@ class HidBridge:
     libusb waits by itself, in slices of a fifth of a second.
     """
 
-    byte_ns = LINE.byte_ns
+    byte_ns: int = LINE.byte_ns
 
     def __init__(self, settings: DeviceSettings, clock: Clock) -> None:
         self._unit, usb = pick_usb(settings, KINDS)
         self.path: str = f"usb:{usb.path}"
         self.identity: str = usb.as_text()
-        self.facts = {"line": str(LINE), "backend": "pyusb"}
-        self.framer = Framer(self.byte_ns)
+        self.facts: dict[str, str] = {"line": str(LINE), "backend": "pyusb"}
+        self.framer: Framer = Framer(self.byte_ns)
         self._clock = clock
         with usb_errors(self.path):
             if self._unit.is_kernel_driver_active(0):
@@ -136,7 +136,7 @@ class Ut325:
     name = "ut325"
     title = "UNI-T UT325 thermometer"
     quantity = "temperature"
-    options = meter.OPTIONS
+    options: tuple[str, ...] = meter.OPTIONS
 
     def find(self) -> list[DiscoveredDevice]:
         """CH9325 bridges; other UNI-T meters have the same, so each is only a candidate."""

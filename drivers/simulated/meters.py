@@ -34,8 +34,8 @@ class SimulatedMeter(ABC):
     options unless others are given.
     """
 
-    latency_s = 0.0
-    response_s = 0.0
+    latency_s: float = 0.0
+    response_s: float = 0.0
 
     def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:
         self._scene, self._clock = scene, clock
@@ -80,7 +80,7 @@ class SimulatedMeter(ABC):
 class SimulatedLutron(SimulatedMeter):
     """A light meter that lies flat and sends a record every `every_s`, unrequested."""
 
-    latency_s = 0.2
+    latency_s: float = 0.2
 
     def _start(self) -> None:
         self._clock.call_at(self._clock.mono_ns() + self._every_ns, self._measure)
@@ -102,7 +102,7 @@ class SimulatedCenter309(SimulatedMeter):
     first regions.
     """
 
-    latency_s = 0.1
+    latency_s: float = 0.1
     _THINKS_NS = 20_000_000
 
     def __init__(self, scene: Scene, clock: SimulatedClock, settings: DeviceSettings) -> None:

@@ -21,7 +21,7 @@ from collections.abc import Callable
 
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 _MOST_UNREAD = 2048  # then nothing reads, and bytes are lost as on a wire
 _ARRIVES_S = 1.0

@@ -109,7 +109,9 @@ class CommandTable(click.Group):
     def __init__(self, table: dict[str, tuple[CommandEntry, ...]], **settings: Any) -> None:
         super().__init__(**settings)
         self.table = table
-        self.entries = {entry.name: entry for entries in table.values() for entry in entries}
+        self.entries: dict[str, CommandEntry] = {
+            entry.name: entry for entries in table.values() for entry in entries
+        }
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Every command, in the order of the table."""

@@ -63,7 +63,7 @@ class Command(click.Command):
         params = [*(settings.pop("params", None) or []), *_common_options()]
         super().__init__(name, params=params, **settings)
         # docstrings are raw, so click's mark for "keep these lines" arrives as two letters
-        self.help = self.help and self.help.replace("\\b\n", "\b\n")
+        self.help: str | None = self.help and self.help.replace("\\b\n", "\b\n")
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command with its own parameters; the common ones become ``ctx.obj``."""

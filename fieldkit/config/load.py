@@ -35,7 +35,7 @@ from fieldkit.model.errors import ConfigError
 
 FILE_NAME = CAMPAIGN_FILE
 SET = "--set "
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 ENVIRONMENT = "FIELDKIT_"
 
 

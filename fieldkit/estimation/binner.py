@@ -54,7 +54,7 @@ class Binner:
         settings: EstimatorSettings,
     ) -> None:
         self._site, self._settings = site, settings
-        self.schedule = RegionSchedule.of(regions)
+        self.schedule: RegionSchedule = RegionSchedule.of(regions)
         self._instruments = Instruments(streams, settings)
         self._unreported = self._instruments.unknown
         self._absent = self._instruments.absent

@@ -176,7 +176,7 @@ class CameraStream:
         self, info: StreamInfo, regions: Sequence[Region], emissivity: float, reflected_k: float
     ) -> None:
         self.info = info
-        self.outline = RegionPixels(regions, (info.shape[0], info.shape[1]))
+        self.outline: RegionPixels = RegionPixels(regions, (info.shape[0], info.shape[1]))
         given = np.array([region.emissivity for region in regions], np.float64)
         self._emissivity = np.where(np.isnan(given), emissivity, given)
         self._reflected_k = reflected_k
@@ -217,8 +217,8 @@ class OpenBin:
     def __init__(self, minute: int, columns: NDArray[np.int64]) -> None:
         self.minute = minute
         self.columns = columns
-        self.frame_sums = RegionSums(columns.size)
-        self.flags = Quality.GOOD
+        self.frame_sums: RegionSums = RegionSums(columns.size)
+        self.flags: Quality = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.first_frame: Frame | None = None
         self.last_frame: Frame | None = None

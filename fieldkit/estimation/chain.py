@@ -71,7 +71,8 @@ class SlopeChain:
     """
 
     def __init__(self, regions: Regions, settings: EstimatorSettings) -> None:
-        self.schedule, self._settings = RegionSchedule.of(regions), settings
+        self.schedule: RegionSchedule = RegionSchedule.of(regions)
+        self._settings = settings
         self._groups: list[_Group] = []
         self._active: tuple[int, ...] = ()
         self._taken = 0

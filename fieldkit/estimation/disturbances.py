@@ -251,7 +251,7 @@ class CloudMonitor:
         self._level = float("nan")
         self._steady_since = 0
         self._steady_at = float("nan")
-        self.cloudy = False
+        self.cloudy: bool = False
 
     def update(self, mono_ns: int, time_ns: int, clearness: float) -> CloudChange | None:
         """Take one reading relative to its clear-sky expectation; NaN and values <= 0 are skipped."""
@@ -404,7 +404,7 @@ class FrameShiftMonitor:
     def __init__(self) -> None:
         self._first: Spectrum | None = None
         self._before = 0.0
-        self.shift_px = 0.0
+        self.shift_px: float = 0.0
 
     def update(self, *frames: NDArray[np.uint16]) -> bool:
         """Whether one of a minute's frames (rows, cols) has moved by more than 1.5 pixels."""

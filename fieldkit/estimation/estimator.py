@@ -84,7 +84,8 @@ class Estimator:
         streams: Sequence[StreamInfo],
         settings: EstimatorSettings | None = None,
     ) -> None:
-        self.site, self.settings = site, settings or EstimatorSettings()
+        self.site = site
+        self.settings: EstimatorSettings = settings or EstimatorSettings()
         self._binner = Binner(site, regions, streams, self.settings)
         self._bins: list[MinuteBin] = []
         self._chain = SlopeChain(regions, self.settings)

@@ -88,12 +88,12 @@ class Instruments:
     def __init__(self, streams: Sequence[StreamInfo], settings: EstimatorSettings) -> None:
         self._streams = {info.name: info for info in streams}
         cameras = [s for s in streams if s.is_camera and s.quantity == "brightness_temperature"]
-        self.camera = cameras[0] if cameras else None
+        self.camera: StreamInfo | None = cameras[0] if cameras else None
         self._sources = list(_sources(streams, settings))
         self.unknown: tuple[str, ...] = _unknown(self._sources)
         self._lux = self._best("illuminance")
-        self.light_source = _required_light(self._sources, settings)
-        self.model = _model_of(self.light_source, settings.irradiance)
+        self.light_source: Source | None = _required_light(self._sources, settings)
+        self.model: IrradianceModel = _model_of(self.light_source, settings.irradiance)
         self._probes = {
             region: tuple(_probes(region, given, self._streams)) for region, given in settings.probes.items()
         }

@@ -70,7 +70,8 @@ class MapSums:
     def __init__(
         self, shape: tuple[int, int], surface: SurfaceParameters, noise_k: float, tilt_limit_deg: float = 45.0
     ) -> None:
-        self.shape, self.count = shape, 0
+        self.shape = shape
+        self.count: int = 0
         self._surface, self._noise_k = surface, noise_k
         self._limit_cosine = np.float32(np.cos(np.radians(tilt_limit_deg)))
         pixels = shape[0] * shape[1]

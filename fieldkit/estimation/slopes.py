@@ -130,7 +130,9 @@ class Window:
         settings: EstimatorSettings,
         minutes: float | None = None,
     ) -> None:
-        self.columns, self.settings, self.past = columns, settings, history.until(last)
+        self.columns = columns
+        self.settings = settings
+        self.past: History = history.until(last)
         self.first: int = _first(self.past, settings, minutes)
         self.rows: Rows | None = None
         if last and columns.references.size and columns.targets.size:

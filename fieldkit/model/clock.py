@@ -75,10 +75,10 @@ class HostClock:
     """The computer's own clock; `mono_ns` is CLOCK_MONOTONIC in nanoseconds."""
 
     is_real = True
-    mono_ns = staticmethod(time.monotonic_ns)
+    mono_ns: staticmethod[[], int] = staticmethod(time.monotonic_ns)
 
     def __init__(self) -> None:
-        self.anchor = self.check()
+        self.anchor: ClockCheck = self.check()
 
     def to_utc_ns(self, mono_ns: int) -> int:
         """UTC nanoseconds since 1970 by the anchor of the start."""

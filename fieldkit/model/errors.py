@@ -111,7 +111,7 @@ class IncompleteError(IntegrityError):
 
     def __init__(self, message: str, files: Sequence[Path], *, fix: str | None = None) -> None:
         super().__init__(message, fix=fix)
-        self.files = tuple(files)
+        self.files: tuple[Path, ...] = tuple(files)
 
 
 class StorageError(FieldkitError):

@@ -30,7 +30,7 @@ from fieldkit.workflows.opening import open_instruments
 from fieldkit.workflows.preview import LivePreview, missing_instruments
 from fieldkit.workflows.running import is_recorder_present, previewing, session_in_progress
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 LOOK_EVERY_S = 0.1
 FEED_WITHIN_S = 5.0
@@ -45,7 +45,10 @@ class Conductor:
     def __init__(
         self, config: Config, hub: Hub, settings: Sequence[str] = (), *, preview: bool = True
     ) -> None:
-        self.config, self.hub, self.settings, self._previews = config, hub, tuple(settings), preview
+        self.config = config
+        self.hub = hub
+        self.settings: tuple[str, ...] = tuple(settings)
+        self._previews = preview
         self._ending = threading.Event()
         self._child: _Child | None = None
         self._preview: LivePreview | None = None

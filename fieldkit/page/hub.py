@@ -55,10 +55,11 @@ class Hub:
     """Passes what a preview or recording shows to viewers; `show` and `begin` may be called by any thread."""
 
     def __init__(self, config: Config) -> None:
-        self.config, self.state = config, State()
+        self.config = config
+        self.state: State = State()
         self._settings = config.estimator_settings()
-        self.latest = Latest(config.site, config.regions, ())
-        self.trend = Trend()
+        self.latest: Latest = Latest(config.site, config.regions, ())
+        self.trend: Trend = Trend()
         self.viewers: list[Viewer] = []
         self.listeners: list[Callable[[Event], None]] = []
         self._loop: asyncio.AbstractEventLoop | None = None

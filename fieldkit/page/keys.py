@@ -49,7 +49,7 @@ class Keys:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / FILE
+        self.path: Path = folder / FILE
 
     def new_link(self, role: Role) -> str:
         """A key that `exchange` takes once, within a day."""

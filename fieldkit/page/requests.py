@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
@@ -29,7 +29,7 @@ class BadRequestError(FieldkitError):
 
 
 class _Request(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     id: Annotated[int, Field(ge=0, le=2**53)] | None = None
 
@@ -52,7 +52,7 @@ class Value(_Request):
 class DrawnRegion(BaseModel):
     """A region as drawn: corners in pixels, angles in degrees, None where unknown."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     name: Word
     role: Literal["reference", "target"]

@@ -66,11 +66,11 @@ class Page:
     _thread: threading.Thread | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self.keys = Keys(self.config.recordings)
-        self.hub = Hub(self.config)
-        self.conductor = Conductor(self.config, self.hub, self.settings, preview=self.preview)
-        self.past = PastSessions(self.config)
-        self.answers = Answers(self.config, self.hub, self.conductor, self.past, self.keys)
+        self.keys: Keys = Keys(self.config.recordings)
+        self.hub: Hub = Hub(self.config)
+        self.conductor: Conductor = Conductor(self.config, self.hub, self.settings, preview=self.preview)
+        self.past: PastSessions = PastSessions(self.config)
+        self.answers: Answers = Answers(self.config, self.hub, self.conductor, self.past, self.keys)
 
     @property
     def cookie(self) -> str:

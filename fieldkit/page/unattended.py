@@ -13,7 +13,7 @@ NAME = "unattended"
 AGAIN_AFTER_S = 30.0
 MAY_PASS = (1, DeviceError.exit_code, DeviceLostError.exit_code)
 """Exit codes of a recorder that may work the next time; wrong configurations and full disks need a person."""
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 
 def keep_recording(conductor: Conductor, ending: threading.Event) -> None:

@@ -29,7 +29,7 @@ from fieldkit.model.samples import Event, EventKind, Severity
 if TYPE_CHECKING:
     from paho.mqtt.client import Client
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 WITHIN_S = 10.0
 """How long one output may take for one alarm."""

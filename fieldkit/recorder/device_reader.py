@@ -57,7 +57,7 @@ class DeviceReader:
         end_ns: int | None = None,
     ) -> None:
         self.info: StreamInfo = device.info
-        self.received = 0
+        self.received: int = 0
         self.crashed: BaseException | None = None
         self._device: Device | None = device
         self._reopen, self._queue, self._clock, self._sampling = reopen, queue, clock, sampling
@@ -72,7 +72,7 @@ class DeviceReader:
         self._rejected_before = 0
         self._started_ns = self._next_burst_ns = clock.mono_ns()
         self._thread = threading.Thread(target=self._run, name=f"read-{self.info.name}", daemon=True)
-        self.ready = threading.Event()
+        self.ready: threading.Event = threading.Event()
 
     def start(self) -> None:
         """Start the thread; `ready` is set once it takes part in the clock."""

@@ -29,7 +29,7 @@ from fieldkit.recorder.sample_queue import Item, SampleQueue, queue_limit
 from fieldkit.sessions.seal import SealReport
 from fieldkit.sessions.writer import SessionWriter
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 Shown: TypeAlias = Sample | Event | RegionRecord | Minute | Health
 

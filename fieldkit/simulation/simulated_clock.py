@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from fieldkit.model.clock import ClockCheck
 from fieldkit.model.units import SECOND_NS
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 START_MONO_NS = 1000 * SECOND_NS
 _CHECK_ERROR_NS = 200

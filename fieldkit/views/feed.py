@@ -34,7 +34,7 @@ from fieldkit.sessions.json_forms import build
 from fieldkit.views.latest import Latest
 from fieldkit.views.trend import Trend
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 NAME = "feed"
 LENGTHS = struct.Struct("<II")

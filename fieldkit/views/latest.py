@@ -39,8 +39,10 @@ class Latest:
         title: str = "",
         planned_end_ns: int | None = None,
     ) -> None:
-        self.site, self.title, self.planned_end_ns = site, title, planned_end_ns
-        self.regions = tuple(regions)
+        self.site = site
+        self.title = title
+        self.planned_end_ns = planned_end_ns
+        self.regions: tuple[Region, ...] = tuple(regions)
         self.streams: Mapping[str, StreamInfo] = {info.name: info for info in streams}
         self.frame: Frame | None = None
         self.frames: Mapping[str, Frame] = {}
@@ -51,9 +53,9 @@ class Latest:
         self.raised: Mapping[Severity, int] = {}
         self.gaps: Mapping[str, int] = {}
         self.clock_event: Event | None = None
-        self.items = 0
-        self.start_ns = 0
-        self.time_ns = 0
+        self.items: int = 0
+        self.start_ns: int = 0
+        self.time_ns: int = 0
         self._healths: tuple[Health, ...] = ()
 
     def update(self, item: Frame | Reading | Event | RegionRecord | Minute | Health) -> None:

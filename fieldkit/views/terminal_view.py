@@ -28,7 +28,7 @@ from fieldkit.views.screen import THEMES, screen
 if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
 
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 ThemeName = Literal["dark", "paper"]
 CLOSE_WITHIN_S = 2.0

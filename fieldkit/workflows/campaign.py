@@ -46,7 +46,7 @@ class Sessions(Sequence[Session]):
     """
 
     def __init__(self, paths: Iterable[Path]) -> None:
-        self.paths = tuple(paths)
+        self.paths: tuple[Path, ...] = tuple(paths)
 
     def __len__(self) -> int:
         return len(self.paths)

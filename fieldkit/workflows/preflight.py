@@ -24,7 +24,7 @@ NO_REGIONS = (
 )
 Notify = Callable[[str], None]
 """Receives a warning."""
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 
 def preflight(

@@ -111,7 +111,8 @@ class LivePreview:
     """Reads opened instruments and shows samples and slopes to views; nothing is stored."""
 
     def __init__(self, config: Config, instruments: Instruments, views: Sequence[View]) -> None:
-        self.instruments, self.views = instruments, views
+        self.instruments = instruments
+        self.views = views
         self._queue = SampleQueue({info.name: QUEUE_SIZE for info in instruments.streams})
         self.measure(config)
         self._next_health_ns = 0

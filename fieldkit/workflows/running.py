@@ -46,7 +46,7 @@ YEAR_S = 365.25 * 86_400.0
 FAR_S, FAR_IN_SIMULATION_S = 10.0 * YEAR_S, 100.0 * YEAR_S
 """A mark further from now is a typing error; a simulated day may lie decades back."""
 T = TypeVar("T")
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 
 def running_session(config: Config) -> Path:

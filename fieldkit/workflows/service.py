@@ -35,7 +35,7 @@ PATIENCE_S = 300.0
 """Stopping the service seals its session first."""
 SETTLED_WITHIN_S = 15.0
 """A service that starts normally is running, and one that cannot start has failed, within that time."""
-log = logging.getLogger(__name__)
+log: logging.Logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)

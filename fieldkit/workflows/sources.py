@@ -25,8 +25,8 @@ from fieldkit.workflows.regions import check_regions
 TABLES = ("surface", "air", "irradiance", "estimator", "prior", "slab", "site")
 """Tables of ``fieldkit.toml`` whose keys enter an estimate."""
 
-log_warning = logging.getLogger(__name__).warning
-log_info = logging.getLogger(__name__).info
+log_warning: Callable[[str], None] = logging.getLogger(__name__).warning
+log_info: Callable[[str], None] = logging.getLogger(__name__).info
 """Where notes of a workflow go unless its caller receives them."""
 
 

@@ -447,7 +447,7 @@ class SweepTable:
     def __init__(self, grid: Grid, names: Mapping[Path, str]) -> None:
         self._grid, self._names = grid, dict(names)
         self._rows: dict[tuple[int, int], list[dict[str, Any]]] = {}
-        self.cached = 0
+        self.cached: int = 0
         self._places = {path: place for place, path in enumerate(self._names)}
 
     def __bool__(self) -> bool:

@@ -23,7 +23,7 @@ class FieldkitBackend(BackendEntrypoint):
     """Opens one stream of a session: calibrated values, verified flags, times in UTC."""
 
     description = "Streams of fieldkit sessions"
-    open_dataset_parameters = ("filename_or_obj", "drop_variables", "group")
+    open_dataset_parameters: tuple[str, ...] = ("filename_or_obj", "drop_variables", "group")
 
     def open_dataset(
         self,

@@ -91,19 +91,21 @@ class Filters:
         logged: Logged,
         around: FloatArray | None = None,
     ) -> None:
-        self.layout, self.hypotheses, self.settings = layout, hypotheses, settings
+        self.layout = layout
+        self.hypotheses = hypotheses
+        self.settings = settings
         modes = layer_modes(hypotheses.inertia, hypotheses.depth_m, settings.slab.heat_capacity_j_m3_k)
         self._resistance = modes.resistance
         self._weights = np.column_stack([np.ones_like(modes.resistance), modes.weights])
         self._logged = logged
         count = hypotheses.exchange.size
-        self.log_likelihood = np.zeros(count)
+        self.log_likelihood: FloatArray = np.zeros(count)
         self._normals, self._upwards = self._views()
         prior_mean = _prior_mean(layout, settings, first, logged)
         self._around = _possible(layout, prior_mean if around is None else around)
-        self.mean = np.tile(prior_mean, (count, 1))
+        self.mean: FloatArray = np.tile(prior_mean, (count, 1))
         self._taken_k = np.tile(first.temperature_k, (count, 1))
-        self.covariance = _prior_covariance(layout, settings, hypotheses, logged)
+        self.covariance: FloatArray = _prior_covariance(layout, settings, hypotheses, logged)
 
     @cached_property
     def _decay(self) -> FloatArray:

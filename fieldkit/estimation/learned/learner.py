@@ -72,12 +72,14 @@ class Learner:
     def __init__(
         self, layout: Layout, settings: EstimatorSettings, first: MinuteInputs, logged: Logged
     ) -> None:
-        self.layout, self.settings, self.logged = layout, settings, logged
+        self.layout = layout
+        self.settings = settings
+        self.logged = logged
         self._minutes = [first]
         self._judged = 0
         self._around: FloatArray | None = None
         self._draw(Proposal.prior())
-        self.posterior = self._posterior(STEPS_AFTER_DRAW)
+        self.posterior: Posterior = self._posterior(STEPS_AFTER_DRAW)
 
     @property
     def innovations(self) -> list[Innovations]:
