@@ -26,7 +26,7 @@ EXAMPLES: Mapping[tuple[str, str], str] = {
 }
 COMMENT_COLUMN = 40
 
-PAPER_SITE = {
+PAPER_SITE: Mapping[str, Any] = {
     "latitude_deg": 35.558675,
     "longitude_deg": 139.395232,
     "elevation_m": 9.0,

@@ -45,7 +45,7 @@ class Conductor:
     def __init__(
         self, config: Config, hub: Hub, settings: Sequence[str] = (), *, preview: bool = True
     ) -> None:
-        self.config = config
+        self.config: Config = config
         self.hub = hub
         self.settings: tuple[str, ...] = tuple(settings)
         self._previews = preview

@@ -55,7 +55,7 @@ class Hub:
     """Passes what a preview or recording shows to viewers; `show` and `begin` may be called by any thread."""
 
     def __init__(self, config: Config) -> None:
-        self.config = config
+        self.config: Config = config
         self.state: State = State()
         self._settings = config.estimator_settings()
         self.latest: Latest = Latest(config.site, config.regions, ())

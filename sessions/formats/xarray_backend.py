@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import h5py
 import xarray as xr
@@ -23,7 +23,7 @@ class FieldkitBackend(BackendEntrypoint):
     """Opens one stream of a session: calibrated values, verified flags, times in UTC."""
 
     description = "Streams of fieldkit sessions"
-    open_dataset_parameters: tuple[str, ...] = ("filename_or_obj", "drop_variables", "group")
+    open_dataset_parameters: ClassVar[tuple[str, ...]] = ("filename_or_obj", "drop_variables", "group")
 
     def open_dataset(
         self,
