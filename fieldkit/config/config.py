@@ -153,6 +153,7 @@ class Config:
             capacity_sd=slab.pop("capacity_sd"),
             slab=Slab(**slab),
             prior=Prior(**self.tables.prior.model_dump()),
+            body=self.tables.site.body,
             **values,
         )
 

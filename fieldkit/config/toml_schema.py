@@ -7,11 +7,13 @@ Defaults of physical parameters are those of the paper's Tables 1 and 3.
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
+from fieldkit.config.other_worlds import with_defaults_of_world
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.model.radiation import Component
 
@@ -180,7 +182,7 @@ class AirTable(Table):
 
     heat_capacity_j_kg_k: Positive = Field(default=1000.0, description=f"c_p {TABLE_1}")
     density_kg_m3: Positive = Field(default=1.21, description=f"rho {TABLE_1}")
-    exchange_m_s: Positive = Field(default=0.015, description=f"C_H U {TABLE_1}")
+    exchange_m_s: float = Field(default=0.015, ge=0, description=f"C_H U {TABLE_1}; 0 without air")
 
 
 class EstimatorTable(Table):
@@ -513,6 +515,11 @@ class Tables(Table):
     simulation: SimulationTable | None = None
     calibration: SkipJsonSchema[dict[str, dict[str, Any]]] = {}  # active records, written by fieldkit only
     region: list[RegionTable] = Field(default=[])
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults_of_world(cls, document: Any) -> Any:
+        return with_defaults_of_world(document) if isinstance(document, Mapping) else document
 
 
 # What each key accepts, in words: the template, the error messages and the reference page read it from here.

@@ -221,7 +221,7 @@ def _other_world(document: Mapping[str, Any]) -> Iterator[Mistake]:
     if site.get("timezone", "UTC") != "UTC":
         message = f"time zones belong to the Earth; omit it on {body}: local solar time is shown"
         yield Mistake(("site", "timezone"), message)
-    if simulation and simulation.get("weather") != "clear":
+    if simulation.get("weather", "clear") != "clear":
         message = f"measured weather belongs to the Earth; set it to clear on {body}"
         yield Mistake(("simulation", "weather"), message)
 

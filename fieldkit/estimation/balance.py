@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import History, RegionColumns
 from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import VERTICAL, FloatArray
@@ -209,7 +210,7 @@ def absorbed_light(
     global_light = beam * cos_zenith + diffuse
     circumsolar = np.zeros_like(beam)
     if settings.sky == "hay-davies":
-        circumsolar = np.clip(beam / extraterrestrial(history.time_ns), 0.0, 1.0)
+        circumsolar = np.clip(beam / extraterrestrial(history.time_ns, BODIES[settings.body]), 0.0, 1.0)
     measured = history.longwave_down_w_m2
     longwave = np.where(np.isnan(measured), settings.longwave_down_w_m2, measured)
     emissivity = surface.emissivity_broadband

@@ -80,6 +80,8 @@ class EstimatorSettings:
         temperature longwave is that of a clear sky over this air. [W/m2], [-]
     prior
         Physical priors of the learned model.
+    body
+        The world of the site, by its name in `fieldkit.physics.bodies`.
     """
 
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
@@ -117,3 +119,4 @@ class EstimatorSettings:
     longwave_down_w_m2: float = 300.0
     diffuse_fraction: float = 0.15
     prior: Prior = field(default_factory=Prior)
+    body: str = "earth"

@@ -24,9 +24,9 @@ class Body:
 
     `day_s` is the mean solar day. `subsolar` gives the sun; None is the Earth, where it is topocentric.
     `dust_optical_depth` is that of a clear day; None is the Earth, whose sky has formulas of its own.
-    `exchange_w_m2_k` is the exchange of heat with the air, `longwave_down_w_m2` what the sky radiates,
-    `air_temperature_k` the daily mean near the ground. `albedo`, `emissivity` and `inertia`
-    (J m-2 K-1 s-1/2) are those of its loose ground.
+    `exchange_w_m2_k` is the exchange of heat with the air, of that heat capacity and density;
+    `longwave_down_w_m2` what the sky radiates, `air_temperature_k` the daily mean near the ground. `albedo`,
+    `emissivity`, `inertia` (J m-2 K-1 s-1/2) and `heat_capacity_j_m3_k` are those of its loose ground.
     """
 
     name: str
@@ -35,11 +35,19 @@ class Body:
     refracts: bool
     dust_optical_depth: float | None
     exchange_w_m2_k: float
+    air_heat_capacity_j_kg_k: float
+    air_density_kg_m3: float
     longwave_down_w_m2: float
     air_temperature_k: float
     albedo: float
     emissivity: float
     inertia: float
+    heat_capacity_j_m3_k: float
+
+    @property
+    def conductivity_w_m_k(self) -> float:
+        """Thermal conductivity of the ground, from its inertia."""
+        return self.inertia**2 / self.heat_capacity_j_m3_k
 
 
 def _over_mars(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -54,11 +62,14 @@ EARTH = Body(
     refracts=True,
     dust_optical_depth=None,
     exchange_w_m2_k=18.15,  # the paper's Table 1
+    air_heat_capacity_j_kg_k=1000.0,
+    air_density_kg_m3=1.21,
     longwave_down_w_m2=400.0,
     air_temperature_k=303.15,
     albedo=0.20,
     emissivity=0.90,
     inertia=570.0,  # dry loose silica sand
+    heat_capacity_j_m3_k=1.3e6,
 )
 MARS = Body(
     name="mars",
@@ -67,11 +78,14 @@ MARS = Body(
     refracts=False,
     dust_optical_depth=0.5,  # clear season, Viking landers; Appelbaum and Flood, Solar Energy 45, 1990
     exchange_w_m2_k=1.0,  # order of magnitude at 600-700 Pa; Martinez et al., Space Sci. Rev. 212, 2017
+    air_heat_capacity_j_kg_k=740.0,  # carbon dioxide at 220 K
+    air_density_kg_m3=0.015,  # at 630 Pa and 220 K
     longwave_down_w_m2=50.0,  # CO2 and dust, 20-80 by season and opacity; Martinez et al. 2017
     air_temperature_k=220.0,
     albedo=0.25,  # global mean; Christensen et al., J. Geophys. Res. 106, 2001
     emissivity=0.98,
     inertia=250.0,  # sand and dust, 200-400; Putzig and Mellon, Icarus 191, 2007
+    heat_capacity_j_m3_k=1.0e6,  # 1300 kg/m3 of basaltic sand at 220 K
 )
 MOON = Body(
     name="moon",
@@ -80,11 +94,14 @@ MOON = Body(
     refracts=False,
     dust_optical_depth=0.0,
     exchange_w_m2_k=0.0,
+    air_heat_capacity_j_kg_k=1000.0,  # without meaning: there is no exchange
+    air_density_kg_m3=1.0,
     longwave_down_w_m2=0.0,
-    air_temperature_k=2.7,  # no air: space
+    air_temperature_k=250.0,  # no air: a thermometer in the shade of the beds
     albedo=0.12,  # normal incidence, highlands and maria; Vasavada et al., J. Geophys. Res. 117, 2012
     emissivity=0.95,  # Hayne et al., J. Geophys. Res. Planets 122, 2017
     inertia=55.0,  # at 273 K; Hayne et al. 2017
+    heat_capacity_j_m3_k=6.6e5,  # 1100 kg/m3 at the surface, 600 J/(kg K); Hayne et al. 2017
 )
 BODIES = {body.name: body for body in (EARTH, MARS, MOON)}
 

@@ -11,6 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fieldkit.model.site import Site
+from fieldkit.physics.bodies import EARTH, Body, body_of
+from fieldkit.physics.dust import dusty_sky
 from fieldkit.physics.facet import FloatArray
 
 SOLAR_CONSTANT_W_M2 = 1361.0
@@ -41,22 +44,28 @@ _DIRECT = np.array(
 )
 
 
-def extraterrestrial(time_ns: ArrayLike) -> FloatArray:
-    """Irradiance of a plane facing the sun outside the atmosphere, by day of year.
+def extraterrestrial(time_ns: ArrayLike, body: Body = EARTH) -> FloatArray:
+    """Irradiance of a plane facing the sun outside the atmosphere: by day of year, elsewhere by distance.
 
     Parameters
     ----------
     time_ns
         UTC nanoseconds since 1970, any shape.
+    body
+        The world.
 
     Returns
     -------
-    Same shape, about 1316 in July to 1409 in January. [W/m2]
+    Same shape, about 1316 in July to 1409 in January, 493 to 717 on Mars. [W/m2]
 
     References
     ----------
     .. [1] J. W. Spencer, "Fourier series representation of the position of the sun", Search 2(5), 172, 1971.
     """
+    if body.subsolar is not None:
+        unix_s = np.asarray(time_ns, np.int64) * 1e-9
+        distance_au = body.subsolar(unix_s.reshape(-1))[2]
+        return np.asarray(SOLAR_CONSTANT_W_M2 / distance_au**2).reshape(unix_s.shape)
     days = np.asarray(time_ns, dtype=np.int64).astype("datetime64[ns]")
     of_year = (days - days.astype("datetime64[Y]")) / np.timedelta64(1, "D")
     angle = 2.0 * np.pi * of_year / 365.0
@@ -135,6 +144,40 @@ def clear_sky(
     most = total / safe * (1.0 - (0.1 - 0.2 * np.exp(-linke_turbidity)) / (0.1 + 0.882 / f1))
     beam = np.minimum(beam, np.maximum(most, 0.0))
     return np.where(up, beam, 0.0), np.where(up, total - beam * safe, 0.0)
+
+
+def clear_day(
+    cos_zenith: ArrayLike,
+    time_ns: ArrayLike,
+    site: Site,
+    *,
+    turbidity: float,
+    dust: float | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Direct normal and diffuse horizontal irradiance of a clear day on the site's body.
+
+    Parameters
+    ----------
+    cos_zenith
+        Cosine of the sun's zenith angle, shape (n,). [-]
+    time_ns
+        UTC nanoseconds since 1970, shape (n,).
+    site
+        Where.
+    turbidity
+        Linke turbidity of the Earth's air; see `clear_sky`. [-]
+    dust
+        Optical depth of dust elsewhere; None for the body's clear season. See `dusty_sky`. [-]
+
+    Returns
+    -------
+    DNI and DHI, shape (n,) each; zero with the sun below the horizon. [W/m2]
+    """
+    body = body_of(site)
+    if body.dust_optical_depth is None:
+        return clear_sky(cos_zenith, time_ns, site.elevation_m, turbidity)
+    depth = body.dust_optical_depth if dust is None else dust
+    return dusty_sky(cos_zenith, extraterrestrial(time_ns, body), depth)
 
 
 def diffuse_fraction_erbs(clearness: ArrayLike) -> FloatArray:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics import daylight
+from fieldkit.physics.bodies import body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
@@ -157,7 +158,7 @@ class SceneModel:
         """Surface temperatures (beds + 1, m), the ground last: it heats the beds, they do not heat it."""
         exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
         radiation = FacetRadiation(
-            sky, sun, daylight.extraterrestrial(time_ns), self.ground.albedo, self.circumsolar_share
+            sky, sun, daylight.extraterrestrial(time_ns, body_of(self.site)), self.ground.albedo, self.circumsolar_share
         )
         on_ground = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
         ground = surface_temperatures([self.ground], time_s, on_ground, exchange, air)

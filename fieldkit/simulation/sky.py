@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Site
+from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
-from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray
 from fieldkit.weather import Weather
 
@@ -95,7 +96,9 @@ class MeasuredSky:
 
 @dataclass(frozen=True, slots=True)
 class ClearSky:
-    """A cloudless sky by formulas: `fieldkit.physics.daylight.clear_sky` for light, Swinbank for longwave.
+    """A cloudless sky by formulas: `fieldkit.physics.daylight.clear_day` for light, Swinbank for longwave.
+
+    Elsewhere than on the Earth longwave and air are the body's, constant.
 
     Air temperature swings by `swing_k` around its mean, warmest at 15 h solar time. W. C. Swinbank, "Long-
     wave radiation from clear skies", Q. J. R. Meteorol. Soc. 89, 1963.
@@ -108,7 +111,13 @@ class ClearSky:
 
     def sky_state(self, time_ns: NDArray[np.int64], cos_zenith: FloatArray, site: Site) -> SkyState:
         """See `Sky`."""
-        dni_w_m2, dhi_w_m2 = clear_sky(cos_zenith, time_ns, site.elevation_m, self.linke_turbidity)
+        dni_w_m2, dhi_w_m2 = clear_day(cos_zenith, time_ns, site, turbidity=self.linke_turbidity)
+        body = body_of(site)
+        if body is not EARTH:
+            air, longwave = (
+                np.full(time_ns.shape, value) for value in (body.air_temperature_k, body.longwave_down_w_m2)
+            )
+            return SkyState(dni_w_m2, dhi_w_m2, longwave, air, np.full_like(air, self.wind_m_s))
         solar_h = time_ns / 3.6e12 + site.longitude_deg / 15.0
         air = self.air_temperature_k + self.swing_k * np.cos(2 * np.pi * (solar_h - _WARMEST_H) / _DAY_H)
         return SkyState(dni_w_m2, dhi_w_m2, 5.31e-13 * air**6, air, np.full_like(air, self.wind_m_s))

@@ -13,7 +13,7 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.model.units import CELSIUS_ZERO_K, MINUTE_NS
-from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.study.estimators import (
@@ -130,7 +130,7 @@ def _weather(
         columns = (day.dni_w_m2, day.longwave_down_w_m2, day.air_temperature_k)
         dni, longwave, air = (np.interp(times, day.time_ns, values, np.nan, np.nan) for values in columns)
         return dni, longwave, air
-    dni, _ = clear_sky(sun[:, 2], times, options.site.elevation_m, options.turbidity)
+    dni, _ = clear_day(sun[:, 2], times, options.site, turbidity=options.turbidity)
     if options.dni_w_m2:
         dni = np.full(times.size, options.dni_w_m2)
     air_k = options.air_c + CELSIUS_ZERO_K

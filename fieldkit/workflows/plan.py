@@ -20,7 +20,7 @@ from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.site import RegionKind, Site, zone_by_longitude
 from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
-from fieldkit.physics.daylight import clear_sky
+from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 from fieldkit.physics.sun import sun_vectors
 from fieldkit.simulation.sky import ClearSky
@@ -342,7 +342,7 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
 
 def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:
     if options.turbidity:
-        return clear_sky(sun[:, 2], time_ns, site.elevation_m, options.turbidity)[0]
+        return clear_day(sun[:, 2], time_ns, site, turbidity=options.turbidity)[0]
     return np.full(len(sun), options.dni_w_m2)
 
 

@@ -25,10 +25,12 @@ from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.bodies import EARTH, Body, body_of
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
 from fieldkit.simulation.drawn_field import drawn_scene
-from fieldkit.simulation.facets import FRAME_SHAPE
+from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
+from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import SimulatedClock
 from fieldkit.views.report.assessment import mean_error, truths_held
 from fieldkit.views.report.series import series
@@ -164,6 +166,9 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     faults = tuple(_fault(name) for name in simulation.faults)
     sky = _sky(config, simulation.weather)
     scene = Scene(config.site, sky, facets, start_ns, duration_s, simulation.seed, faults)
+    if (body := body_of(config.site)) is not EARTH:
+        still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
+        scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
     return drawn_scene(scene) if simulation.drawn else scene
 
 
@@ -179,7 +184,7 @@ def _bed(config: Config, region: Region) -> Facet:
         azimuth_deg=180.0 if math.isnan(region.azimuth_deg) else region.azimuth_deg,
         is_reference=region.kind is RegionKind.REFERENCE,
     )
-    bed = _of_sand(bed, simulation)
+    bed = _ground_of(body_of(config.site), _of_sand(bed, simulation))
     if region.name != simulation.foil:
         return bed
     return replace(bed, albedo=FOIL_ALBEDO, emissivity=FOIL_EMISSIVITY, emissivity_broadband=FOIL_EMISSIVITY)
@@ -192,6 +197,15 @@ def _of_sand(bed: Facet, simulation: SimulationTable) -> Facet:
         emissivity=simulation.emissivity,
         emissivity_broadband=simulation.emissivity,
         depth_m=simulation.sand_depth_m,
+    )
+
+
+def _ground_of(body: Body, bed: Facet) -> Facet:
+    """The bed with the conductivity and heat capacity of a world's ground; the Earth's are the bed's own."""
+    if body is EARTH:
+        return bed
+    return replace(
+        bed, conductivity_w_m_k=body.conductivity_w_m_k, heat_capacity_j_m3_k=body.heat_capacity_j_m3_k
     )
 
 

@@ -18,6 +18,7 @@ from fieldkit.estimation.region_temperatures import difference_covariance_k2
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
+from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import FloatArray
@@ -159,7 +160,7 @@ def minute_inputs(
     longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
     grey = surface.emissivity_broadband
     ground_k = kelvin[: layout.references].mean()
-    top = float(extraterrestrial(history.time_ns[row]))
+    top = float(extraterrestrial(history.time_ns[row], BODIES[settings.body]))
     return MinuteInputs(
         float(history.minute[row] - start) / 60.0,
         history.sun[row],

@@ -18,6 +18,7 @@ from fieldkit.estimation.region_temperatures import difference_k
 from fieldkit.estimation.settings import EstimatorSettings, Model
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics import daylight
+from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.energy_balance import emitted_longwave
 from fieldkit.physics.facet import cos_incidence, normal
 from fieldkit.physics.slab import conducted_flux
@@ -241,7 +242,7 @@ def budget(columns: Series, bed: TargetSeries, settings: EstimatorSettings) -> E
     on_bed = daylight.hay_davies_diffuse(
         diffuse,
         light,
-        daylight.extraterrestrial(columns.time_ns),
+        daylight.extraterrestrial(columns.time_ns, BODIES[settings.body]),
         cos_incidence(normal(tilt, azimuth), columns.sun),
         columns.cos_zenith,
         cos_tilt,

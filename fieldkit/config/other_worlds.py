@@ -1,0 +1,61 @@
+"""Defaults of surface, air and estimator on another world than the Earth, from its `Body`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fieldkit.physics.bodies import BODIES, EARTH, Body
+from fieldkit.physics.dust import dusty_sky
+
+HALFWAY_UP = 0.7
+"""Cosine of the zenith angle."""
+LEAST_EXCHANGE_W_M2_K = 0.01
+"""For the prior, which is of its logarithm: nothing beside 4 W m-2 K-1 of emission."""
+DEEP_M = 0.3
+"""Of loose ground: heat of a Martian day does not reach its bottom."""
+
+
+def with_defaults_of_world(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The plain configuration with the defaults of its site's body, where it does not set them."""
+    site = document.get("site")
+    body = BODIES.get(site.get("body", "earth")) if isinstance(site, Mapping) else None
+    if body is None or body is EARTH:
+        return document
+    filled = dict(document)
+    for name, defaults in _defaults(body).items():
+        table = document.get(name, {})
+        if isinstance(table, Mapping) and (name != "simulation" or name in document):
+            filled[name] = {**defaults, **table}
+    return filled
+
+
+def _defaults(body: Body) -> dict[str, dict[str, Any]]:
+    ground = {"albedo": body.albedo, "emissivity": body.emissivity}
+    return {
+        "surface": {**ground, "reflected_temperature_c": -120.0},
+        "air": {
+            "heat_capacity_j_kg_k": body.air_heat_capacity_j_kg_k,
+            "density_kg_m3": body.air_density_kg_m3,
+            "exchange_m_s": body.exchange_w_m2_k / (body.air_heat_capacity_j_kg_k * body.air_density_kg_m3),
+        },
+        "slab": {
+            "depth_m": DEEP_M,
+            "conductivity_w_m_k": body.conductivity_w_m_k,
+            "heat_capacity_j_m3_k": body.heat_capacity_j_m3_k,
+        },
+        "estimator": {
+            "ground_albedo": body.albedo,
+            "longwave_down_w_m2": body.longwave_down_w_m2,
+            "diffuse_fraction": _diffuse_fraction(body),
+        },
+        "prior": {"exchange_w_m2_k": max(body.exchange_w_m2_k, LEAST_EXCHANGE_W_M2_K)},
+        "irradiance": {"diffuse_fraction": _diffuse_fraction(body)},
+        "simulation": {**ground, "sand_depth_m": DEEP_M, "weather": "clear"},
+    }
+
+
+def _diffuse_fraction(body: Body) -> float:
+    """Share of diffuse in global light, the sun halfway up."""
+    dni, dhi = dusty_sky(HALFWAY_UP, 1.0, body.dust_optical_depth or 0.0)
+    return round(float(dhi / (dni * HALFWAY_UP + dhi)), 3)
