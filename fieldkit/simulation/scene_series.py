@@ -158,7 +158,11 @@ class SceneModel:
         """Surface temperatures (beds + 1, m), the ground last: it heats the beds, they do not heat it."""
         exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
         radiation = FacetRadiation(
-            sky, sun, daylight.extraterrestrial(time_ns, body_of(self.site)), self.ground.albedo, self.circumsolar_share
+            sky,
+            sun,
+            daylight.extraterrestrial(time_ns, body_of(self.site)),
+            self.ground.albedo,
+            self.circumsolar_share,
         )
         on_ground = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
         ground = surface_temperatures([self.ground], time_s, on_ground, exchange, air)

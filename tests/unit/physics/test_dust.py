@@ -10,7 +10,13 @@ from fieldkit.physics.dust import dusty_sky
 
 # J. Appelbaum and D. J. Flood, Solar Energy 45, 1990, Table III: optical depth, zenith angle, net flux over
 # that above the dust, for an albedo of 0.1.
-TABLE_III = [(0.2, 30.0, 0.858), (0.4, 50.0, 0.778), (0.7, 0.0, 0.776), (0.7, 60.0, 0.646), (1.8, 40.0, 0.531)]
+TABLE_III = [
+    (0.2, 30.0, 0.858),
+    (0.4, 50.0, 0.778),
+    (0.7, 0.0, 0.776),
+    (0.7, 60.0, 0.646),
+    (1.8, 40.0, 0.531),
+]
 
 
 @pytest.mark.parametrize(("depth", "zenith_deg", "net"), TABLE_III)
