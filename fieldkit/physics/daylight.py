@@ -63,7 +63,7 @@ def extraterrestrial(time_ns: ArrayLike, body: Body = EARTH) -> FloatArray:
     .. [1] J. W. Spencer, "Fourier series representation of the position of the sun", Search 2(5), 172, 1971.
     """
     if body.subsolar is not None:
-        unix_s: FloatArray = np.asarray(time_ns, np.int64) * 1e-9
+        unix_s = np.asarray(np.asarray(time_ns, np.int64) * 1e-9, np.float64)
         distance_au = body.subsolar(np.atleast_1d(unix_s).ravel())[2]
         return np.asarray(SOLAR_CONSTANT_W_M2 / distance_au**2).reshape(unix_s.shape)
     days = np.asarray(time_ns, dtype=np.int64).astype("datetime64[ns]")
