@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ SHOWN = {
     "normal_p90": "normal p90 °",
     "unsolved": "unsolved",
 }
+WORLD_DAY = "2024-06-01"
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -67,6 +69,8 @@ FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--ground", "grounds", type=FILE, multiple=True,
     help="Only try the surface model on measured ground, a CSV file.",
 )  # fmt: skip
+@click.option("--body", type=click.Choice(["mars", "moon"]), help="Study this world instead of the paper.")
+@click.option("--dust", type=click.FloatRange(0.0, 6.0), help="Optical depth of dust, for --body.")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("study"), show_default=True
 )
@@ -81,6 +85,8 @@ def command(
     sessions: tuple[Path, ...],
     surfrad: tuple[Path, ...],
     grounds: tuple[Path, ...],
+    body: str | None,
+    dust: float | None,
     out: Path,
     **given: Any,
 ) -> None:
@@ -96,12 +102,21 @@ def command(
     sun_zenith_apparent_deg; at least a day. The model is fitted on one half and tried on
     the other, then the other way round.
 
+    --body studies another world instead: slopes, hours, noise and windows, with a
+    verdict. It takes --site, --on, --noise, --slopes, --seed and --dust.
+
     \b
     fieldkit study                                            the paper as it stands
     fieldkit study --noise 0.1 --minutes 60 --estimator unit-norm
     fieldkit study --surfrad slv15365.dat --surfrad slv16001.dat
+    fieldkit study --body mars --out mars
     fieldkit study --ground cinder-2022.csv --out ground
     """
+    if body:
+        _study_world(ctx, body, site, dust, out, given)
+        return
+    if dust is not None:
+        raise click.UsageError("--dust needs --body")
     if surfrad:
         _compare_with_surfrad(surfrad)
         return
@@ -131,6 +146,52 @@ def command(
         return
     _print(study.document)
     say(f"tables, figures and a page with all of them: {out / 'study.html'}")
+
+
+WORLD_COLUMNS = {
+    "hour": "from h",
+    "minutes": "minutes",
+    "noise_k": "noise K",
+    "tilt_mae_deg": "tilt MAE °",
+    "normal_p90_deg": "normal p90 °",
+    "bound_north_deg": "bound N °",
+    "bound_east_deg": "E °",
+    "bound_south_deg": "S °",
+    "bound_west_deg": "W °",
+    "verdict": "verdict",
+}
+FOR_THE_EARTH = ("dni_w_m2", "turbidity", "starts", "weather", "sessions", "surfrad", "grounds", "zone")
+
+
+def _study_world(
+    ctx: click.Context, body: str, site: Site | None, dust: float | None, out: Path, given: dict[str, Any]
+) -> None:
+    from fieldkit.study.other_worlds import NOISES_K, SITES, world_study
+
+    for parameter in ctx.command.params:
+        if parameter.name in FOR_THE_EARTH and ctx.params[parameter.name] not in (None, ()):
+            raise click.UsageError(f"{parameter.opts[0]} belongs to the Earth: omit it with --body {body}")
+    with progress() as bar:
+        task = bar.add_task("study", total=None)
+        study = world_study(
+            replace(site, body=body) if site else SITES[body],
+            str(given["day"] or WORLD_DAY),
+            dust=dust,
+            noises_k=(given["noise_k"],) if given["noise_k"] else NOISES_K,
+            slopes=given["slopes"] or 300,
+            seed=given["seed"],
+            on_window=lambda window: bar.update(task, description=window),
+        )
+    study.write(out)
+    if options(ctx).json:
+        print_json(study.document)
+        return
+    print_table(
+        list(WORLD_COLUMNS.values()), [[_cell(row[name]) for name in WORLD_COLUMNS] for row in study.rows]
+    )
+    for sentence in study.summary:
+        click.echo(sentence)
+    say(f"table and figure: {out / 'world.csv'}, {out / 'world.svg'}")
 
 
 def _compare_with_surfrad(paths: tuple[Path, ...]) -> None:
