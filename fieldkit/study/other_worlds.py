@@ -189,9 +189,13 @@ def world_study(
             on_window(f"{hour:g} h, {length(length_min)}")
             sky = _conditions(site, time_ns, dust)
             if sky.sun[:, 2].min() > 0.0:
-                windows += [_window(site, sky, hour, length_min, noise_k, slopes, seed) for noise_k in noises_k]
+                windows += [
+                    _window(site, sky, hour, length_min, noise_k, slopes, seed) for noise_k in noises_k
+                ]
     if not windows:
-        raise NoAnswerError(f"the sun does not rise at latitude {site.latitude_deg:g}", fix="give another --site")
+        raise NoAnswerError(
+            f"the sun does not rise at latitude {site.latitude_deg:g}", fix="give another --site"
+        )
     return WorldStudy(site, day, tuple(windows))
 
 

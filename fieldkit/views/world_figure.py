@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from fieldkit.views import plotting
 
 
-def errors_over_window(points: Sequence[tuple[float, float, int, float]], title: str, guess_deg: float) -> str:
-    """Error of the normal, 90th percentile, over the window's length: a panel for each start, a line for each noise.
+def errors_over_window(
+    points: Sequence[tuple[float, float, int, float]], title: str, guess_deg: float
+) -> str:
+    """Error of the normal, 90th percentile, over the window: a panel for each start, a line for each noise.
 
     `points` are (local hour, noise in K, minutes, error in degrees); the dotted line is the
     error of guessing.
@@ -17,7 +19,9 @@ def errors_over_window(points: Sequence[tuple[float, float, int, float]], title:
     figure, panels = plotting.panels(len(hours), 2.0 * len(hours))
     for axes, hour in zip(panels, hours, strict=True):
         for index, noise_k in enumerate(sorted({noise for _, noise, *_ in points})):
-            line = [(minutes, error) for at, noise, minutes, error in points if (at, noise) == (hour, noise_k)]
+            line = [
+                (minutes, error) for at, noise, minutes, error in points if (at, noise) == (hour, noise_k)
+            ]
             axes.plot(
                 [minutes / 60.0 for minutes, _ in line], [error for _, error in line],
                 color=plotting.colour(index), marker=plotting.marker(index), label=f"{noise_k:g} K",
