@@ -56,20 +56,15 @@ def module_name(path: Path) -> str:
 
 
 def completeness() -> float:
-    """Share of public names with a known type, as pyright counts them in the package that Python finds."""
-    command = [
-        sys.executable,
-        "-m",
-        "pyright",
-        "--verifytypes",
-        "fieldkit",
-        "--ignoreexternal",
-        "--outputjson",
-    ]
-    # pyright takes the first python of the path here, whatever it is given
+    """Share of public names of this checkout with a known type, as pyright counts them."""
+    options = ["--verifytypes", "fieldkit", "--ignoreexternal", "--outputjson"]
+    # for this pyright takes the first python of the path, whatever it is given
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
-        command, check=False, cwd=ROOT, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        [sys.executable, "-m", "pyright", *options],
+        check=False,
+        env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
     )
     return float(json.loads(done.stdout)["typeCompleteness"]["completenessScore"])
 
