@@ -13,6 +13,7 @@ from fieldkit.model.site import Site
 from fieldkit.physics.facet import FloatArray
 from fieldkit.physics.mars_sun import SOL_S, mars_sun
 from fieldkit.physics.moon_sun import moon_subsolar
+from fieldkit.physics.regolith import Regolith
 
 Subsolar = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """Declination, subsolar longitude east and distance of the sun (degrees, degrees, au) at UTC seconds (n,)."""
@@ -26,7 +27,8 @@ class Body:
     `dust_optical_depth` is that of a clear day; None is the Earth, whose sky has formulas of its own.
     `exchange_w_m2_k` is the exchange of heat with the air, of that heat capacity and density;
     `longwave_down_w_m2` what the sky radiates, `air_temperature_k` the daily mean near the ground. `albedo`,
-    `emissivity`, `inertia` (J m-2 K-1 s-1/2) and `heat_capacity_j_m3_k` are those of its loose ground.
+    `emissivity`, `inertia` (J m-2 K-1 s-1/2) and `heat_capacity_j_m3_k` are those of its loose
+    ground, which `radiates_inside` where no gas carries heat between the grains.
     """
 
     name: str
@@ -43,11 +45,23 @@ class Body:
     emissivity: float
     inertia: float
     heat_capacity_j_m3_k: float
+    radiates_inside: bool
 
     @property
     def conductivity_w_m_k(self) -> float:
         """Thermal conductivity of the ground, from its inertia."""
         return self.inertia**2 / self.heat_capacity_j_m3_k
+
+    @property
+    def regolith(self) -> Regolith:
+        """The ground in depth: the Moon's, or the same all the way down."""
+        if self.radiates_inside:
+            return Regolith(emissivity=self.emissivity)
+        conductivity, capacity = self.conductivity_w_m_k, self.heat_capacity_j_m3_k
+        return Regolith(
+            conductivity, conductivity, 1.0, 1.0, radiative=0.0, heat_capacity=(capacity,),
+            emissivity=self.emissivity, flux_from_below_w_m2=0.0,
+        )  # fmt: skip
 
 
 def _over_mars(unix_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -70,6 +84,7 @@ EARTH = Body(
     emissivity=0.90,
     inertia=570.0,  # dry loose silica sand
     heat_capacity_j_m3_k=1.3e6,
+    radiates_inside=False,
 )
 MARS = Body(
     name="mars",
@@ -86,6 +101,7 @@ MARS = Body(
     emissivity=0.98,
     inertia=250.0,  # sand and dust, 200-400; Putzig and Mellon, Icarus 191, 2007
     heat_capacity_j_m3_k=1.0e6,  # 1300 kg/m3 of basaltic sand at 220 K
+    radiates_inside=False,  # gas between the grains carries the heat
 )
 MOON = Body(
     name="moon",
@@ -102,6 +118,7 @@ MOON = Body(
     emissivity=0.95,  # Hayne et al., J. Geophys. Res. Planets 122, 2017
     inertia=55.0,  # at 273 K; Hayne et al. 2017
     heat_capacity_j_m3_k=6.6e5,  # 1100 kg/m3 at the surface, 600 J/(kg K); Hayne et al. 2017
+    radiates_inside=True,
 )
 BODIES = {body.name: body for body in (EARTH, MARS, MOON)}
 

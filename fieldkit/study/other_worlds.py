@@ -1,7 +1,8 @@
 """The paper's study on another world: which slopes, at which hour, with which noise, how well, how soon.
 
 The estimator is the paper's study's least squares over `estimated_normals`, temperatures follow eq. (7) with
-the world's sunlight, air and ground, one measurement a minute. Stored heat is left out, as in the paper.
+the world's sunlight, air and ground, one measurement a minute. Stored heat is left out there, as in the paper;
+`WorldDay` has it.
 """
 
 from __future__ import annotations
@@ -18,15 +19,17 @@ from fieldkit.estimation.day_plan import bound, cosine_noise
 from fieldkit.model.errors import NoAnswerError
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS, SECOND_NS
-from fieldkit.physics.bodies import body_of
+from fieldkit.physics.bodies import Body, body_of
+from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.energy_balance import SurfaceParameters, direct_irradiance, surface_temperature
 from fieldkit.physics.facet import FloatArray, normal
+from fieldkit.physics.regolith import day_temperatures
 from fieldkit.physics.sun import solar_time_h, sun_vectors
 from fieldkit.study.estimators import Conditions, StudySettings, random_slopes, run_study, summarise
 from fieldkit.study.output import Rows, write_files
 from fieldkit.views import plotting
-from fieldkit.views.world_figure import errors_over_window
+from fieldkit.views.world_figure import errors_over_window, temperatures_over_day
 from fieldkit.workflows.json_document import to_json
 
 HOURS = (9.0, 12.0, 15.0)
@@ -34,6 +37,8 @@ NOISES_K = (0.02, 0.05, 0.1)
 WINDOWS_MIN = (20, 60, 180)
 LONG_WINDOWS_MIN = (24 * 60, 72 * 60)
 """On a world whose day lasts weeks."""
+STEPS, SETTLING_DAYS = 480, 12
+"""Of a day of the ground; the days before it that settle its temperature."""
 ASPECTS_DEG = (0.0, 90.0, 180.0, 270.0)
 EXAMPLE_TILT_DEG = 15.0
 GUESS_DEG = 27.0
@@ -74,12 +79,38 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
+class WorldDay:
+    """A day of flat ground and of slopes of 15 degrees (by `ASPECTS_DEG`), with the heat that ground stores.
+
+    `hour` (n,) of true solar time from 0 to 24, `flat_k` (n,), `slope_k` (4, n).
+    """
+
+    hour: FloatArray
+    flat_k: FloatArray
+    slope_k: FloatArray
+
+    @property
+    def rows(self) -> Rows:
+        """Every half hour: temperature of flat ground, and by how much the slopes are warmer, kelvin."""
+        names = ("north_k", "east_k", "south_k", "west_k")
+        return [
+            {"hour": round(float(self.hour[at]), 2), "flat_k": round(float(self.flat_k[at]), 2)}
+            | {
+                name: round(float(self.slope_k[index, at] - self.flat_k[at]), 2)
+                for index, name in enumerate(names)
+            }
+            for at in range(self.hour.size // 48 - 1, self.hour.size, self.hour.size // 48)
+        ]
+
+
+@dataclass(frozen=True, slots=True)
 class WorldStudy:
     """The study on one world."""
 
     site: Site
     day: str
     windows: tuple[Window, ...]
+    ground: WorldDay
 
     @property
     def summary(self) -> list[str]:
@@ -107,7 +138,7 @@ class WorldStudy:
     @property
     def document(self) -> dict[str, Any]:
         """The study for ``--json``."""
-        return {"site": asdict(self.site), "day": self.day, "summary": self.summary, "windows": self.rows}
+        return {"site": asdict(self.site), "day": self.day, "summary": self.summary, "windows": self.rows, "ground": self.ground.rows}
 
     @property
     def rows(self) -> Rows:
@@ -115,15 +146,28 @@ class WorldStudy:
         return [{**asdict(window), "verdict": window.verdict} for window in self.windows]
 
     def write(self, folder: Path) -> None:
-        """Write world.json, world.csv and the figure; raises `StorageError`."""
-        drawn = {"world": self.figure()} if plotting.available() else {}
-        write_files(folder, {"world.json": to_json(self.document)}, {"world": self.rows}, drawn)
+        """Write world.json, world.csv, world-day.csv and their figures; raises `StorageError`."""
+        drawn = {"world": self.figure(), "world-day": self.day_figure()} if plotting.available() else {}
+        tables = {"world": self.rows, "world-day": self.ground.rows}
+        write_files(folder, {"world.json": to_json(self.document)}, tables, drawn)
+
+    def day_figure(self) -> str:
+        """Temperature of flat ground and what slopes add over a day, as SVG text."""
+        warmer = {
+            f"15° to {name}": one - self.ground.flat_k
+            for name, one in zip(("north", "east", "south", "west"), self.ground.slope_k, strict=True)
+        }
+        return temperatures_over_day(self.ground.hour, self.ground.flat_k, warmer, self._title)
+
+    @property
+    def _title(self) -> str:
+        return f"{self.site.body.title()}, latitude {self.site.latitude_deg:g}°"
 
     def figure(self) -> str:
         """90th percentile of the error over the length of the window, as SVG text."""
         return errors_over_window(
             [(window.hour, window.noise_k, window.minutes, window.normal_p90_deg) for window in self.windows],
-            f"{self.site.body.title()}, latitude {self.site.latitude_deg:g}°",
+            self._title,
             GUESS_DEG,
         )
 
@@ -196,7 +240,38 @@ def world_study(
         raise NoAnswerError(
             f"the sun does not rise at latitude {site.latitude_deg:g}", fix="give another --site"
         )
-    return WorldStudy(site, day, tuple(windows))
+    on_window("a day of the ground")
+    return WorldStudy(site, day, tuple(windows), world_day(site, day, dust=dust))
+
+
+def world_day(site: Site, day: str, *, dust: float | None = None) -> WorldDay:
+    """A day of the ground with conduction, light and longwave of that world; parameters as `world_study`.
+
+    Slopes see the sky of a level surface: no light or longwave from the ground around.
+    """
+    body, start_ns = body_of(site), next_solar_time(site, day, 0.0)
+    step_ns = round(body.day_s * SECOND_NS / STEPS)
+    time_ns = start_ns + step_ns * np.arange(1, STEPS + 1, dtype=np.int64)
+    sun = sun_vectors(time_ns, site)
+    dni, dhi = clear_day(sun[:, 2], time_ns, site, turbidity=3.0, dust=dust)
+    normals = normal([0.0, *(EXAMPLE_TILT_DEG,) * 4], [0.0, *ASPECTS_DEG])
+    light = (1.0 - body.albedo) * (np.maximum(normals @ sun.T, 0.0) * dni + dhi)
+    supply = light + body.emissivity * body.longwave_down_w_m2
+    temperatures = np.array([_temperatures(body, absorbed) for absorbed in supply])
+    return WorldDay(24.0 * np.arange(1, STEPS + 1) / STEPS, temperatures[0], temperatures[1:])
+
+
+def _temperatures(body: Body, absorbed_w_m2: FloatArray) -> FloatArray:
+    mean_k = float((absorbed_w_m2.mean() / (body.emissivity * STEFAN_BOLTZMANN)) ** 0.25)
+    return day_temperatures(
+        body.regolith,
+        absorbed_w_m2,
+        body.day_s,
+        exchange_w_m2_k=body.exchange_w_m2_k,
+        air_temperature_k=body.air_temperature_k,
+        days=SETTLING_DAYS,
+        start_k=0.95 * mean_k,
+    )
 
 
 def next_solar_time(site: Site, day: str, hour: float) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from fieldkit.physics.facet import FloatArray
 from fieldkit.views import plotting
 
 
@@ -30,5 +31,20 @@ def errors_over_window(
         axes.set(xscale="log", yscale="log", ylabel=f"p90, °\nfrom {hour:g} h")
     panels[-1].set_xlabel("window, hours")
     plotting.legend(panels[0])
+    figure.suptitle(title)
+    return plotting.svg(figure)
+
+
+def temperatures_over_day(
+    hour: FloatArray, flat_k: FloatArray, warmer_k: Mapping[str, FloatArray], title: str
+) -> str:
+    """Temperature of flat ground over a day's hours (n,), and below what slopes by name are warmer, kelvin."""
+    figure, (above, below) = plotting.panels(2, 4.6)
+    above.plot(hour, flat_k, color="0.2")
+    above.set_ylabel("flat ground, K")
+    for index, (name, warmer) in enumerate(warmer_k.items()):
+        below.plot(hour, warmer, color=plotting.colour(index), linestyle=plotting.dashes(index), label=name)
+    below.set(xlabel="local true solar time, h", ylabel="slope − flat, K")
+    plotting.legend(below)
     figure.suptitle(title)
     return plotting.svg(figure)
