@@ -138,7 +138,13 @@ class WorldStudy:
     @property
     def document(self) -> dict[str, Any]:
         """The study for ``--json``."""
-        return {"site": asdict(self.site), "day": self.day, "summary": self.summary, "windows": self.rows, "ground": self.ground.rows}
+        return {
+            "site": asdict(self.site),
+            "day": self.day,
+            "summary": self.summary,
+            "windows": self.rows,
+            "ground": self.ground.rows,
+        }
 
     @property
     def rows(self) -> Rows:
