@@ -1,4 +1,4 @@
-"""Heat in loose ground of the Moon and of Mars: density and conduction grow with depth, radiation between grains adds T³.
+"""Heat in loose ground of the Moon and of Mars: denser with depth, with radiation between grains as T³.
 
 Finite volumes and implicit steps, so a day of the Moon needs hundreds of steps, not the many that an explicit
 scheme is held to.
@@ -30,7 +30,8 @@ class Regolith:
     References
     ----------
     .. [1] P. O. Hayne et al., "Global regolith thermophysical properties of the Moon from the Diviner Lunar
-       Radiometer Experiment", J. Geophys. Res. Planets 122, 2371-2400, 2017, doi:10.1002/2017JE005387, table A1.
+       Radiometer Experiment", J. Geophys. Res. Planets 122, 2371-2400, 2017, table A1,
+       doi:10.1002/2017JE005387.
     """
 
     surface_conductivity_w_m_k: float = 7.4e-4
@@ -159,8 +160,8 @@ def lunar_albedo(cos_incidence: ArrayLike, normal_albedo: float = 0.12) -> Float
 
     References
     ----------
-    .. [1] S. J. Keihm, Icarus 60, 568-589, 1984; A. R. Vasavada et al., J. Geophys. Res. 117, E00H18, 2012, with
-       the coefficients of Hayne et al. 2017: 0.06 and 0.25.
+    .. [1] S. J. Keihm, Icarus 60, 568-589, 1984; A. R. Vasavada et al., J. Geophys. Res. 117, 2012, with the
+       coefficients of Hayne et al. 2017: 0.06 and 0.25.
     """
     incidence = np.degrees(np.arccos(np.clip(cos_incidence, 0.0, 1.0)))
     return np.asarray(normal_albedo + 0.06 * (incidence / 45.0) ** 3 + 0.25 * (incidence / 90.0) ** 8)

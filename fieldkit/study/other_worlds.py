@@ -1,8 +1,8 @@
 """The paper's study on another world: which slopes, at which hour, with which noise, how well, how soon.
 
 The estimator is the paper's study's least squares over `estimated_normals`, temperatures follow eq. (7) with
-the world's sunlight, air and ground, one measurement a minute. Stored heat is left out there, as in the paper;
-`WorldDay` has it.
+the world's sunlight, air and ground, one measurement a minute. Stored heat is left out there, as in the
+paper; `WorldDay` has it.
 """
 
 from __future__ import annotations

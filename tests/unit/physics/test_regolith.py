@@ -1,8 +1,8 @@
 """Ground temperatures against heat1d 0.3.2 (P. O. Hayne, MIT), run once; its numbers stand here.
 
-Equator, no eccentricity or obliquity, noon first, every two hours; 12 lunar days or 60 sols of settling.
-With 20 layers in the first skin depth, each 1/40 thicker than the one above (its default is 1/5): heat1d's flux
-through the surface takes the first two layers as equally thick, at 1/5 that is a tenth too little.
+Equator, no eccentricity or obliquity, noon first, every two hours; 40 days of settling. With 20 layers in
+the first skin depth, each 1/40 thicker than the one above (its default is 1/5): heat1d's flux through the
+surface takes the first two layers as equally thick, at 1/5 that is a tenth too little.
 """
 
 import numpy as np
