@@ -38,7 +38,7 @@ def errors_over_window(
 def temperatures_over_day(
     hour: FloatArray, flat_k: FloatArray, warmer_k: Mapping[str, FloatArray], title: str
 ) -> str:
-    """Temperature of flat ground over a day's hours (n,), and below what slopes by name are warmer, kelvin."""
+    """Temperature of flat ground over the hours (n,) of a day, and by how much slopes are warmer, kelvin."""
     figure, (above, below) = plotting.panels(2, 4.6)
     above.plot(hour, flat_k, color="0.2")
     above.set_ylabel("flat ground, K")
