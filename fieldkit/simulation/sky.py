@@ -21,6 +21,8 @@ from fieldkit.weather import Weather
 _DAY_H = 24.0
 _WARMEST_H = 15.0  # air is warmest about three hours after solar noon
 _WINDOW_DEFICIT = 1.5
+COLDEST_SKY_K = 100.0
+"""Colder than this, as space is, a sky adds nothing in the camera's band."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +47,8 @@ class SkyState:
         Shape (n,). [K]
         """
         sky = (self.longwave_down_w_m2 / STEFAN_BOLTZMANN) ** 0.25
-        return self.air_temperature_k - _WINDOW_DEFICIT * (self.air_temperature_k - sky)
+        window = self.air_temperature_k - _WINDOW_DEFICIT * (self.air_temperature_k - sky)
+        return np.maximum(window, COLDEST_SKY_K)
 
 
 class Sky(Protocol):

@@ -7,6 +7,7 @@ import pytest
 from fieldkit.config import load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.config.validation import ConfigMistakesError
+from fieldkit.model.slope import SlopeState
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.campaign import create_campaign
 from fieldkit.workflows.record import record
@@ -34,6 +35,16 @@ def test_slopes_of_a_simulated_hour_on_mars_lie_in_their_regions(tmp_path):
         assert "mars" in stored.header.config_toml
     slopes = session.estimate().final  # from the file alone: the body comes with the session
     for slope, truth in zip(slopes.values(), (5, 15, 25), strict=True):
+        assert slope.tilt_low_deg <= truth <= slope.tilt_high_deg
+
+
+def test_twenty_minutes_of_a_simulated_noon_on_the_moon_say_that_they_say_little(tmp_path):
+    equator = {"latitude_deg": 0.0, "longitude_deg": 77.4, "body": "moon"}
+    noon = {"start": datetime(2024, 6, 14, 1, 20, tzinfo=UTC), "speed": "max"}
+    made = campaign(tmp_path, site=equator, simulation=noon)
+    slopes = record(made, duration="20m", name="moon").estimate().final
+    for slope, truth in zip(slopes.values(), (5, 15, 25), strict=True):
+        assert slope.state is SlopeState.UNCERTAIN
         assert slope.tilt_low_deg <= truth <= slope.tilt_high_deg
 
 
