@@ -122,7 +122,7 @@ def _print(made: MeasuringPlan, found: Experiments | None, path: Path | None) ->
     from fieldkit.views import plan_page
 
     plan, site = made.day_plan, made.site
-    click.echo(plan_page.heading(plan, site, made.options.irradiance))
+    click.echo(plan_page.heading(plan, site, made.irradiance))
     # the page has room for both bounds, a terminal for the one that the campaign's estimates will have
     hidden = plan_page.FREE if plan.settings.azimuth_known else plan_page.KNOWN
     shown = [index for index, name in enumerate(plan_page.COLUMNS) if name != hidden]

@@ -24,7 +24,8 @@ def command(
 ) -> None:
     r"""Sun zenith and azimuth, and incidence angles on facets.
 
-    Geometric angles, as in the paper's Table 2, and refracted ones of a standard atmosphere.
+    Local true solar time (24ths of the site's day), geometric angles as in the paper's Table 2,
+    and refracted ones of a standard atmosphere.
 
     \b
     fieldkit sun --site 35.558675,139.395232,9 --at 2017-08-30T12:00+09:00 --facet 10,180
@@ -38,6 +39,7 @@ def command(
             "latitude_deg": place.latitude_deg,
             "longitude_deg": place.longitude_deg,
             "elevation_m": place.elevation_m,
+            "body": place.body,
         }
         print_json({"site": where, "rows": rows})
     else:
@@ -47,10 +49,11 @@ def command(
 def _print_rows(rows: list[dict[str, Any]], facets: tuple[Facet, ...]) -> None:
     headings = [f"on {tilt:g}°/{azimuth:g}°" for tilt, azimuth in facets]
     print_table(
-        ["time", "zenith", "azimuth", "refracted zenith", *headings],
+        ["time", "solar time", "zenith", "azimuth", "refracted zenith", *headings],
         [
             [
                 row["time"],
+                _clock(row["solar_time_h"]),
                 *(
                     f"{row[name]:.4f}°"
                     for name in ("sun_zenith_deg", "sun_azimuth_deg", "sun_zenith_refracted_deg")
@@ -60,3 +63,9 @@ def _print_rows(rows: list[dict[str, Any]], facets: tuple[Facet, ...]) -> None:
             for row in rows
         ],
     )
+
+
+def _clock(hours: float) -> str:
+    """``14:05``."""
+    minutes = round(hours * 60.0) % (24 * 60)
+    return f"{minutes // 60:02d}:{minutes % 60:02d}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from datetime import date, datetime, timedelta
+from datetime import UTC, date, datetime, timedelta
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,10 +19,11 @@ from fieldkit.model.air import is_air_temperature
 from fieldkit.model.clock import utc_ns
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
 from fieldkit.model.site import RegionKind, Site, zone_by_longitude
-from fieldkit.model.units import CELSIUS_ZERO_K, HOUR_NS, MINUTE_NS
+from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECOND_NS
+from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
-from fieldkit.physics.sun import sun_vectors
+from fieldkit.physics.sun import solar_time_h, sun_vectors
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
 from fieldkit.workflows.experiments import Experiment, Experiments, PlannedSession, experiments
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 class PlanOptions:
     """What a plan assumes: a constant `dni_w_m2`, or a clear sky of Linke `turbidity`.
 
+    Elsewhere than on the Earth light and air are those of the body's clear season instead.
     `noise_k` is that of a region's minute mean, `window_min` the length of an estimate's window,
     `air_c` the air temperature expected, `step_min` the time between rows.
 
@@ -77,6 +79,12 @@ class MeasuringPlan:
     estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
 
     @property
+    def irradiance(self) -> str:
+        """The assumed irradiance in words."""
+        body = body_of(self.site)
+        return self.options.irradiance if body is EARTH else f"clear season of {body.name.title()}"
+
+    @property
     def warnings(self) -> list[str]:
         """What to beware of that day."""
         return plan_page.warnings(self.day_plan, self.site)
@@ -95,7 +103,7 @@ class MeasuringPlan:
         return {
             "site": asdict(self.site),
             "day": str(self.day),
-            "irradiance": self.options.irradiance,
+            "irradiance": self.irradiance,
             "noise_k": found.settings.noise_k,
             "window_min": found.settings.window_min,
             "best_window_start": None if best_ns is None else _iso(best_ns, self.site),
@@ -205,7 +213,7 @@ class MeasuringPlan:
             self.day_plan,
             self.site,
             f"Plan for {self.day}",
-            self.options.irradiance,
+            self.irradiance,
             experiments.table if experiments else None,
         )
         try:
@@ -270,7 +278,7 @@ def plan(
         facets = [(tilt, equator) for tilt in PAPER_TILTS_DEG]
     time_ns = np.arange(*_ends_ns(site, day), MINUTE_NS, dtype=np.int64)
     settings = PlanSettings(
-        noise_k=options.noise_k, window_min=options.window_min, air_k=options.air_c + CELSIUS_ZERO_K
+        noise_k=options.noise_k, window_min=options.window_min, air_k=_air_k(site, options)
     )
     if estimator is not None:
         settings = replace(settings, surface=estimator.surface, azimuth_known=estimator.azimuth == "known")
@@ -332,8 +340,15 @@ def _sunset_ns(plan: DayPlan) -> int | None:
 def _ends_ns(site: Site, day: date) -> tuple[int, int]:
     """A day of the site's zone, moved by whole hours to have the sun's noon in its middle.
 
-    So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
+    So that no night is cut in two where clocks are of another place, or the sun sets after midnight. Elsewhere
+    it is the first solar day from then on, of the Moon two days of the Earth.
     """
+    body = body_of(site)
+    if body is not EARTH:
+        begin_ns = utc_ns(datetime(day.year, day.month, day.day, tzinfo=UTC))
+        if body.day_s < 2 * DAY_S:
+            begin_ns += round(float((-solar_time_h(begin_ns, site)) % 24.0) / 24.0 * body.day_s) * SECOND_NS
+        return begin_ns, begin_ns + round(min(body.day_s, 2 * DAY_S)) * SECOND_NS
     start = datetime(day.year, day.month, day.day, tzinfo=formatting.zone(site))
     ahead_h = (start.utcoffset() or timedelta()) / timedelta(hours=1) - site.longitude_deg / 15.0
     moved_ns = round((ahead_h + 12.0) % 24.0 - 12.0) * HOUR_NS
@@ -341,9 +356,15 @@ def _ends_ns(site: Site, day: date) -> tuple[int, int]:
 
 
 def _dni(sun: FloatArray, time_ns: NDArray[np.int64], site: Site, options: PlanOptions) -> FloatArray:
-    if options.turbidity:
-        return clear_day(sun[:, 2], time_ns, site, turbidity=options.turbidity)[0]
+    if options.turbidity or body_of(site) is not EARTH:
+        return clear_day(sun[:, 2], time_ns, site, turbidity=options.turbidity or np.nan)[0]
     return np.full(len(sun), options.dni_w_m2)
+
+
+def _air_k(site: Site, options: PlanOptions) -> float:
+    """Air temperature expected on the Earth, that of its body elsewhere."""
+    body = body_of(site)
+    return options.air_c + CELSIUS_ZERO_K if body is EARTH else body.air_temperature_k
 
 
 def _row(plan: DayPlan, index: int, site: Site) -> dict[str, Any]:

@@ -7,9 +7,11 @@ import pytest
 from fieldkit.config import load_config
 from fieldkit.config.template import SIMULATED
 from fieldkit.config.validation import ConfigMistakesError
+from fieldkit.model.site import Site
 from fieldkit.model.slope import SlopeState
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.campaign import create_campaign
+from fieldkit.workflows.plan import plan
 from fieldkit.workflows.record import record
 
 JEZERO = {"latitude_deg": 18.44, "longitude_deg": 77.45, "elevation_m": -2600.0, "body": "mars"}
@@ -69,3 +71,11 @@ def test_what_another_world_does_not_have_is_refused_by_name(tmp_path, setting, 
     campaign(tmp_path)
     with pytest.raises(ConfigMistakesError, match=words):
         load_config(tmp_path / "fieldkit.toml", settings=[setting])
+
+
+def test_a_plan_on_mars_has_the_noon_of_mars_in_its_middle():
+    made = plan(Site(**JEZERO), "2024-06-01", [(15.0, 180.0)])
+    elevation = made.day_plan.elevation_deg
+    assert abs(int(elevation.argmax()) - elevation.size / 2) < 60
+    assert made.irradiance == "clear season of Mars"
+    assert made.day_plan.dni_w_m2.max() < 590.0
