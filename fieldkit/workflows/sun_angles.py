@@ -18,7 +18,7 @@ from fieldkit.physics.sun import exact_vectors, refract, solar_time_h
 def sun_rows(
     site: Site, moments: Sequence[datetime], facets: Sequence[tuple[float, float]] = ()
 ) -> list[dict[str, Any]]:
-    """One row per moment: local true solar time, the sun's angles and one incidence angle per facet, degrees."""
+    """One row per moment: true solar time, the sun's angles and one incidence angle per facet, degrees."""
     geometric = exact_vectors(np.array([utc_ns(moment) for moment in moments]) * 1e-9, site)
     lifted_by_air = refract(geometric, site.elevation_m) if body_of(site).refracts else geometric
     seen = (geometric, lifted_by_air)
