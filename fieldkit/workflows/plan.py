@@ -340,8 +340,8 @@ def _sunset_ns(plan: DayPlan) -> int | None:
 def _ends_ns(site: Site, day: date) -> tuple[int, int]:
     """A day of the site's zone, moved by whole hours to have the sun's noon in its middle.
 
-    So that no night is cut in two where clocks are of another place, or the sun sets after midnight. Elsewhere
-    it is the first solar day from then on, of the Moon two days of the Earth.
+    So that no night is cut in two where clocks are of another place, or the sun sets after midnight.
+    Elsewhere it is the first solar day from then on, of the Moon two days of the Earth.
     """
     body = body_of(site)
     if body is not EARTH:
