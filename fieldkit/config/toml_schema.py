@@ -448,6 +448,16 @@ class SimulationTable(Table):
     )
     albedo: float = Field(default=0.20, ge=0, lt=1, description="true albedo of the sand")
     emissivity: float = Field(default=0.90, gt=0, le=1, description="true emissivity of the sand")
+    drift_px: Point = Field(
+        default=[0.0, 0.0],
+        description="right and down: shift of the camera's frame by the end of the session",
+    )
+    pan_deg: float = Field(
+        default=0.0, ge=-30, le=30, description="turn of the camera to the left by the end of the session"
+    )
+    jitter_px: float = Field(
+        default=0.0, ge=0, le=20, description="shake of the camera, at most, in x and in y"
+    )
     foil: str = Field(
         default="", description="region covered with crumpled aluminium foil, for an emissivity day"
     )

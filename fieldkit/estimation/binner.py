@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
+from fieldkit.estimation.following import RegionFollower
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
@@ -65,6 +66,7 @@ class Binner:
         self._late = 0
         self._sun_was_up = False
         self._disturbances = DisturbanceMonitor()
+        self._follower = RegionFollower()
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
         """Take one sample, mark or change of the regions; returns the bins it closed, usually none.
@@ -89,7 +91,7 @@ class Binner:
         if isinstance(sample, Reading):
             minute.add_reading(sample)
         elif (camera := self._camera(minute.columns)) is not None and sample.stream == camera.info.name:
-            minute.add_frame(sample, camera)
+            minute.add_frame(sample, camera, self._follower)
         return closed
 
     def _camera(self, columns: NDArray[np.int64]) -> CameraStream | None:
@@ -181,4 +183,5 @@ class Binner:
             self._instruments.mean(minute, AIR_TEMPERATURE),
             self._instruments.mean(minute, WIND_SPEED),
             probe if probes.size else probes,
+            shift_px=minute.shift_px,
         )

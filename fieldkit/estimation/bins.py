@@ -13,12 +13,14 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldkit.estimation.following import RegionFollower
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
@@ -65,6 +67,8 @@ class MinuteBin:
     reflagged
         Minutes and region columns of earlier bins whose `SHADED` flag is reversed from this bin on: shade
         that shows or is marked afterwards.
+    shift_px
+        By how much the content of the last frame lay off where the regions were drawn. [pixels]
     """
 
     minute: int
@@ -86,6 +90,7 @@ class MinuteBin:
     wind_m_s: float = float("nan")
     probe_k: FloatArray = field(default_factory=lambda: np.empty(0))
     reflagged: tuple[tuple[int, int], ...] = ()
+    shift_px: float = 0.0
 
     @property
     def start_ns(self) -> int:
@@ -118,7 +123,27 @@ class RegionPixels:
     """Regions flattened once into pixel indices, so that a frame costs one gather."""
 
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
-        masks = [np.flatnonzero(region.mask(shape)) for region in regions]
+        self._hold([np.flatnonzero(region.mask(shape)) for region in regions], shape)
+
+    def moved(self, steps: NDArray[np.int64]) -> RegionPixels:
+        """The regions moved by whole pixels to the right and down (n, 2); one that leaves the frame is empty.
+
+        They keep their shape and their number of pixels, so regions at rest give the same sums to the bit.
+        """
+        if not steps.any():
+            return self
+        other = copy(self)
+        other._hold([self._moved(*one) for one in zip(self._masks, steps, strict=True)], self._shape)
+        return other
+
+    def _moved(self, mask: NDArray[np.intp], step: NDArray[np.int64]) -> NDArray[np.intp]:
+        rows, cols = np.divmod(mask, self._shape[1])
+        rows, cols = rows + step[1], cols + step[0]
+        inside = (rows >= 0) & (rows < self._shape[0]) & (cols >= 0) & (cols < self._shape[1])
+        return np.asarray(rows * self._shape[1] + cols if inside.all() else mask[:0], np.intp)
+
+    def _hold(self, masks: list[NDArray[np.intp]], shape: tuple[int, int]) -> None:
+        self._masks, self._shape = masks, shape
         self.pixels: NDArray[np.int64] = np.array([mask.size for mask in masks], np.int64)
         self._indices = np.concatenate([*masks, np.array([], np.intp)])
         # an empty region would make reduceat repeat its neighbour, so only the others are summed
@@ -142,24 +167,26 @@ class RegionPixels:
 
 @dataclass(slots=True)
 class RegionSums:
-    """Whole-number sums over the frames of one bin."""
+    """Whole-number sums over the frames of one bin; `seen` are the frames in which a region lay."""
 
     regions: int
     frames: int = 0
     offset_ns: int = 0
+    seen: list[int] = field(init=False)
     totals: list[int] = field(init=False)
     squares: list[int] = field(init=False)
     totals_squared: list[int] = field(init=False)
 
     def __post_init__(self) -> None:
         self.totals, self.squares = [0] * self.regions, [0] * self.regions
-        self.totals_squared = [0] * self.regions
+        self.seen, self.totals_squared = [0] * self.regions, [0] * self.regions
 
-    def add(self, totals: list[int], squares: list[int], offset_ns: int) -> None:
-        """Add one frame's region sums, taken `offset_ns` after the minute's start."""
+    def add(self, outline: RegionPixels, totals: list[int], squares: list[int], offset_ns: int) -> None:
+        """Add one frame's sums over the regions of an outline, taken `offset_ns` after the minute's start."""
         self.frames += 1
         self.offset_ns += offset_ns
         for index, (total, square) in enumerate(zip(totals, squares, strict=True)):
+            self.seen[index] += bool(outline.pixels[index])
             self.totals[index] += total
             self.squares[index] += square
             self.totals_squared[index] += total * total
@@ -184,18 +211,18 @@ class CameraStream:
         self._scale = info.scale if self._is_linear else LAW_STEP_K
         self._offset = info.offset if self._is_linear else 0.0
 
-    def sums(self, frame: Frame) -> tuple[list[int], list[int]] | None:
+    def sums(self, frame: Frame, outline: RegionPixels) -> tuple[list[int], list[int]] | None:
         """Sums over the regions of a frame; None if its law is undefined for any of their pixels."""
         if self._is_linear:
-            return self.outline.sums(frame.counts)
+            return outline.sums(frame.counts)
         kelvin = frame_k(self.info, frame.counts, frame.metadata_rows, np.float32)
-        if not np.isfinite(self.outline.gather(kelvin)).all():
+        if not np.isfinite(outline.gather(kelvin)).all():
             return None
-        return self.outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
+        return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
 
     def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Surface temperature, spread over pixels and jitter over frames of each region, kelvin."""
-        samples = self.outline.pixels * sums.frames
+        samples = self.outline.pixels * sums.seen
         if sums.frames == 0 or not np.isfinite(self._scale):
             return tuple(np.full(samples.size, np.nan) for _ in range(3))  # type: ignore[return-value]
         mean, spread, jitter = np.full((3, samples.size), np.nan)
@@ -204,9 +231,9 @@ class CameraStream:
             mean[index] = total / n
             # integer numerators: no cancellation in the variance of large counts
             spread[index] = np.sqrt((n * sums.squares[index] - total * total) / (n * n))
-            if sums.frames > 1:
-                scatter = sums.frames * sums.totals_squared[index] - total * total
-                jitter[index] = np.sqrt(scatter / (sums.frames * (sums.frames - 1))) / pixels
+            if (frames := sums.seen[index]) > 1:
+                scatter = frames * sums.totals_squared[index] - total * total
+                jitter[index] = np.sqrt(scatter / (frames * (frames - 1))) / pixels
         kelvin = surface_temperature_k(mean * self._scale + self._offset, self._emissivity, self._reflected_k)
         return kelvin, spread * abs(self._scale), jitter * abs(self._scale)
 
@@ -220,19 +247,30 @@ class OpenBin:
         self.frame_sums: RegionSums = RegionSums(columns.size)
         self.flags: Quality = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
-        self.first_frame: Frame | None = None
         self.last_frame: Frame | None = None
+        self.is_lost = False
+        self.shift_px = 0.0
 
-    def add_frame(self, frame: Frame, camera: CameraStream) -> None:
-        """Sum a frame, unless its flags or its law exclude it."""
+    def add_frame(self, frame: Frame, camera: CameraStream, follower: RegionFollower | None = None) -> None:
+        """Sum a frame over the regions where they lie in it, unless its flags or its law exclude it.
+
+        One in which they cannot be found is flagged and not summed.
+        """
         self.flags |= frame.quality
-        if not is_usable(frame.quality) or (sums := camera.sums(frame)) is None:
+        if not is_usable(frame.quality):
             return
-        if self.first_frame is None or frame.time_ns < self.first_frame.time_ns:
-            self.first_frame = frame
-        if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
-            self.last_frame = frame
-        self.frame_sums.add(*sums, frame.time_ns - self.minute * MINUTE_NS)
+        steps = np.zeros((self.columns.size, 2), np.int64)
+        if follower is not None:
+            found = follower.update(frame.counts, self.columns)
+            if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
+                self.last_frame, self.is_lost, self.shift_px = frame, found is None, follower.shift_px
+            if found is None:
+                self.flags |= Quality.MOVED
+                return
+            steps = found
+        outline = camera.outline.moved(steps)
+        if (sums := camera.sums(frame, outline)) is not None:
+            self.frame_sums.add(outline, *sums, frame.time_ns - self.minute * MINUTE_NS)
 
     def add_reading(self, reading: Reading) -> None:
         """Keep a reading until the minute closes."""
@@ -365,7 +403,7 @@ class History:
         return replace(self, **{name: getattr(self, name)[:, columns] for name in by_region})
 
     def in_place(self) -> History:
-        """Without temperatures of minutes whose frames had moved: regions lay off their targets."""
+        """Without temperatures of minutes in which the regions were lost for a while."""
         has_moved = (self.flags & int(Quality.MOVED)) != 0
         if not has_moved.any():
             return self

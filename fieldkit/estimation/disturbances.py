@@ -4,19 +4,17 @@ Clouds begin and end by the light readings (`CloudMonitor`): a change by more th
 faster than the sun can move. `Cusum` finds level shifts of a temperature without any light meter: on the
 reference it confirms the weather, on one region against the reference it finds a shadow (`ShadeMonitor`).
 A shadow with sharp edges, and one that was marked, is known to the minute (`shade`).
-`FrameShiftMonitor` compares the edges in the frames: regions warm and cool through the day, their edges stay.
+Where the camera moved the regions follow (`following`); here it is reported, and where they are lost.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import MinuteBin, OpenBin
 from fieldkit.estimation.instruments import MinuteIrradiance, mean_of
@@ -37,9 +35,7 @@ SLOT_NS = 5 * SECOND_NS
 GUST_SD_K = 0.2
 """Scatter of a region's temperature from minute to minute by gusts outdoors: the least noise assumed."""
 MOVED_PX = 1.5
-_CLEAR_PEAK = 8.0
-"""Height of the correlation peak over the rest that makes a shift credible, in standard deviations."""
-Spectrum = NDArray[np.complexfloating[Any, Any]]
+"""Growth of the correction that is worth an event."""
 
 
 class DisturbanceMonitor:
@@ -63,8 +59,8 @@ class DisturbanceMonitor:
         self._minutes = ShadedMinutes()
         self._marked: set[ShadeTest] = set()
         self._shaded: set[int] = set()
-        self._frame_shift = FrameShiftMonitor()
-        self._moved = False
+        self._shift_px = 0.0
+        self._is_lost = False
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
 
@@ -99,7 +95,7 @@ class DisturbanceMonitor:
         """Watch the regions that hold in this minute."""
         kinds = {int(column): schedule.columns[column].kind for column in minute.columns}
         if not self._first_drawn & kinds.keys():  # all were redrawn, on the frames as they are now
-            self._first_drawn, self._frame_shift, self._moved = set(kinds), FrameShiftMonitor(), False
+            self._first_drawn, self._shift_px, self._is_lost = set(kinds), 0.0, False
         references = tuple(column for column, kind in kinds.items() if kind is RegionKind.REFERENCE)
         if references != self._references:
             self._reference, self._shade, self._drift = Cusum(least_sd=GUST_SD_K), {}, {}
@@ -196,26 +192,40 @@ class DisturbanceMonitor:
         return Event(EventKind.ESTIMATOR, *at_ns, f"shade test of {name}, {test.minutes:.0f} min", data=data)
 
     def _frames(self, entry: MinuteBin, minute: OpenBin, events: list[Event]) -> MinuteBin:
-        if minute.first_frame is None or minute.last_frame is None:
+        if minute.last_frame is None:
             return entry
         sums = (minute.frame_sums.frames, minute.frame_sums.totals)
-        if sums == self._last_sums:
+        if sums == self._last_sums and entry.frames:
             blank = np.full_like(entry.temperature_k, np.nan)
             entry = replace(entry, flags=entry.flags | Quality.FROZEN, temperature_k=blank)
         self._last_sums = sums
-        moved = self._frame_shift.update(minute.first_frame.counts, minute.last_frame.counts)
-        if self._frame_shift.lasts and not self._moved:
-            text = f"frame moved by {self._frame_shift.shift_px:.1f} px: regions may be off their targets"
-            events.append(Event(EventKind.MOVED, *end_of(minute), text, severity=Severity.WARNING))
-        self._moved = self._frame_shift.lasts
-        return replace(entry, flags=entry.flags | Quality.MOVED) if moved else entry
+        events.extend(self._movement(minute))
+        return entry
+
+    def _movement(self, minute: OpenBin) -> Iterator[Event]:
+        """Events where regions are lost, are found again, or follow the camera by `MOVED_PX` more than ever."""
+        was_lost, self._is_lost = self._is_lost, minute.is_lost
+        if minute.is_lost and not was_lost:
+            text = "the camera moved too far to be followed: regions are lost, such minutes enter no slope"
+            yield _moved(minute, text, Severity.WARNING, {"phase": "lost"})
+        if minute.is_lost or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
+            return
+        self._shift_px = max(minute.shift_px, self._shift_px)
+        text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"
+        yield _moved(
+            minute, text, Severity.INFO, {"phase": "corrected", "shift_px": round(minute.shift_px, 2)}
+        )
+
+
+def _moved(minute: OpenBin, text: str, severity: Severity, data: dict[str, Any]) -> Event:
+    return Event(EventKind.MOVED, *end_of(minute), text, severity=severity, data=data)
 
 
 def end_of(minute: OpenBin) -> tuple[int, int]:
     """Monotonic and UTC nanoseconds of the last sample of a bin."""
     samples: list[Frame | Reading] = [r for readings in minute.readings.values() for r in readings]
-    if minute.first_frame is not None:
-        samples.append(minute.first_frame)
+    if minute.last_frame is not None:
+        samples.append(minute.last_frame)
     last = max(samples, key=lambda sample: sample.time_ns, default=None)
     return (last.mono_ns, last.time_ns) if last is not None else (0, minute.time_ns)
 
@@ -391,71 +401,3 @@ class ShadeMonitor:
             # forecasts must not be fitted to the shaded minutes
             self._fall, self._cusum = None, Cusum(least_sd=GUST_SD_K)
         return self._fall is not None
-
-
-class FrameShiftMonitor:
-    """Shift of a minute's first and last frame against the first of all, by phase correlation of their edges.
-
-    References
-    ----------
-    C. D. Kuglin and D. C. Hines, "The phase correlation image alignment method", 1975.
-    """
-
-    def __init__(self) -> None:
-        self._first: Spectrum | None = None
-        self._before = 0.0
-        self.shift_px: float = 0.0
-
-    def update(self, *frames: NDArray[np.uint16]) -> bool:
-        """Whether one of a minute's frames (rows, cols) has moved by more than 1.5 pixels."""
-        spectra = [np.fft.rfft2(_edges(counts)) for counts in frames]
-        first = self._first = spectra[0] if self._first is None else self._first
-        shifts = [_shift(first, spectrum, frames[0].shape) for spectrum in spectra]
-        self._before, self.shift_px = self.shift_px, max(shifts)
-        return self.shift_px > MOVED_PX
-
-    @property
-    def lasts(self) -> bool:
-        """Whether the frame had moved in the minute before, too: nobody just walked through."""
-        return min(self._before, self.shift_px) > MOVED_PX
-
-
-def _edges(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Root of the gradient, faded out towards the border (else the border itself is matched).
-
-    In single precision, which is enough for a shift of a pixel at a third of the cost.
-    """
-    down, right = np.gradient(counts.astype(np.float32))
-    steepness = np.sqrt(np.sqrt(down * down + right * right))
-    return np.asarray((steepness - steepness.mean()) * _fade(*counts.shape))
-
-
-@lru_cache(maxsize=4)
-def _fade(rows: int, cols: int) -> NDArray[np.float32]:
-    return np.outer(np.hanning(rows), np.hanning(cols)).astype(np.float32)
-
-
-def _shift(
-    first: NDArray[np.complexfloating[Any, Any]],
-    now: NDArray[np.complexfloating[Any, Any]],
-    shape: tuple[int, ...],
-) -> float:
-    """Length of the shift in pixels; 0 where the frames have no clear edges in common."""
-    cross = first.conj() * now
-    # divided by the root of its magnitude: pure phase would weight noise as much as edges
-    surface = np.fft.irfft2(cross / np.sqrt(np.abs(cross) + 1e-30), s=(shape[0], shape[1]))
-    peak = np.unravel_index(int(np.argmax(surface)), surface.shape)
-    if surface[peak] < surface.mean() + _CLEAR_PEAK * surface.std():
-        return 0.0
-    return float(np.hypot(_centred(surface, peak, 0), _centred(surface, peak, 1)))
-
-
-def _centred(surface: NDArray[np.floating[Any]], peak: tuple[np.intp, ...], axis: int) -> float:
-    """Peak position along an axis, refined by a parabola, as a signed shift."""
-    size = surface.shape[axis]
-    line = np.take(surface, int(peak[1 - axis]), axis=1 - axis)
-    at = int(peak[axis])
-    left, middle, right = line[at - 1], line[at], line[(at + 1) % size]
-    bend = left - 2.0 * middle + right
-    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float((at + offset + size / 2.0) % size - size / 2.0)

@@ -24,7 +24,7 @@ class Condition(enum.StrEnum):
     CLOCK = "clock"  # the system clock was stepped, or the computer slept
     DISK = "disk"  # little space, or a failed write
     ESTIMATOR = "estimator"  # no more estimates
-    MOVED = "moved"  # the frame no longer shows what it showed
+    MOVED = "moved"  # the camera moved too far to be followed
     CLOUD = "cloud"  # unsteady light
     SHADE = "shade"  # one region alone has lost its sun
     DRIFT = "drift"  # one region alone is warmer than its trend

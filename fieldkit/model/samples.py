@@ -43,7 +43,7 @@ class Quality(enum.IntFlag):
     CLOUD = 4096  # irradiance changed faster than the sun can
     UNRESOLVED = 8192  # data fit more than one slope
     NO_VALUE = 16384  # open probe, overload, or no temperature scale known
-    MOVED = 32768  # the frame moved: regions may no longer fit
+    MOVED = 32768  # the camera moved too far to be followed: the regions are lost
 
 
 UNUSABLE = (

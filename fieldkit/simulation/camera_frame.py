@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -45,37 +46,59 @@ class CameraModel:
     def __init__(self, facets: Sequence[Facet], seed: int) -> None:
         self._seed = seed
         self._shares = pixel_shares(facets)
-        self._still = self._static_pattern()
+        self._still, self._texture = self._static_pattern()
         self._pattern = lru_cache(maxsize=4)(self._draw_pattern)
 
-    def draw(self, brightness_k: FloatArray, time_ns: int, number: int, correction: Correction) -> FrameK:
-        """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K."""
+    def draw(
+        self,
+        brightness_k: FloatArray,
+        time_ns: int,
+        number: int,
+        correction: Correction,
+        homography: FloatArray | None = None,
+    ) -> FrameK:
+        """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K.
+
+        `homography` (3, 3) is where content lies once the camera has moved; its own errors stay.
+        """
         pattern, level_k, drift_k_s = self._pattern(correction.number)
         age_s = (time_ns - correction.ended_ns) * 1e-9
         level = np.float32(level_k + drift_k_s * age_s + correction.step_k)
         noise = np.random.Generator(np.random.SFC64([self._seed, number, 1]))
         frame = brightness_k.astype(np.float32) @ self._shares
+        if homography is not None:
+            frame = moved((frame + self._texture).reshape(FRAME_SHAPE), homography).ravel() - self._texture
         frame += self._still
         frame += pattern
         frame += level
         frame += np.float32(_NOISE_K) * noise.standard_normal(frame.size, dtype=np.float32)
         return frame.reshape(FRAME_SHAPE)
 
-    def _static_pattern(self) -> FrameK:
-        """The constant part: shading of the lens, and the texture of ground and beds."""
+    def _static_pattern(self) -> tuple[FrameK, FrameK]:
+        """The constant part, shading of the lens and texture of the ground; and the latter alone."""
         random = np.random.default_rng([self._seed, 2])
         shading = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 40.0, mode="nearest"))
         texture = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 3.0, mode="nearest"))
         on_bed = 1.0 - (1.0 - _BED_TEXTURE) * (1.0 - self._shares[-1].reshape(FRAME_SHAPE))
-        still: FrameK = (_SHADING_K * shading + _TEXTURE_K * on_bed * texture).astype(np.float32)
-        return still.ravel()
+        ground = _TEXTURE_K * on_bed * texture
+        still: FrameK = (_SHADING_K * shading + ground).astype(np.float32)
+        return still.ravel(), ground.astype(np.float32).ravel()
 
     def _draw_pattern(self, correction: int) -> tuple[FrameK, float, float]:
         """Fine pattern (pixels,), level error [K] and drift [K/s] after a correction."""
         random = np.random.default_rng([self._seed, correction, 3])
-        pattern = np.float32(_PATTERN_K) * random.standard_normal(self._still.size, dtype=np.float32)
+        pattern = np.float32(_PATTERN_K) * random.standard_normal(self._texture.size, dtype=np.float32)
         level, drift = random.standard_normal(2)
         return pattern, _LEVEL_K * float(level), _DRIFT_K_S * float(drift)
+
+
+def moved(scene_k: FrameK, homography: FloatArray) -> FrameK:
+    """A frame (rows, cols) as a camera sees it that has moved; beyond its edge the ground is mirrored."""
+    size = scene_k.shape[1], scene_k.shape[0]
+    warped = cv2.warpPerspective(
+        scene_k, homography, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
+    )
+    return np.asarray(warped, np.float32)
 
 
 def _unit(field: FloatArray) -> FloatArray:

@@ -46,8 +46,8 @@ LASTS_S = {
 
 CLOCK_STEP_S = 3600.0
 SHUTTER_STEP_K = 0.8
-MOVED_PX = (4, 6)
-"""Rows and columns by which the frame moves."""
+MOVED_PX = (32.0, 24.0)
+"""Columns and rows by which the frame's content moves: too far to be followed."""
 WARMED_K, WARMED_WITHIN_NS, COOLED_WITHIN_NS = 3.0, 2 * MINUTE_NS, 8 * MINUTE_NS
 
 

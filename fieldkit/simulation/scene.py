@@ -4,7 +4,7 @@ demo.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,6 +27,7 @@ from fieldkit.simulation.faults import (
     cloud_transmission,
     step_transmission,
 )
+from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene_series import EXCHANGE, Exchange, SceneModel, SceneSeries, SceneState
 from fieldkit.simulation.sky import MeasuredSky, Sky
 from fieldkit.weather import packaged
@@ -58,8 +59,8 @@ class Scene:
 
     Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
     `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers,
-    `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth. Every
-    value follows from time and `seed` alone.
+    `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth, `motion`
+    the camera's. Every value follows from time and `seed` alone.
     """
 
     site: Site
@@ -75,6 +76,7 @@ class Scene:
     response_s: float = 3.0
     circumsolar_share: float = 1.0
     light_factor: float = 1.0
+    motion: Motion | None = None
 
     @property
     def end_ns(self) -> int:
@@ -96,8 +98,17 @@ class Scene:
         """Frame `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
         brightness_k = self.at(time_ns).brightness_k + self._warmed_k(time_ns)
-        frame = self._camera.draw(brightness_k, time_ns, number, last)
-        return np.roll(frame, MOVED_PX, axis=(0, 1)) if self.is_on(FaultKind.MOVED, time_ns) else frame
+        return self._camera.draw(brightness_k, time_ns, number, last, self._homography(time_ns))
+
+    def _homography(self, time_ns: int) -> FloatArray | None:
+        """Where the content of the frame lies, None where it was at the start."""
+        motion = self.motion
+        if self.is_on(FaultKind.MOVED, time_ns):
+            motion = replace(motion or Motion(), jump_px=MOVED_PX, jump_at=-1.0)
+        if motion is None:
+            return None
+        share = (time_ns - self.start_ns) / (self.duration_s * SECOND_NS)
+        return motion.homography(share, self._random(time_ns, 7))
 
     def lux_reading(self, time_ns: int) -> float:
         """Reading of the horizontal light meter, lx."""
@@ -198,8 +209,9 @@ def sand_slopes(
     seed: int = 1,
     faults: tuple[Fault, ...] = (),
     light_steps: tuple[LightStep, ...] = (),
+    motion: Motion | None = None,
 ) -> Scene:
     """Three hours of sand slopes from noon on, under the measured sky of the packaged day."""
     weather = packaged()
     sky = MeasuredSky(weather)
-    return Scene(weather.site, sky, BEDS, start_ns, duration_s, seed, faults, light_steps)
+    return Scene(weather.site, sky, BEDS, start_ns, duration_s, seed, faults, light_steps, motion=motion)

@@ -29,6 +29,7 @@ from fieldkit.physics.bodies import EARTH, Body, body_of
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
 from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
+from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import SimulatedClock
@@ -165,7 +166,9 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     facets = (*drawn, *_undrawn(simulation, drawn))
     faults = tuple(_fault(name) for name in simulation.faults)
     sky = _sky(config, simulation.weather)
-    scene = Scene(config.site, sky, facets, start_ns, duration_s, simulation.seed, faults)
+    scene = Scene(
+        config.site, sky, facets, start_ns, duration_s, simulation.seed, faults, motion=_motion(simulation)
+    )
     if (body := body_of(config.site)) is not EARTH:
         still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
         scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
@@ -222,6 +225,12 @@ def _undrawn(simulation: SimulationTable, drawn: Sequence[Facet]) -> Iterator[Fa
 
 def _covered(bed: Facet) -> NDArray[np.bool_]:
     return Region(bed.name, RegionKind.TARGET, bed.vertices).mask(FRAME_SHAPE)
+
+
+def _motion(simulation: SimulationTable) -> Motion | None:
+    drift_x, drift_y = simulation.drift_px
+    motion = Motion((drift_x, drift_y), simulation.pan_deg, simulation.jitter_px)
+    return None if motion == Motion() else motion
 
 
 def _fault(name: str) -> Fault:

@@ -24,6 +24,7 @@ import fieldkit
 from fieldkit.disk import replacing
 from fieldkit.estimation.balance import absorbed_light, conducted, smoothed_kernel
 from fieldkit.estimation.bins import History, MinuteBin, RegionColumns
+from fieldkit.estimation.disturbances import MOVED_PX
 from fieldkit.estimation.estimator import Estimator, Minute
 from fieldkit.estimation.instruments import Instruments
 from fieldkit.estimation.learned.as_settings import learnt_settings
@@ -97,6 +98,7 @@ class MappedSession:
     """A slope map and what it was made of: the minutes `start_ns`..`end_ns`, how many, and their flags.
 
     `overrides` are the ``KEY=VALUE`` given over the configuration.
+    `smeared_px` is by how much the frame's content lay elsewhere from minute to minute; frames are not moved.
     `damaged` counts the camera's frames in them that do not match their checksum; they were excluded.
     """
 
@@ -115,6 +117,7 @@ class MappedSession:
     end_ns: int
     minutes: int
     flags: Quality
+    smeared_px: float = 0.0
     damaged: int = 0
     inertia: LearntParameter | None = None
     """Thermal inertia that the learned model found, shared by all regions."""
@@ -131,7 +134,7 @@ class MappedSession:
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
             "the frame moved within the window: edges are smeared; choose another --window": bool(
-                self.flags & Quality.MOVED
+                self.flags & Quality.MOVED or self.smeared_px > MOVED_PX
             ),
         }
         return [note for note, applies in holds.items() if applies]
@@ -342,6 +345,7 @@ def _mapped(
         end_ns=chosen[-1].start_ns + MINUTE_NS,
         minutes=len(chosen),
         flags=_flags(chosen),
+        smeared_px=float(np.ptp([one.shift_px for one in chosen])),
         damaged=session.damaged.get(camera.name, 0),
         inertia=_inertia(estimator, minutes),
     )

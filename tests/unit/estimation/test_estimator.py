@@ -273,7 +273,7 @@ def test_shadow_on_one_bed_is_told_from_a_cloud(yard):
     assert by_name(minutes[45])["b17"].state != SlopeState.SHADED
 
 
-def test_moved_picture_is_noticed_once_and_flagged(yard):
+def test_regions_follow_a_camera_that_moved(yard):
     samples = replace(yard, noise_k=0.05).samples(12)
     moved_at = yard.start_ns + 6 * MINUTE_NS
     shifted = [
@@ -282,25 +282,30 @@ def test_moved_picture_is_noticed_once_and_flagged(yard):
         else s
         for s in samples
     ]
-    minutes = run(yard, shifted)
+    minutes, still = run(yard, shifted), run(yard, samples)
     seen = [event for minute in minutes for event in minute.events if event.kind == EventKind.MOVED]
-    assert len(seen) == 1
-    assert "3.6 px" in seen[0].text
-    assert [bool(minute.flags & Quality.MOVED) for minute in minutes] == [False] * 6 + [True] * 6
+    assert [event.text for event in seen] == ["the camera moved: regions corrected by 3.6 px"]
+    assert not any(minute.flags & Quality.MOVED for minute in minutes)
+    for minute, same in zip(minutes, still, strict=True):
+        assert minute.temperature_k == same.temperature_k  # the very pixels that were drawn
 
 
 @pytest.mark.parametrize("model", ["learned", "full"])
-def test_frames_that_moved_change_no_slope(yard, model):
+def test_frames_in_which_regions_are_lost_change_no_slope(yard, model):
     samples = replace(yard, noise_k=0.05).samples(30)
     moved = range(12, 20)
     shifted = [
-        s._replace(counts=np.roll(s.counts, (4, 6), (0, 1)))
+        s._replace(counts=np.roll(s.counts, (10, 30), (0, 1)))
         if isinstance(s, Frame) and (s.time_ns - yard.start_ns) // MINUTE_NS in moved
         else s
         for s in samples
     ]
     settings = EstimatorSettings(model=model, azimuth="known")
-    found, expected = (by_name(run(yard, given, settings)[-1]) for given in (shifted, samples))
+    minutes, still = (run(yard, given, settings) for given in (shifted, samples))
+    assert [n for n, minute in enumerate(minutes) if minute.flags & Quality.MOVED] == list(moved)
+    phases = [one.data["phase"] for minute in minutes for one in minute.events if one.kind is EventKind.MOVED]
+    assert phases == ["lost", "corrected"]
+    found, expected = by_name(minutes[-1]), by_name(still[-1])
     for name, slope in found.items():
         assert slope.tilt_deg == pytest.approx(expected[name].tilt_deg, abs=0.5)
 

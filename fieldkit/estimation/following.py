@@ -1,0 +1,170 @@
+"""A camera that moves: by how much each frame is shifted against the one in which the regions were drawn.
+
+Shifts come from the edges in the frames (Kuglin and Hines, "The phase correlation image alignment method",
+1975): regions warm and cool through the day, their edges stay. Every frame is compared with one frame, the
+key, so errors do not add up; only where its edges have faded the last one that was followed becomes the key.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+CLEAR_PEAK = 8.0
+"""Height of the correlation peak over the rest that makes a shift credible, in standard deviations."""
+FADED_PEAK = 12.0
+"""Height below which the last frame becomes the key."""
+FARTHEST_STEP = 0.1
+"""Largest shift from one frame to the next that is followed, as a share of the frame's width."""
+MOST_COLUMNS = 320
+"""Frames wider than this are compared at a half, a third …: ten of 640x512 in a second cost 2 % of a core."""
+DRAWN_ON = 10
+"""Frames whose mean place is that of the regions: a camera that shakes shows each of them elsewhere."""
+SHAKE_PX = 5.0
+"""A larger shift among these is a kick."""
+_BLUR_PX = 1.0  # without it the pattern of the detector, which does not move, holds the shift back
+Spectrum = NDArray[np.complexfloating[Any, Any]]
+
+
+class Shift(NamedTuple):
+    """Pixels by which the content of a frame lies to the right and below where it was."""
+
+    right_px: float = 0.0
+    down_px: float = 0.0
+
+    @property
+    def length_px(self) -> float:
+        """Its length in pixels."""
+        return float(np.hypot(*self))
+
+    def since(self, other: Shift) -> Shift:
+        """The shift from where another one led to."""
+        return Shift(self.right_px - other.right_px, self.down_px - other.down_px)
+
+
+@dataclass(frozen=True, slots=True)
+class _Match:
+    shift: Shift
+    peak: float
+
+    @property
+    def is_clear(self) -> bool:
+        return self.peak >= CLEAR_PEAK
+
+
+class FrameFollower:
+    """Follows the content of one camera's frames, in order of time, from the first one given."""
+
+    def __init__(self) -> None:
+        self._key: Spectrum | None = None
+        self._key_at = Shift()
+        self._last: Spectrum | None = None
+        self._at = Shift()
+        self._is_clear = False
+        self._is_lost = False
+
+    def update(self, counts: NDArray[np.integer[Any]]) -> Shift | None:
+        """The shift of a frame (rows, cols); None where it cannot be followed.
+
+        A frame without edges to compare says nothing: it counts as where the one before was.
+        """
+        scale = -(-counts.shape[1] // MOST_COLUMNS)
+        now, shape = _spectrum(counts, scale)
+        if self._key is None or self._last is None:
+            self._key = self._last = now
+            return Shift()
+        found = _match(self._key, now, shape, scale, self._key_at)
+        if found.peak < FADED_PEAK and not self._is_lost:
+            step = _match(self._last, now, shape, scale, self._at)
+            if step.peak > found.peak:
+                self._key, self._key_at, found = self._last, self._at, step
+        return self._follow(found, now, FARTHEST_STEP * counts.shape[1])
+
+    def _follow(self, found: _Match, now: Spectrum, farthest_px: float) -> Shift | None:
+        if not found.is_clear and not self._is_clear:
+            self._last = now
+            return self._at
+        self._is_lost = not found.is_clear or found.shift.since(self._at).length_px > farthest_px
+        if self._is_lost:
+            return None
+        self._at, self._last, self._is_clear = found.shift, now, True
+        return self._at
+
+
+def _spectrum(counts: NDArray[np.integer[Any]], scale: int) -> tuple[Spectrum, tuple[int, int]]:
+    """Of the root of the gradient, faded out towards the border (else the border itself is matched)."""
+    rows, cols = counts.shape[0] // scale, counts.shape[1] // scale
+    # 16 bits would cost digits of small contrasts
+    small = cv2.resize(counts.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
+    smooth = cv2.GaussianBlur(small, (0, 0), _BLUR_PX)
+    right, down = (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=1) for axis in ((1, 0), (0, 1)))
+    steepness = cv2.sqrt(cv2.magnitude(right, down))
+    return np.asarray(fft.rfft2((steepness - steepness.mean()) * _fade(rows, cols))), (rows, cols)
+
+
+@lru_cache(maxsize=4)
+def _fade(rows: int, cols: int) -> NDArray[np.float32]:
+    return np.outer(np.hanning(rows), np.hanning(cols)).astype(np.float32)
+
+
+def _match(key: Spectrum, now: Spectrum, shape: tuple[int, int], scale: int, key_at: Shift) -> _Match:
+    """Where the content of the key lies now."""
+    cross = key.conj() * now
+    # divided by the root of its magnitude: pure phase would weight noise as much as edges
+    surface = fft.irfft2(cross / np.sqrt(np.abs(cross) + np.float32(1e-30)), s=shape)
+    row, col = (int(one) for one in np.unravel_index(int(np.argmax(surface)), shape))
+    spread = float(surface.std())
+    peak = float(surface[row, col] - surface.mean()) / spread if spread > 0.0 else 0.0
+    right, down = _centred(surface[row], col), _centred(surface[:, col], row)
+    return _Match(Shift(key_at.right_px + right * scale, key_at.down_px + down * scale), peak)
+
+
+def _centred(line: NDArray[np.floating[Any]], at: int) -> float:
+    """Peak position on a line, refined by a parabola, as a signed shift."""
+    left, middle, right = (float(line[(at + step) % line.size]) for step in (-1, 0, 1))
+    bend = left - 2.0 * middle + right
+    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return (at + offset + line.size / 2.0) % line.size - line.size / 2.0
+
+
+class RegionFollower:
+    """Where regions lie in each frame: each was drawn on the mean of its first `DRAWN_ON` frames."""
+
+    def __init__(self) -> None:
+        self._frames = FrameFollower()
+        self._drawn: dict[int, list[Shift]] = {}
+        self.shift_px = 0.0
+        """How far the last frame that was followed lies off the first region's. [pixels]"""
+
+    def update(
+        self, counts: NDArray[np.integer[Any]], columns: NDArray[np.int64]
+    ) -> NDArray[np.int64] | None:
+        """Whole pixels to the right and down by which the regions of some columns moved, (columns, 2).
+
+        None where they cannot be found in this frame (rows, cols). If all are redrawn, following begins anew.
+        """
+        if not columns.size:
+            return np.zeros((0, 2), np.int64)
+        drawn = [int(column) for column in columns]
+        if not self._drawn.keys() & drawn:
+            self._frames, self._drawn = FrameFollower(), {}
+        now = self._frames.update(counts)
+        if now is None:
+            return None
+        off = [now.since(self._drawn_at(column, now)) for column in drawn]
+        self.shift_px = off[0].length_px
+        return np.array([[round(one.right_px), round(one.down_px)] for one in off], np.int64)
+
+    def _drawn_at(self, column: int, now: Shift) -> Shift:
+        first = self._drawn.setdefault(column, [])
+        is_shake = not first or now.since(first[0]).length_px < SHAKE_PX
+        if len(first) < DRAWN_ON and is_shake:
+            first.append(now)
+        right, down = np.mean(first, axis=0)
+        return Shift(float(right), float(down))

@@ -1,0 +1,46 @@
+"""How a simulated camera moves: it drifts, pans, shakes and is kicked; what lies before it stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from fieldkit.physics.facet import FloatArray
+
+FOCAL_PX = 147.0
+"""Of 160 pixels over 57 degrees, the FLIR Lepton's field of view (datasheet 500-0726-01)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Movement of a camera over a scene, from none at its start.
+
+    Attributes
+    ----------
+    drift_px
+        Shift of the frame's content right and down at the end, growing evenly. [pixels]
+    pan_deg
+        Turn to the left at the end, growing evenly: content moves to the right. [degrees]
+    jitter_px
+        Largest shift of single frames, in x and in y; every one up to it is as likely. [pixels]
+    jump_px, jump_at
+        Shift right and down from a share of the scene's duration on. [pixels], [-]
+    """
+
+    drift_px: tuple[float, float] = (0.0, 0.0)
+    pan_deg: float = 0.0
+    jitter_px: float = 0.0
+    jump_px: tuple[float, float] = (0.0, 0.0)
+    jump_at: float = 0.5
+
+    def homography(self, share: float, random: np.random.Generator) -> FloatArray:
+        """Where content lies that was at x, y, 1 at the start, (3, 3), after a share of the scene."""
+        shift = share * np.asarray(self.drift_px) + self.jitter_px * random.uniform(-1.0, 1.0, 2)
+        if share >= self.jump_at:
+            shift = shift + self.jump_px
+        turn = cv2.Rodrigues(np.array([0.0, np.radians(share * self.pan_deg), 0.0]))[0]
+        centre = np.array([[FOCAL_PX, 0.0, 79.5], [0.0, FOCAL_PX, 59.5], [0.0, 0.0, 1.0]])
+        moved = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
+        return np.asarray(moved @ centre @ turn @ np.linalg.inv(centre))

@@ -1,0 +1,67 @@
+"""Sessions of a simulated camera that moves, from its bytes to slopes, against the same field at rest."""
+
+import numpy as np
+import pytest
+
+from fieldkit.config import FILE_NAME, load_config
+from fieldkit.config.template import SIMULATED
+from fieldkit.model.samples import EventKind, Quality
+from fieldkit.sessions.reader import open_session
+from fieldkit.workflows.campaign import create_campaign
+from fieldkit.workflows.estimate import estimate
+from fieldkit.workflows.record import prepare
+
+MOVING = ("simulation.drift_px=[-6.0, 8.0]", "simulation.pan_deg=3.0", "simulation.jitter_px=2.0")
+
+
+def recorded(folder, minutes, *settings):
+    create_campaign(folder, SIMULATED)
+    paper = ("simulation.speed=max", 'estimator.model="paper"', 'estimator.azimuth="known"')
+    with prepare(
+        load_config(folder / FILE_NAME, settings=[*paper, *settings]), duration_s=60.0 * minutes
+    ) as ready:
+        done = ready.run()
+    assert done.summary.failure is None
+    return done.path
+
+
+@pytest.fixture(scope="module", params=[40, pytest.param(180, marks=pytest.mark.slow)])
+def sessions(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("moving")
+    return [
+        recorded(folder / name, request.param, *settings)
+        for name, settings in (("rest", ()), ("moves", MOVING))
+    ]
+
+
+def test_drift_pan_and_jitter_change_slopes_by_less_than_a_tenth_of_a_degree(sessions):
+    rest, moves = (estimate(path).final for path in sessions)
+    for name, slope in moves.items():
+        assert slope.tilt_deg == pytest.approx(rest[name].tilt_deg, abs=0.1)
+
+
+def test_a_session_at_rest_reports_no_movement_and_one_that_moves_its_correction(sessions):
+    reported = []
+    for path in sessions:
+        with open_session(path) as session:
+            reported.append([one for one in session.events() if one.kind is EventKind.MOVED])
+    assert not reported[0]
+    assert {one.data["phase"] for one in reported[1]} == {"corrected"}
+
+
+def test_estimates_of_a_moving_camera_are_those_made_live(sessions):
+    again = [one.tilt_deg for one in estimate(sessions[1])]
+    with open_session(sessions[1]) as session:
+        live = [one.tilt_deg for one in session.estimates()]
+    assert len(live) == len(again) > 0
+    assert np.allclose(live, again, rtol=0.0, atol=1e-9, equal_nan=True)
+
+
+def test_a_kick_of_40_pixels_is_lost_within_a_minute(tmp_path):
+    path = recorded(tmp_path / "kicked", 24, 'simulation.faults=["moved"]')
+    with open_session(path) as session:
+        events = [one for one in session.events() if one.kind is EventKind.MOVED]
+        kicked_ns = session.start_ns + 12 * 60 * 10**9
+    assert [one.data["phase"] for one in events] == ["lost", "corrected"]
+    assert 0 <= events[0].time_ns - kicked_ns <= 60 * 10**9
+    assert any(one.flags & Quality.MOVED for one in estimate(path)) or events
