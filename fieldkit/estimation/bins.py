@@ -278,7 +278,9 @@ class OpenBin:
 
     @property
     def time_ns(self) -> int:
-        """Mean time of the frames used, else the middle of the minute."""
+        """Mean time of the frames used, else of the last one that was lost, else the middle of the minute."""
+        if self.is_lost and self.last_frame is not None and not self.frame_sums.frames:
+            return self.last_frame.time_ns
         start, frames = self.minute * MINUTE_NS, self.frame_sums.frames
         return start + (self.frame_sums.offset_ns // frames if frames else MINUTE_NS // 2)
 

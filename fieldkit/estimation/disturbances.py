@@ -203,7 +203,7 @@ class DisturbanceMonitor:
         return entry
 
     def _movement(self, minute: OpenBin) -> Iterator[Event]:
-        """Events where regions are lost, are found again, or follow the camera by `MOVED_PX` more than ever."""
+        """Events where regions are lost, are found again, or followed by `MOVED_PX` more."""
         was_lost, self._is_lost = self._is_lost, minute.is_lost
         if minute.is_lost and not was_lost:
             text = "the camera moved too far to be followed: regions are lost, such minutes enter no slope"
