@@ -91,7 +91,7 @@ def frame_cost() -> list[Result]:
     frame = next(sample for sample in session(1) if isinstance(sample, Frame))
     outline, sums = RegionPixels(BEDS, SHAPE), RegionSums(len(BEDS))
     masks = [bed.mask(SHAPE) for bed in BEDS]
-    cost = _best(lambda: sums.add(*outline.sums(frame.counts), 0), 2000)
+    cost = _best(lambda: sums.add(outline, *outline.sums(frame.counts), 0), 2000)
     plain = _best(lambda: [(frame.counts[m].mean(), frame.counts[m].std()) for m in masks], 500)
     note = f"boolean masks, mean and std: {1e6 * plain / len(BEDS):.0f} µs"
     return [Result("one frame into one region", 1e6 * cost / len(BEDS), "µs", "≤ 20", note)]
