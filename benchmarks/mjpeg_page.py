@@ -36,7 +36,7 @@ def pictures() -> Iterator[bytes]:
 
 @app.route("/stream")
 def stream() -> Response:
-    """The pictures, for as long as somebody looks."""
+    """The pictures, for as long as the browser is connected."""
     return Response(pictures(), mimetype="multipart/x-mixed-replace; boundary=frame")
 
 

@@ -178,8 +178,8 @@ def _delays(browser: Browser, campaign: Path, port: int) -> list[Result]:
 def _clock_offset_ms(campaign: Path) -> float:
     """The clock of this computer minus that of the simulated field, by the fastest frame of a while.
 
-    They reach the follower of a recording here a little after the camera's time, so delays come out that
-    much too short.
+    Frames reach this follower of the recording a little after the camera's time, so delays come out too short
+    by as much.
     """
     (journal,) = (campaign / "recordings").glob("*.journal")
     reader, end = FeedReader(feed_path(journal)), time.monotonic() + DELAYS_S

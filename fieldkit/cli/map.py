@@ -81,7 +81,7 @@ def command(
     image viewer or a browser may keep them open; the recording is not disturbed.
 
     \b
-    Products, each with its standard uncertainty and NaN where there is no slope:
+    Products, NaN where there is no slope; all but ptilt with their standard uncertainty:
       slope     tilt from horizontal, degrees
       heading   azimuth of the surface normal, degrees
       rdir      slope along a drive (--drive-deg), positive uphill, degrees

@@ -43,14 +43,15 @@ def load_pose(path: Path) -> PoseFile:
     try:
         pose = PoseFile.model_validate(tomllib.loads(read_text(path)))
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"{path}: {key}: {first['msg']}", fix=f"correct {key} in {path}") from None
     if (pose.ground_m is None) == (pose.dem is None):
         raise ConfigError(
-            f"{path} needs either ground_m, the height of level ground, or dem, a GeoTIFF of heights"
+            f"{path} needs either ground_m, the height of level ground, or dem, a GeoTIFF of heights",
+            fix=f"give one of the two in {path}",
         )
     if pose.dem is None:
         return pose

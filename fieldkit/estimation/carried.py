@@ -15,9 +15,8 @@ from scipy.special import ndtri
 
 from fieldkit.estimation.learned.filters import gain_sd
 from fieldkit.estimation.learned.hypotheses import UNKNOWNS, hypotheses
-from fieldkit.estimation.learned.readout import NINETY_SDS
 from fieldkit.estimation.settings import EstimatorSettings
-from fieldkit.model.learnt import Learnt, LearntParameter
+from fieldkit.model.learnt import NINETY_SDS, Learnt, LearntParameter
 
 DAY_TO_DAY: Mapping[str, float] = {"gain": 0.03, "thermal_inertia": 0.08, "depth": 0.06}
 """Relative changes from one day to the next, as standard deviations.

@@ -31,7 +31,7 @@ from fieldkit.estimation.methods import kelvin_per_degree
 from fieldkit.estimation.region_temperatures import remove_offsets
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.estimation.slopes import slopes
-from fieldkit.model.learnt import Learnt
+from fieldkit.model.learnt import NINETY_SDS, Learnt
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region, RegionKind
@@ -294,7 +294,7 @@ class _Group:
                 known = found.sd_if_known(name, f"tilt{other}", KNOWN_BED_SD_DEG)
                 offers["one known bed"] = min(known, offers.get("one known bed", math.inf))
         best = min(offers, key=lambda offer: offers[offer])
-        return f"{best}: ±{1.645 * sd:.1f} → ±{1.645 * offers[best]:.1f}°"
+        return f"{best}: ±{NINETY_SDS * sd:.1f} → ±{NINETY_SDS * offers[best]:.1f}°"
 
     def learnt(self) -> Learnt | None:
         """What was learnt by now; None before the first minute."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+NINETY_SDS = 1.645
+"""Half the width of a 90 % interval of a normal distribution, in standard deviations."""
+
 
 @dataclass(frozen=True, slots=True)
 class LearntParameter:
@@ -31,6 +34,11 @@ class LearntParameter:
     low: float
     high: float
     share_of_prior: float
+
+    @property
+    def sd(self) -> float:
+        """Standard uncertainty given the data, in `unit`, as of a normal distribution with this interval."""
+        return (self.high - self.low) / (2.0 * NINETY_SDS)
 
 
 @dataclass(frozen=True, slots=True)

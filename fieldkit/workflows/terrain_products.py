@@ -1,4 +1,4 @@
-"""Products of a slope map as a rover's planner takes them, each with its standard uncertainty.
+"""Products of a slope map as a rover's planner takes them; all but the risks with their standard uncertainty.
 
 Definitions: `physics.terrain`; risk and uncertainty: `estimation.pixel_posterior`.
 
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 NAMES = ("slope", "heading", "rdir", "ntilt", "solar", "uvw", "ptilt", "inertia")
 SUN_STEP_NS = 10 * MINUTE_NS
 TABLE_SIZE = 201
-NINETY_PERCENT_SDS = 3.29
-"""Width of a 90 % interval in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,6 +218,6 @@ def _inertia(found: MappedSession) -> Layer:
     inside &= np.isfinite(found.slopes.tilt_deg)
     values, sd = (
         np.where(inside, number, np.nan).astype(np.float32)
-        for number in (learnt.value, (learnt.high - learnt.low) / NINETY_PERCENT_SDS)
+        for number in (learnt.value, learnt.sd)
     )
     return Layer("inertia", "thermal inertia of the regions' material", "J m-2 K-1 s-0.5", values, sd)

@@ -9,8 +9,6 @@ from fieldkit.estimation.learned.inputs import sky_longwave
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.learnt import Learnt
 
-NINETY_SDS = 1.645
-
 
 def learnt_settings(
     settings: EstimatorSettings, learnt: Learnt, air_k: float = math.nan
@@ -29,7 +27,7 @@ def learnt_settings(
         settings,
         model="full",
         scale=gain.value,
-        scale_sd=(gain.high - gain.low) / (2.0 * NINETY_SDS),
+        scale_sd=gain.sd,
         surface=replace(surface, exchange_m_s=found["exchange"].value / per_m_s),
         slab=replace(
             settings.slab,

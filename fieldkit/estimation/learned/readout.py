@@ -17,13 +17,12 @@ from fieldkit.estimation.learned.hypotheses import depths_m
 from fieldkit.estimation.learned.learner import Learner, Posterior
 from fieldkit.estimation.learned.normals import UnitNormals, places_of_normals, tangent_basis
 from fieldkit.estimation.likelihood import LikelihoodRegion, project
-from fieldkit.model.learnt import LearntParameter
+from fieldkit.model.learnt import NINETY_SDS, LearntParameter
 from fieldkit.physics.facet import VERTICAL, FloatArray, angle_between_deg, normal, tilt_azimuth
 
 POINTS = 32
 """Points for each hypothesis and branch."""
 NINETY = 0.90
-NINETY_SDS = 1.645
 LEAST_SHARE = 0.05
 """Probability from which a second branch is reported."""
 _LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]

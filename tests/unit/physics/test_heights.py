@@ -64,7 +64,7 @@ def test_ground_that_is_not_seen_is_left_out_and_bridged_by_nothing():
 
 
 def test_normals_that_no_surface_has_are_told():
-    # a field that turns about a point has no potential: its curl is 2 s, here 2 x 0.2
+    # a field that turns about a point has no potential: its curl is twice the turn, here 2 x 0.02
     towards_east, towards_north = np.zeros((2, SIDE, SIDE))
     patch = np.s_[80:120, 80:120]
     towards_east[patch] = -0.02 * (NORTH[patch] - NORTH[100, 100])
