@@ -216,8 +216,5 @@ def _inertia(found: MappedSession) -> Layer:
     for region in found.regions:
         inside |= region.mask((rows, cols))
     inside &= np.isfinite(found.slopes.tilt_deg)
-    values, sd = (
-        np.where(inside, number, np.nan).astype(np.float32)
-        for number in (learnt.value, learnt.sd)
-    )
+    values, sd = (np.where(inside, number, np.nan).astype(np.float32) for number in (learnt.value, learnt.sd))
     return Layer("inertia", "thermal inertia of the regions' material", "J m-2 K-1 s-0.5", values, sd)
