@@ -54,6 +54,7 @@ OTHER = {
     "longwave_down_w_m2": 200.0,
     "diffuse_fraction": 0.4,
     "prior": Prior(gain_sd=0.2),
+    "body": "mars",
 }
 """For every setting another value; those of contours and of the full model bring these along."""
 
