@@ -21,6 +21,7 @@ from pydantic import ValidationError
 
 from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
+from fieldkit.config.horizon import with_horizons
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
 from fieldkit.config.toml_schema import Tables
 from fieldkit.config.validation import (
@@ -178,6 +179,7 @@ class _Document:
         `more` are additional checks for configurations of campaigns.
         """
         values, mistakes = resolve(self.values, path)
+        mistakes += with_horizons(values, path)
         tables, reported = None, {mistake.path for mistake in mistakes}
         try:
             tables = Tables.model_validate(values)

@@ -22,6 +22,7 @@ Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+HorizonPoint = tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]]
 
 Fault = Literal[
     "cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock",
@@ -66,6 +67,10 @@ class SiteTable(Table):
         default="earth", description="the world; latitude and longitude are planetographic, east positive"
     )
     timezone: str = Field(default="UTC", description="IANA name such as Asia/Tokyo; only for display")
+    horizon: list[HorizonPoint] = Field(
+        default=[],
+        description="pairs [azimuth, elevation] in degrees, or a CSV file of them, beside this file",
+    )
 
 
 class DeviceTable(Table):
@@ -501,6 +506,9 @@ class RegionTable(Table):
     probes: list[Probe] = Field(
         default=[],
         description='contact thermometers in it, as "stream:channel", such as ["thermometer:T1"]',
+    )
+    horizon: list[HorizonPoint] = Field(
+        default=[], description="its own horizon instead of the site's: pairs or a CSV file"
     )
 
 

@@ -24,6 +24,8 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.units import SECOND_NS
+from fieldkit.physics.horizon import is_below_horizon
+from fieldkit.model.units import SECOND_NS
 
 SUDDEN_CHANGE = 0.15
 SUDDEN_S = 120.0
@@ -87,7 +89,8 @@ class DisturbanceMonitor:
         jump = self._reference.update(entry.minute, reference_k)
         if jump is not None:
             events.append(_jump_event(jump, minute, bool(entry.flags & Quality.CLOUD)))
-        entry = self._shades(entry, reference_k, minute, events, is_last)
+        below = self._below_horizon(entry, settings)
+        entry = self._shades(entry, reference_k, minute, events, below, is_last=is_last)
         events += self._drifts(entry, reference_k, end_of(minute))
         return self._frames(entry, minute, events), events
 
@@ -121,13 +124,20 @@ class DisturbanceMonitor:
         return events
 
     def _shades(
-        self, entry: MinuteBin, reference_k: float, minute: OpenBin, events: list[Event], is_last: bool
+        self,
+        entry: MinuteBin,
+        reference_k: float,
+        minute: OpenBin,
+        events: list[Event],
+        below: set[int],
+        *,
+        is_last: bool,
     ) -> MinuteBin:
         ended = self._tests.update(entry.minute, entry.temperature_k, self._light.cloudy)
         marked = self._marks.tests(entry.minute, self._schedule, is_last=is_last)
         tested = self._tests.columns | {test.column for test in (*ended, *(set(marked) ^ self._marked))}
         self._marked = set(marked)
-        slow = self._slow_shades(entry, reference_k, tested)
+        slow = self._slow_shades(entry, reference_k, tested | below) | below
         shaded, reflagged = self._minutes.update(entry.minute, self._tests.shaded, slow, marked)
         events += self._shade_events(shaded, ended, end_of(minute))
         flags = [
@@ -135,6 +145,18 @@ class DisturbanceMonitor:
             for column, flag in enumerate(entry.region_flags)
         ]
         return replace(entry, region_flags=tuple(flags), reflagged=reflagged)
+
+    def _below_horizon(self, entry: MinuteBin, settings: EstimatorSettings) -> set[int]:
+        """Regions whose horizon hides the sun; below the level horizon none is shaded alone."""
+        if entry.sun[2] <= 0.0:
+            return set()
+        return {
+            column
+            for column in (*self._references, *self._shade)
+            if is_below_horizon(
+                settings.horizons.get(self._schedule.columns[column].name, settings.horizon), entry.sun
+            )
+        }
 
     def _slow_shades(self, entry: MinuteBin, reference_k: float, tested: set[int]) -> set[int]:
         """Targets that have cooled against the reference, apart from regions in a shade test."""

@@ -8,6 +8,7 @@ from typing import Literal
 
 from fieldkit.estimation.prior import Prior
 from fieldkit.physics.energy_balance import SurfaceParameters
+from fieldkit.physics.horizon import Horizon
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
 
@@ -35,6 +36,8 @@ class EstimatorSettings:
         Components of radiation by stream, where the streams do not declare them (`fieldkit.model.radiation`).
     probes
         Contact thermometers in each region, by its name: ``STREAM:CHANNEL``, the channel by name or number.
+    horizon, horizons
+        Pairs of azimuth and elevation: of the site, and by name of regions with one of their own. [degrees]
     method, model
         How rows are solved, with the models ``paper`` and ``full``; what is assumed of surface, air and sky.
     window_s
@@ -89,6 +92,8 @@ class EstimatorSettings:
     light_stream: str = ""
     measures: Mapping[str, str] = field(default_factory=dict)
     probes: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    horizon: Horizon = ()
+    horizons: Mapping[str, Horizon] = field(default_factory=dict)
     method: Method = "unit-norm"
     model: Model = "learned"
     window_s: float | None = None

@@ -95,7 +95,8 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that the minute bins depend on, everything else at its default.
 
     From counts to surface temperature (emissivity, reflected temperature), from light readings
-    to DNI (streams, irradiance model, refraction), probes, and what flags a minute (low sun, settling).
+    to DNI (streams, irradiance model, refraction), probes, and what flags a minute (low sun, settling,
+    horizons).
     """
     return EstimatorSettings(
         surface=SurfaceParameters(emissivity=settings.surface.emissivity),
@@ -103,6 +104,8 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
         light_stream=settings.light_stream,
         measures=settings.measures,
         probes=settings.probes,
+        horizon=settings.horizon,
+        horizons=settings.horizons,
         refraction=settings.refraction,
         reflected_temperature_k=settings.reflected_temperature_k,
         low_sun_deg=settings.low_sun_deg,

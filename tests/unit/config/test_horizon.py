@@ -1,0 +1,27 @@
+"""The horizon's file in the configuration."""
+
+from pathlib import Path
+
+import pytest
+
+from fieldkit.config.horizon import load_horizon, with_horizons
+from fieldkit.model.errors import ConfigError
+
+
+def test_a_file_becomes_its_pairs(tmp_path: Path) -> None:
+    (tmp_path / "ridge.csv").write_text("azimuth_deg,elevation_deg\n0,5\n90,12.5\n", encoding="utf-8")
+    values = {"region": [{"name": "b15", "horizon": "ridge.csv"}]}
+    assert with_horizons(values, tmp_path / "fieldkit.toml") == []
+    assert values["region"][0]["horizon"] == [[0.0, 5.0], [90.0, 12.5]]
+
+
+@pytest.mark.parametrize("rows", ["", "0,5\n360,5\n", "0,nan\n", "0\n", "400,5\n", "0,90\n"])
+def test_a_bad_file_is_named(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "ridge.csv").write_text("azimuth_deg,elevation_deg\n" + rows, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"ridge\.csv"):
+        load_horizon(tmp_path / "ridge.csv")
+
+
+def test_a_missing_file_is_a_mistake_of_its_key(tmp_path: Path) -> None:
+    (mistake,) = with_horizons({"site": {"horizon": "none.csv"}}, tmp_path / "fieldkit.toml")
+    assert mistake.path == ("site", "horizon")
