@@ -142,7 +142,7 @@ class Config:
             light_stream=self.tables.irradiance.stream,
             measures=self.tables.irradiance.measures,
             probes={region.name: tuple(region.probes) for region in self.tables.region if region.probes},
-            horizon=tuple(self.tables.site.horizon) if self.tables.site else (),
+            horizon=tuple(self.tables.site.horizon),
             horizons={region.name: tuple(region.horizon) for region in self.tables.region if region.horizon},
             reflected_temperature_k=self.tables.surface.reflected_temperature_c + CELSIUS_ZERO_K,
             offsets_k={region.name: region.offset_k for region in self.tables.region if region.offset_k},

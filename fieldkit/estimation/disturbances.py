@@ -25,7 +25,6 @@ from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Se
 from fieldkit.model.site import RegionKind
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.horizon import is_below_horizon
-from fieldkit.model.units import SECOND_NS
 
 SUDDEN_CHANGE = 0.15
 SUDDEN_S = 120.0

@@ -28,7 +28,7 @@ def horizon_elevation(horizon: Horizon, azimuth_deg: ArrayLike) -> FloatArray:
     Shape of `azimuth_deg`. [degrees]
     """
     azimuths, elevations = np.array(horizon, np.float64).reshape(-1, 2).T
-    return np.asarray(np.interp(azimuth_deg, azimuths, elevations, period=360.0))
+    return np.asarray(np.interp(np.asarray(azimuth_deg, np.float64), azimuths, elevations, period=360.0))
 
 
 def is_below_horizon(horizon: Horizon, sun: ArrayLike) -> NDArray[np.bool_]:

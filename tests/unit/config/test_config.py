@@ -64,6 +64,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         + "".join(f"{name} = {value / 2}\n" for name, value in asdict(Prior()).items())
         + '[[region]]\nname = "flat"\nkind = "reference"\noffset_k = -0.2\n'
         'emissivity = 0.93\nemissivity_sd = 0.03\nprobes = ["thermometer:T1", "logger:2"]\n'
+        "horizon = [[0, 5], [90, 12.5]]\n"
         "points_px = [[0, 0], [1, 0], [1, 1]]\n"
     ).estimator_settings()
     assert given == EstimatorSettings(
@@ -72,6 +73,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
         light_stream="sun",
         measures={"sun": "ghi"},
         probes={"flat": ("thermometer:T1", "logger:2")},
+        horizons={"flat": ((0.0, 5.0), (90.0, 12.5))},
         method="contours",
         model="full",
         window_s=900.0,
@@ -105,7 +107,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
     )
     default = EstimatorSettings()
     alike = [f.name for f in fields(given) if getattr(given, f.name) == getattr(default, f.name)]
-    assert alike == ["body"]  # it comes with the site
+    assert alike == ["horizon", "body"]  # they come with the site
 
 
 def test_site_and_regions_speak_the_language_of_the_other_rooms(config):
