@@ -22,7 +22,7 @@ Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
-HorizonPoint = tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]]
+HorizonPoint = Annotated[tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]], Field(strict=False)]
 
 Fault = Literal[
     "cloud", "cable", "shutter", "frozen", "garbled", "disk", "clock",

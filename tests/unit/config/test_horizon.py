@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from fieldkit.config.horizon import load_horizon, with_horizons
+from fieldkit.config.load import load_config
 from fieldkit.model.errors import ConfigError
 
 
@@ -25,3 +26,14 @@ def test_a_bad_file_is_named(tmp_path: Path, rows: str) -> None:
 def test_a_missing_file_is_a_mistake_of_its_key(tmp_path: Path) -> None:
     (mistake,) = with_horizons({"site": {"horizon": "none.csv"}}, tmp_path / "fieldkit.toml")
     assert mistake.path == ("site", "horizon")
+
+
+def test_pairs_in_the_configuration_are_checked(tmp_path: Path) -> None:
+    site = "[site]\nlatitude_deg = 0.0\nlongitude_deg = 0.0\nhorizon = "
+    file = tmp_path / "fieldkit.toml"
+    file.write_text(f"{site}[[0, 5], [90, 12.5]]\n", encoding="utf-8")
+    assert load_config(file, environment={}).estimator_settings().horizon == ((0.0, 5.0), (90.0, 12.5))
+    for pairs in ("[[0, 95]]", "[[400, 5]]", "[[0]]", "3"):
+        file.write_text(f"{site}{pairs}\n", encoding="utf-8")
+        with pytest.raises(ConfigError, match=r"site\.horizon"):
+            load_config(file, environment={})

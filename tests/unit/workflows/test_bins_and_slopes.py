@@ -23,6 +23,8 @@ OTHER = {
     "light_stream": "lux",
     "measures": {"sun": "ghi"},
     "probes": {"b15": ("thermometer:T2", "thermometer:3")},
+    "horizon": ((0.0, 40.0),),
+    "horizons": {"b15": ((0.0, 30.0), (240.0, 40.0))},
     "irradiance": IrradianceModel(par_fraction=0.5, diffuse="none"),
     "method": "posterior",
     "model": "full",
