@@ -94,7 +94,7 @@ class Config:
     @property
     def site(self) -> Site:
         """Where the beds stand."""
-        return Site(**self.tables.site.model_dump())
+        return Site(**self.tables.site.model_dump(exclude={"horizon"}))
 
     @property
     def regions(self) -> tuple[Region, ...]:
