@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 
 from fieldkit.cli import main
 from fieldkit.estimation.estimator import Estimator
+from fieldkit.estimation.following import RegionFollower
 from fieldkit.model.samples import Event, EventKind, Health, Severity
 from fieldkit.sessions.layout import journal_path
 from fieldkit.sessions.lock import is_locked
@@ -71,9 +72,12 @@ def is_whole(counts: dict[str, int]) -> bool:
     return counts["camera"] == 3 * BURSTS_OF_3 and all(abs(count - LENGTH_S) <= 1 for count in meters)
 
 
-@pytest.mark.parametrize(("method", "at"), [("collect", 100), ("minute", 1)])
+@pytest.mark.parametrize(
+    ("part", "method", "at"),
+    [(Estimator, "collect", 100), (Estimator, "minute", 1), (RegionFollower, "update", 2)],
+)
 def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch, method: str, at: int
+    campaign: Path, monkeypatch: pytest.MonkeyPatch, part: type, method: str, at: int
 ) -> None:
     failures = []
 
@@ -81,7 +85,7 @@ def test_an_estimator_that_fails_is_left_out_once_and_the_recording_goes_on(
         failures.append(1)
         raise ZeroDivisionError("no light at all")
 
-    monkeypatch.setattr(Estimator, method, after(at, fail, getattr(Estimator, method)))
+    monkeypatch.setattr(part, method, after(at, fail, getattr(part, method)))
     done = record(campaign)
     assert done.exit_code == 0, done.output
     counts, events = stored(the_session(campaign))

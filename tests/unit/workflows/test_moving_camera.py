@@ -34,8 +34,9 @@ def sessions(request, tmp_path_factory):
     ]
 
 
-def test_drift_pan_and_jitter_change_slopes_by_less_than_a_tenth_of_a_degree(sessions):
-    rest, moves = (estimate(path).final for path in sessions)
+@pytest.mark.parametrize("model", ["paper", pytest.param("learned", marks=pytest.mark.slow)])
+def test_drift_pan_and_jitter_change_slopes_by_less_than_a_tenth_of_a_degree(sessions, model):
+    rest, moves = (estimate(path, model=model).final for path in sessions)
     for name, slope in moves.items():
         assert slope.tilt_deg == pytest.approx(rest[name].tilt_deg, abs=0.1)
 
