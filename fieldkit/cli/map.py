@@ -166,8 +166,9 @@ def _write(
     layers = found.products(wanted) if wanted is not None else []
     if pose is None:
         return found.write(base, layers)
-    from fieldkit.workflows.on_ground import ground_view, load_pose, write_on_ground
+    from fieldkit.workflows.on_ground import ground_view, load_pose, require_still, write_on_ground
 
+    require_still(found)
     rows, cols = found.slopes.state.shape
     view = ground_view(load_pose(pose), (rows, cols), cell_m)
     on_ground = write_on_ground(base, view, layers, found.slopes, found.end_ns)

@@ -5,15 +5,21 @@ It is not part of ``fieldkit.toml``: a pose is often surveyed after the recordin
 
 from __future__ import annotations
 
+import math
 import tomllib
 from pathlib import Path
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
 from fieldkit.config.load import read_text
 from fieldkit.config.toml_schema import Table
 from fieldkit.model.errors import ConfigError
-from fieldkit.physics.camera_geometry import Camera
+from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion
+
+ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
+UNIT_WITHIN = 1e-3
+"""How far the length of a quaternion may be off one: three digits of each component."""
 
 
 class PoseFile(Table):
@@ -27,6 +33,7 @@ class PoseFile(Table):
     pitch_deg: float = Field(ge=-90, le=90)
     roll_deg: float = Field(default=0.0, ge=-180, le=180)
     hfov_deg: float = Field(gt=0, lt=180)
+    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = None
     range_m: float = Field(gt=0, le=10_000)
     ground_m: float | None = None
     dem: str | None = None
@@ -35,13 +42,14 @@ class PoseFile(Table):
         """The camera in the axes of the grid, whose true north lies in a direction clockwise of its own."""
         place = (self.east_m, self.north_m, self.height_m)
         yaw = self.yaw_deg + true_north_deg
-        return Camera(place, yaw, self.pitch_deg, self.roll_deg, self.hfov_deg, shape)
+        lens = tuple(self.distortion or ())
+        return Camera(place, yaw, self.pitch_deg, self.roll_deg, self.hfov_deg, shape, lens)
 
 
 def load_pose(path: Path) -> PoseFile:
-    """Read a pose; ``dem`` becomes a path beside the file. Raises `ConfigError`."""
+    """Read a pose; ``dem`` becomes a path beside the file, ``quaternion`` angles. Raises `ConfigError`."""
     try:
-        pose = PoseFile.model_validate(tomllib.loads(read_text(path)))
+        pose = PoseFile.model_validate(_with_angles(tomllib.loads(read_text(path)), path))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
     except ValidationError as error:
@@ -56,3 +64,18 @@ def load_pose(path: Path) -> PoseFile:
     if pose.dem is None:
         return pose
     return pose.model_copy(update={"dem": str(path.parent / pose.dem)})
+
+
+def _with_angles(document: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The document with the angles of its quaternion, if it has one."""
+    if "quaternion" not in document:
+        return document
+    given = document.pop("quaternion")
+    fix = f"correct quaternion in {path}"
+    if angles := [name for name in ANGLES if name in document]:
+        raise ConfigError(f"{path} has both quaternion and {', '.join(angles)}", fix=f"keep one in {path}")
+    if not (isinstance(given, list) and len(given) == 4 and all(type(one) in (int, float) for one in given)):
+        raise ConfigError(f"{path}: quaternion: four numbers x, y, z, w are needed", fix=fix)
+    if not abs((length := math.hypot(*given)) - 1.0) <= UNIT_WITHIN:
+        raise ConfigError(f"{path}: quaternion: its length is {length:.4g}, not 1", fix=fix)
+    return document | dict(zip(ANGLES, angles_of_quaternion(given), strict=True))

@@ -1,7 +1,7 @@
 """From pixels to the ground and back: a pinhole camera with a pose, over a plane or a grid of heights.
 
-Axes are east, north, up, in metres. Pixel centres are at whole numbers, x to the right, y downwards. Lens
-distortion, refraction and the Earth's curvature are not here: at 100 m the latter is below a millimetre.
+Axes are east, north, up, in metres. Pixel centres are at whole numbers, x to the right, y downwards.
+Refraction and the Earth's curvature are not here: at 100 m the latter is below a millimetre.
 """
 
 from __future__ import annotations
@@ -10,13 +10,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from fieldkit.physics.facet import FloatArray
+
+_UNDISTORTING_STEPS = 50
+"""Of the fixed-point iteration: each at least halves the error of a lens that bends rays moderately."""
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """A pinhole camera.
+    """A pinhole camera, with the distortion of its lens.
 
     Attributes
     ----------
@@ -29,6 +33,12 @@ class Camera:
         Horizontal field of view, from edge to edge of the outermost pixels. [degrees]
     shape
         Rows and columns.
+    distortion
+        k1, k2, p1, p2, k3 in OpenCV's order; none for a lens without. [-]
+
+    References
+    ----------
+    D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37, 1971.
     """
 
     position_m: tuple[float, float, float]
@@ -37,6 +47,7 @@ class Camera:
     roll_deg: float
     hfov_deg: float
     shape: tuple[int, int]
+    distortion: tuple[float, ...] = ()
 
     @property
     def focal_px(self) -> float:
@@ -58,6 +69,10 @@ def rays(camera: Camera) -> FloatArray:
     """Unit vectors from the camera through its pixels, shape (rows, cols, 3)."""
     rows, cols = camera.shape
     x, y = np.meshgrid(np.arange(cols) - 0.5 * (cols - 1), np.arange(rows) - 0.5 * (rows - 1))
+    if camera.distortion:
+        x, y = (
+            camera.focal_px * one for one in _undistorted(camera, x / camera.focal_px, y / camera.focal_px)
+        )
     lines = np.stack([x, y, np.full(camera.shape, camera.focal_px)], axis=-1) @ camera.axes
     return np.asarray(lines / np.linalg.norm(lines, axis=-1, keepdims=True))
 
@@ -74,14 +89,60 @@ def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray
 
     Returns
     -------
-    x and y, shape (...) each, NaN behind the camera [pixels]; distance from the camera [m].
+    x and y, shape (...) each, NaN behind the camera and where the lens model folds back [pixels]; distance
+    from the camera [m].
     """
     away = np.asarray(points_m, np.float64) - camera.position_m
     right, down, forward = np.moveaxis(away @ camera.axes.T, -1, 0)
     scale = np.divide(camera.focal_px, forward, out=np.full(forward.shape, np.nan), where=forward > 0.0)
+    x, y = right * scale, down * scale
+    if camera.distortion:
+        x, y = (camera.focal_px * one for one in _distorted(camera, x / camera.focal_px, y / camera.focal_px))
     rows, cols = camera.shape
-    x, y = right * scale + 0.5 * (cols - 1), down * scale + 0.5 * (rows - 1)
-    return x, y, np.linalg.norm(away, axis=-1)
+    return x + 0.5 * (cols - 1), y + 0.5 * (rows - 1), np.linalg.norm(away, axis=-1)
+
+
+def angles_of_quaternion(quaternion: ArrayLike) -> tuple[float, float, float]:
+    """Yaw, pitch and roll in degrees, as of a `Camera`, of the unit quaternion (x, y, z, w) of its axes.
+
+    It turns right, down, forward of the camera into east, north, up: the optical frame of ROS (REP 103).
+    """
+    right, _, forward = Rotation.from_quat(quaternion).as_matrix().T
+    yaw, pitch = np.arctan2(forward[0], forward[1]), np.arcsin(np.clip(forward[2], -1.0, 1.0))
+    level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
+    roll = np.arctan2(right @ np.cross(forward, level), right @ level)
+    return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
+
+
+def _radial(camera: Camera, square: FloatArray) -> FloatArray:
+    k1, k2, _, _, k3 = camera.distortion
+    return np.asarray(1.0 + square * (k1 + square * (k2 + square * k3)))
+
+
+def _tangential(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    _, _, p1, p2, _ = camera.distortion
+    square = x * x + y * y
+    across = p2 * (square + 2.0 * x * x) + 2.0 * p1 * x * y
+    return across, p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y
+
+
+def _distorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where the lens shows what a pinhole shows at x and y, in focal lengths from the axis."""
+    square = x * x + y * y
+    k1, k2, _, _, k3 = camera.distortion
+    grows = 1.0 + square * (3.0 * k1 + square * (5.0 * k2 + square * 7.0 * k3)) > 0.0
+    radial, (right, down) = np.where(grows, _radial(camera, square), np.nan), _tangential(camera, x, y)
+    return x * radial + right, y * radial + down
+
+
+def _undistorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The inverse of `_distorted`, by the fixed-point iteration of OpenCV."""
+    straight_x, straight_y = x, y
+    for _ in range(_UNDISTORTING_STEPS):
+        radial = _radial(camera, straight_x**2 + straight_y**2)
+        right, down = _tangential(camera, straight_x, straight_y)
+        straight_x, straight_y = (x - right) / radial, (y - down) / radial
+    return straight_x, straight_y
 
 
 @dataclass(frozen=True, slots=True)

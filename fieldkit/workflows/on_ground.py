@@ -30,11 +30,12 @@ from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.heights import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ply, ros2_maps
 
-__all__ = ["GroundView", "ground_view", "load_pose", "write_on_ground"]
+__all__ = ["GroundView", "ground_view", "load_pose", "require_still", "write_on_ground"]
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
+    from fieldkit.workflows.slope_map import MappedSession
     from fieldkit.workflows.terrain_products import Layer
 
 MOST_CELLS = 20_000_000
@@ -92,6 +93,16 @@ class GroundView:
         north = self.ground.north_m - cell * (np.arange(rows) + 0.5)
         points = np.stack([*np.meshgrid(east, north), self.ground.heights_m], axis=-1)
         return seen_by(self.camera, points, self.distances_m, cell)
+
+
+def require_still(found: MappedSession) -> None:
+    """Raise `NoAnswerError` for a map of a camera that moved: one pose cannot place its pixels."""
+    if found.has_moved:
+        raise NoAnswerError(
+            f"{found.path.name}: the camera moved within the window, and one pose cannot place its pixels on "
+            "the ground",
+            fix="choose another --window, in which it stood still, or omit --pose",
+        )
 
 
 def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:

@@ -128,14 +128,17 @@ class MappedSession:
         return _shares(self.slopes.state)
 
     @property
+    def has_moved(self) -> bool:
+        """Whether the frame moved within the window."""
+        return bool(self.flags & Quality.MOVED or self.smeared_px > MOVED_PX)
+
+    @property
     def notes(self) -> list[str]:
         """What was configured for regions and does not apply to pixels, and what spoils the map."""
         holds = {
             "the map leaves the azimuth free: only regions have a known one": self.settings.azimuth
             == "known",
-            "the frame moved within the window: edges are smeared; choose another --window": bool(
-                self.flags & Quality.MOVED or self.smeared_px > MOVED_PX
-            ),
+            "the frame moved within the window: edges are smeared; choose another --window": self.has_moved,
         }
         return [note for note, applies in holds.items() if applies]
 

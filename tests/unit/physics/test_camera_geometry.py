@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fieldkit.physics.camera_geometry import (
     Camera,
     Heights,
+    angles_of_quaternion,
     distances_to_ground_m,
     distances_to_plane_m,
     project,
@@ -88,3 +92,45 @@ def test_a_low_camera_does_not_see_behind_the_ridge(ground):
     before, behind = (np.array([500.0, north, float(terrain(500.0, north))]) for north in (234.0, 245.0))
     assert seen_by(low, before, away, 0.5)[2]
     assert not seen_by(low, behind, away, 0.5)[2]
+
+
+LENSES = [(-0.30, 0.12, 0.001, -0.002, -0.02), (0.08, 0.02, -0.003, 0.001, 0.0)]
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_distorting_lens_shows_points_where_opencv_projects_them(lens):
+    camera = replace(CAMERA, distortion=lens)
+    points = np.asarray(camera.position_m) + 9.0 * rays(CAMERA).reshape(-1, 3)
+    x, y, _ = project(camera, points)
+    focal = camera.focal_px
+    intrinsics = np.array([[focal, 0, 79.5], [0, focal, 59.5], [0, 0, 1.0]])
+    seen = (points - camera.position_m) @ camera.axes.T
+    expected = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), intrinsics, np.array(lens))[0].reshape(-1, 2)
+    assert np.column_stack([x, y]) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_the_ray_of_each_pixel_of_a_distorting_lens_leads_back_to_it(lens):
+    camera = replace(CAMERA, distortion=lens)
+    x, y, _ = project(camera, np.asarray(camera.position_m) + 30.0 * rays(camera))
+    assert x == pytest.approx(np.tile(np.arange(160.0), (120, 1)), abs=1e-6)
+    assert y == pytest.approx(np.tile(np.arange(120.0)[:, np.newaxis], (1, 160)), abs=1e-6)
+
+
+def test_what_lies_where_the_lens_model_folds_back_is_not_seen():
+    camera = replace(CAMERA, distortion=(-0.3, 0.0, 0.0, 0.0, 0.0))
+    right, _, forward = camera.axes
+    x, y, _ = project(camera, np.asarray(camera.position_m) + forward + 1.8 * right)
+    assert np.isnan([x, y]).all()
+
+
+@pytest.mark.parametrize("angles", [(20.0, -25.0, 4.0), (-170.0, 10.0, -95.0), (0.0, -90.0, 30.0)])
+def test_a_quaternion_has_the_angles_of_the_axes_that_it_turns(angles):
+    axes = Camera((0.0, 0.0, 0.0), *angles, 50.0, (3, 5)).axes
+    found = angles_of_quaternion(Rotation.from_matrix(axes.T).as_quat())
+    assert Camera((0.0, 0.0, 0.0), *found, 50.0, (3, 5)).axes == pytest.approx(axes, abs=1e-9)
+
+
+def test_the_quaternion_of_an_optical_frame_that_looks_east():
+    """ROS, REP 103: x right, y down, z forward, in a body with x forward, is (-0.5, 0.5, -0.5, 0.5)."""
+    assert angles_of_quaternion((-0.5, 0.5, -0.5, 0.5)) == pytest.approx((90.0, 0.0, 0.0), abs=1e-9)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from fieldkit.config.pose import load_pose
 from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.model.errors import ConfigError, NoAnswerError
 from fieldkit.physics.facet import tilt_azimuth
-from fieldkit.workflows.on_ground import ground_view, write_on_ground
+from fieldkit.workflows.on_ground import ground_view, require_still, write_on_ground
 from fieldkit.workflows.terrain_products import Layer
 
 rasterio = pytest.importorskip("rasterio")
@@ -137,3 +140,35 @@ def test_poses_that_lead_nowhere_say_why(tmp_path, dem, text, words):
     with pytest.raises((ConfigError, NoAnswerError)) as error:
         ground_view(load_pose(pose_file(tmp_path, text)), SHAPE)
     assert words in f"{error.value.message} {error.value.fix}"
+
+
+TURNED = POSE.replace("yaw_deg = 10.0\npitch_deg = -25.0\n", "") + "ground_m = 100.0\n"
+
+
+def test_a_pose_by_quaternion_is_the_same_as_by_angles(tmp_path):
+    """Level to the east in ROS's optical frame, REP 103."""
+    text = TURNED + "quaternion = [-0.5, 0.5, -0.5, 0.5]\ndistortion = [-0.3, 0.1, 0.0, 0.0, 0.0]\n"
+    pose = load_pose(pose_file(tmp_path, text))
+    assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((90.0, 0.0, 0.0), abs=1e-9)
+    assert pose.camera(SHAPE, 0.0).distortion == (-0.3, 0.1, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("quaternion = [0.5, 0.5, 0.5]", "four numbers"),
+        ("quaternion = [0.0, 0.0, 0.0, 0.0]", "length is 0, not 1"),
+        ("quaternion = [nan, 0.0, 0.0, 1.0]", "length is nan"),
+        ("quaternion = [0.0, 0.0, 0.0, 1.0]\nroll_deg = 3.0", "both quaternion and roll_deg"),
+        ("yaw_deg = 1.0\npitch_deg = 0.0\ndistortion = [0.1]", "distortion"),
+    ],
+)
+def test_a_wrong_quaternion_or_lens_is_named(tmp_path, line, words):
+    with pytest.raises(ConfigError, match=words):
+        load_pose(pose_file(tmp_path, TURNED + line))
+
+
+def test_a_map_of_a_camera_that_moved_is_not_put_on_the_ground():
+    require_still(SimpleNamespace(has_moved=False, path=Path("a.h5")))
+    with pytest.raises(NoAnswerError, match="one pose cannot place"):
+        require_still(SimpleNamespace(has_moved=True, path=Path("a.h5")))
