@@ -170,7 +170,8 @@ def _write(
 
     require_still(found)
     rows, cols = found.slopes.state.shape
-    view = ground_view(load_pose(pose), (rows, cols), cell_m)
+    middle_ns = (found.start_ns + found.end_ns) // 2
+    view = ground_view(load_pose(pose, middle_ns), (rows, cols), cell_m)
     on_ground = write_on_ground(base, view, layers, found.slopes, found.end_ns)
     return [*found.write(base, layers), *on_ground]
 

@@ -5,7 +5,6 @@ It is not part of ``fieldkit.toml``: a pose is often surveyed after the recordin
 
 from __future__ import annotations
 
-import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,12 +13,9 @@ from pydantic import Field, ValidationError
 
 from fieldkit.config.load import read_text
 from fieldkit.config.toml_schema import Table
+from fieldkit.config.trajectory import ANGLES, PLACE, load_trajectory, require_unit
 from fieldkit.model.errors import ConfigError
 from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion
-
-ANGLES = ("yaw_deg", "pitch_deg", "roll_deg")
-UNIT_WITHIN = 1e-3
-"""How far the length of a quaternion may be off one: three digits of each component."""
 
 
 class PoseFile(Table):
@@ -46,10 +42,15 @@ class PoseFile(Table):
         return Camera(place, yaw, self.pitch_deg, self.roll_deg, self.hfov_deg, shape, lens)
 
 
-def load_pose(path: Path) -> PoseFile:
-    """Read a pose; ``dem`` becomes a path beside the file, ``quaternion`` angles. Raises `ConfigError`."""
+def load_pose(path: Path, time_ns: int) -> PoseFile:
+    """Read a pose at a time (UTC nanoseconds), which only matters if the file names a trajectory.
+
+    ``dem`` becomes a path beside the file, ``trajectory`` and ``quaternion`` place and angles. Raises
+    `ConfigError`.
+    """
     try:
-        pose = PoseFile.model_validate(_with_angles(tomllib.loads(read_text(path)), path))
+        document = _at_time(tomllib.loads(read_text(path)), path, time_ns)
+        pose = PoseFile.model_validate(_with_angles(document, path))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
     except ValidationError as error:
@@ -66,6 +67,19 @@ def load_pose(path: Path) -> PoseFile:
     return pose.model_copy(update={"dem": str(path.parent / pose.dem)})
 
 
+def _at_time(document: dict[str, Any], path: Path, time_ns: int) -> dict[str, Any]:
+    """The document with the place and quaternion of its trajectory at that time, if it has one."""
+    if "trajectory" not in document:
+        return document
+    name = document.pop("trajectory")
+    if twice := [key for key in (*PLACE, "quaternion", *ANGLES) if key in document]:
+        raise ConfigError(f"{path} has both trajectory and {', '.join(twice)}", fix=f"keep one in {path}")
+    if not isinstance(name, str):
+        raise ConfigError(f"{path}: trajectory: a file is needed", fix=f"correct trajectory in {path}")
+    place, quaternion = load_trajectory(path.parent / name).at(time_ns)
+    return document | dict(zip(PLACE, place.tolist(), strict=True)) | {"quaternion": quaternion.tolist()}
+
+
 def _with_angles(document: dict[str, Any], path: Path) -> dict[str, Any]:
     """The document with the angles of its quaternion, if it has one."""
     if "quaternion" not in document:
@@ -76,6 +90,8 @@ def _with_angles(document: dict[str, Any], path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path} has both quaternion and {', '.join(angles)}", fix=f"keep one in {path}")
     if not (isinstance(given, list) and len(given) == 4 and all(type(one) in (int, float) for one in given)):
         raise ConfigError(f"{path}: quaternion: four numbers x, y, z, w are needed", fix=fix)
-    if not abs((length := math.hypot(*given)) - 1.0) <= UNIT_WITHIN:
-        raise ConfigError(f"{path}: quaternion: its length is {length:.4g}, not 1", fix=fix)
+    try:
+        require_unit(given)
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}", fix=fix) from None
     return document | dict(zip(ANGLES, angles_of_quaternion(given), strict=True))

@@ -6,6 +6,7 @@ Refraction and the Earth's curvature are not here: at 100 m the latter is below 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,7 +103,7 @@ def project(camera: Camera, points_m: ArrayLike) -> tuple[FloatArray, FloatArray
     return x + 0.5 * (cols - 1), y + 0.5 * (rows - 1), np.linalg.norm(away, axis=-1)
 
 
-def angles_of_quaternion(quaternion: ArrayLike) -> tuple[float, float, float]:
+def angles_of_quaternion(quaternion: Sequence[float]) -> tuple[float, float, float]:
     """Yaw, pitch and roll in degrees, as of a `Camera`, of the unit quaternion (x, y, z, w) of its axes.
 
     It turns right, down, forward of the camera into east, north, up: the optical frame of ROS (REP 103).
@@ -112,6 +113,12 @@ def angles_of_quaternion(quaternion: ArrayLike) -> tuple[float, float, float]:
     level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
     roll = np.arctan2(right @ np.cross(forward, level), right @ level)
     return float(np.degrees(yaw)), float(np.degrees(pitch)), float(np.degrees(roll))
+
+
+def quaternion_of_angles(yaw_deg: float, pitch_deg: float, roll_deg: float) -> list[float]:
+    """The unit quaternion x, y, z, w of these angles in degrees: the inverse of `angles_of_quaternion`."""
+    axes = Camera((0.0, 0.0, 0.0), yaw_deg, pitch_deg, roll_deg, 90.0, (1, 1)).axes
+    return [float(one) for one in Rotation.from_matrix(axes.T).as_quat()]
 
 
 def _radial(camera: Camera, square: FloatArray) -> FloatArray:

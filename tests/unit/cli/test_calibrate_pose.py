@@ -39,7 +39,7 @@ def test_pose_file_sees_the_points_where_they_were_marked(tmp_path, table):
     done = calibrate(tmp_path, table, *OPTIONS)
     assert done.exit_code == 0, done.output
     assert "marks off by 0.0 px" in done.output
-    pose = load_pose(tmp_path / "pose.toml")
+    pose = load_pose(tmp_path / "pose.toml", 0)
     assert (pose.east_m, pose.north_m, pose.height_m) == pytest.approx(TRUTH.position_m, abs=1e-2)
     # true north lies 0.94 degrees clockwise of the grid's: (longitude - 141) sin(latitude)
     assert pose.yaw_deg == pytest.approx(20.0 - 0.94, abs=0.02)

@@ -47,6 +47,10 @@ def dem(tmp_path):
     return tmp_path / "dem.tif"
 
 
+def pose_of(path, time_ns=0):
+    return load_pose(path, time_ns)
+
+
 def pose_file(folder, text):
     (folder / "pose.toml").write_text(text)
     return folder / "pose.toml"
@@ -54,7 +58,7 @@ def pose_file(folder, text):
 
 def test_cells_hold_what_lies_on_them(tmp_path, dem):
     """Each pixel carries its ground coordinates: at a cell they are the cell's within half of one."""
-    view = ground_view(load_pose(pose_file(tmp_path, POSE + 'dem = "dem.tif"')), SHAPE, 1.0)
+    view = ground_view(pose_of(pose_file(tmp_path, POSE + 'dem = "dem.tif"')), SHAPE, 1.0)
     east, north, up = np.moveaxis(view.points_m, -1, 0)
     assert up[np.isfinite(up)] == pytest.approx(terrain(east, north)[np.isfinite(up)], abs=0.05)
     layers = [
@@ -86,20 +90,20 @@ def test_cells_hold_what_lies_on_them(tmp_path, dem):
 
 def test_ground_behind_the_ridge_is_unknown(tmp_path, dem):
     low = POSE.replace("112.0", "102.0").replace("-25.0", "-2.0") + 'dem = "dem.tif"'
-    view = ground_view(load_pose(pose_file(tmp_path, low)), SHAPE, 1.0)
+    view = ground_view(pose_of(pose_file(tmp_path, low)), SHAPE, 1.0)
     north = view.points_m[..., 1]
     assert np.nanmax(north[:, 60:100]) < 3936237.0
 
 
 def test_true_north_is_not_the_grids(tmp_path):
     """Convergence of the UTM zone: (longitude - 141 E) sin(latitude), -0.94 degrees there."""
-    view = ground_view(load_pose(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE)
+    view = ground_view(pose_of(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE)
     assert view.camera.yaw_deg - 10.0 == pytest.approx(0.94, abs=0.02)
 
 
 def test_slopes_on_level_ground_give_its_relief(tmp_path):
     """Slopes of a hump that is known in closed form, with azimuths from true north as a map has them."""
-    view = ground_view(load_pose(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE, 0.5)
+    view = ground_view(pose_of(pose_file(tmp_path, POSE + "ground_m = 100.0")), SHAPE, 0.5)
     centre = 354606.0, 3936222.0
 
     def hump(east, north):
@@ -138,7 +142,7 @@ def test_slopes_on_level_ground_give_its_relief(tmp_path):
 )
 def test_poses_that_lead_nowhere_say_why(tmp_path, dem, text, words):
     with pytest.raises((ConfigError, NoAnswerError)) as error:
-        ground_view(load_pose(pose_file(tmp_path, text)), SHAPE)
+        ground_view(pose_of(pose_file(tmp_path, text)), SHAPE)
     assert words in f"{error.value.message} {error.value.fix}"
 
 
@@ -148,7 +152,7 @@ TURNED = POSE.replace("yaw_deg = 10.0\npitch_deg = -25.0\n", "") + "ground_m = 1
 def test_a_pose_by_quaternion_is_the_same_as_by_angles(tmp_path):
     """Level to the east in ROS's optical frame, REP 103."""
     text = TURNED + "quaternion = [-0.5, 0.5, -0.5, 0.5]\ndistortion = [-0.3, 0.1, 0.0, 0.0, 0.0]\n"
-    pose = load_pose(pose_file(tmp_path, text))
+    pose = pose_of(pose_file(tmp_path, text))
     assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((90.0, 0.0, 0.0), abs=1e-9)
     assert pose.camera(SHAPE, 0.0).distortion == (-0.3, 0.1, 0.0, 0.0, 0.0)
 
@@ -165,10 +169,68 @@ def test_a_pose_by_quaternion_is_the_same_as_by_angles(tmp_path):
 )
 def test_a_wrong_quaternion_or_lens_is_named(tmp_path, line, words):
     with pytest.raises(ConfigError, match=words):
-        load_pose(pose_file(tmp_path, TURNED + line))
+        pose_of(pose_file(tmp_path, TURNED + line))
 
 
 def test_a_map_of_a_camera_that_moved_is_not_put_on_the_ground():
     require_still(SimpleNamespace(has_moved=False, path=Path("a.h5")))
     with pytest.raises(NoAnswerError, match="one pose cannot place"):
         require_still(SimpleNamespace(has_moved=True, path=Path("a.h5")))
+
+
+STOPPED = """
+crs = "EPSG:32654"
+hfov_deg = 50.0
+range_m = 90.0
+ground_m = 100.0
+"""
+TUM = """# timestamp tx ty tz qx qy qz qw
+1451674800.0 354600.0 3936200.0 112.0 -0.5 0.5 -0.5 0.5
+1451674810.0 354610.0 3936220.0 112.0 0.0 0.70710678 -0.70710678 0.0
+"""
+CSV = """time,east_m,north_m,height_m,yaw_deg,pitch_deg,roll_deg
+2016-01-01T19:00:00Z,354600.0,3936200.0,112.0,90.0,0.0,0.0
+2016-01-01T20:00:10+01:00,354610.0,3936220.0,112.0,180.0,0.0,0.0
+"""
+START_NS = 1_451_674_800_000_000_000
+
+
+@pytest.mark.parametrize(("name", "text"), [("run.tum", TUM), ("run.csv", CSV)])
+def test_a_pose_of_a_trajectory_is_turned_evenly_between_its_poses(tmp_path, name, text):
+    """A quarter of the way from a view to the east to one to the south."""
+    (tmp_path / name).write_text(text)
+    pose = pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS + 2_500_000_000)
+    assert (pose.east_m, pose.north_m, pose.height_m) == pytest.approx((354602.5, 3936205.0, 112.0))
+    assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((112.5, 0.0, 0.0), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("run.tum", "\n".join([*TUM.splitlines()[::-1]]), "run.tum:2: its time is not after"),
+        ("run.tum", TUM.replace("0.5 -0.5 0.5", "0.5 -0.5 0.9"), "run.tum:2: quaternion: its length"),
+        ("run.tum", "1.0 2.0 3.0", "run.tum:1: no height_m"),
+        ("run.tum", "noon 1 2 3 0 0 0 1", "run.tum:1: "),
+        ("run.tum", "", "holds 0 poses"),
+        ("run.csv", CSV.replace("00Z", "00"), "run.csv:2: the time .* has no offset"),
+        ("run.csv", CSV.replace("3936200.0", "nan"), "run.csv:2: a value is not finite"),
+        ("run.csv", CSV.replace("yaw_deg", "heading"), "run.csv:2: no qx"),
+        ("run.csv", CSV.replace("354600.0", ""), "run.csv:2: could not convert"),
+    ],
+)
+def test_a_wrong_trajectory_is_named_with_its_line(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS)
+
+
+@pytest.mark.parametrize("off_ns", [-1_000_000_000, 11_000_000_000])
+def test_a_time_outside_the_trajectory_has_no_pose(tmp_path, off_ns):
+    (tmp_path / "run.tum").write_text(TUM)
+    with pytest.raises(ConfigError, match="from 2016-01-01T19:00:00Z to 2016-01-01T19:00:10Z, none of"):
+        pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "run.tum"'), START_NS + off_ns)
+
+
+def test_a_pose_is_given_once(tmp_path):
+    with pytest.raises(ConfigError, match="both trajectory and east_m"):
+        pose_of(pose_file(tmp_path, f'{STOPPED}east_m = 1.0\ntrajectory = "run.tum"'))
