@@ -151,7 +151,7 @@ class _Group:
         self._references, self._held = list(references), set(self.targets)
         columns = RegionColumns(tuple(schedule.columns[place] for place in self._places))
         self._columns, self._targets, self._settings = columns, columns.targets, settings
-        self._layout = Layout.of(columns, columns.targets, settings.azimuth == "known")
+        self._layout = Layout.of(columns, columns.targets, settings)
         self._learner: Learner | None = None
         self._found: list[KnownSlope] = []
         self._moments = Moments((), np.empty(0), np.empty((0, 0)))

@@ -24,7 +24,7 @@ from fieldkit.model.region_schedule import RegionSchedule
 from fieldkit.model.samples import Event, EventKind, Frame, Quality, Reading, Severity
 from fieldkit.model.site import RegionKind
 from fieldkit.model.units import SECOND_NS
-from fieldkit.physics.horizon import is_below_horizon
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 SUDDEN_CHANGE = 0.15
 SUDDEN_S = 120.0
@@ -132,7 +132,10 @@ class DisturbanceMonitor:
         *,
         is_last: bool,
     ) -> MinuteBin:
-        ended = self._tests.update(entry.minute, entry.temperature_k, self._light.cloudy)
+        # a ridge's shadow is known already, and no board
+        kelvin = entry.temperature_k.copy()
+        kelvin[list(below)] = np.nan
+        ended = self._tests.update(entry.minute, kelvin, self._light.cloudy)
         marked = self._marks.tests(entry.minute, self._schedule, is_last=is_last)
         tested = self._tests.columns | {test.column for test in (*ended, *(set(marked) ^ self._marked))}
         self._marked = set(marked)
@@ -146,15 +149,16 @@ class DisturbanceMonitor:
         return replace(entry, region_flags=tuple(flags), reflagged=reflagged)
 
     def _below_horizon(self, entry: MinuteBin, settings: EstimatorSettings) -> set[int]:
-        """Regions whose horizon hides the sun; below the level horizon none is shaded alone."""
+        """Regions whose horizon hides some of the sun; below the level horizon none is shaded alone."""
         if entry.sun[2] <= 0.0:
             return set()
         return {
             column
             for column in (*self._references, *self._shade)
-            if is_below_horizon(
-                settings.horizons.get(self._schedule.columns[column].name, settings.horizon), entry.sun
+            if sunlit_share(
+                settings.horizon_of(self._schedule.columns[column].name), entry.sun, MINUTE_EDGE_DEG
             )
+            < 1.0
         }
 
     def _slow_shades(self, entry: MinuteBin, reference_k: float, tested: set[int]) -> set[int]:

@@ -125,3 +125,7 @@ class EstimatorSettings:
     diffuse_fraction: float = 0.15
     prior: Prior = field(default_factory=Prior)
     body: str = "earth"
+
+    def horizon_of(self, region: str) -> Horizon:
+        """The horizon of a region by its name: its own, else the site's."""
+        return self.horizons.get(region, self.horizon)

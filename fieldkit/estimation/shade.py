@@ -186,8 +186,10 @@ class ShadeTestMonitor:
     def _noise(self, column: int) -> float:
         """Scatter of a region against the others, lately, in W/m2."""
         lit = np.array(self._lit)
-        alone = lit[:, column] - np.nanmedian(np.delete(lit, column, axis=1), axis=1)
-        return float(np.std(np.diff(alone)) / np.sqrt(2.0))
+        others = np.delete(lit, column, axis=1)
+        known = np.isfinite(lit[:, column]) & np.isfinite(others).any(axis=1)
+        alone = lit[known, column] - np.nanmedian(others[known], axis=1)
+        return float(np.std(np.diff(alone)) / np.sqrt(2.0)) if alone.size > 1 else 0.0
 
     def _returned(self, minute: int, sunlight: FloatArray) -> list[ShadeTest]:
         """Carry on with the shaded regions; the tests that are over."""

@@ -33,9 +33,12 @@ from fieldkit.model.samples import Quality
 from fieldkit.model.site import Region
 from fieldkit.model.slope import SOLVED, SlopeEstimate, SlopeState
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 DISTURBED_WEIGHT = 0.01
 """Relative weight of a shaded bin, and of a clouded one in the paper's model, which has no stored heat."""
+WARMING_MINUTES = 30
+"""How long ground that was in the shadow of its horizon is colder than the balance of its light."""
 SHORTEST_MINUTES = 20
 """A window is not halved below the paper's length."""
 RECENT_MINUTES = 20
@@ -201,7 +204,24 @@ class Window:
 
     def _used(self, rows: Rows, index: int) -> NDArray[np.bool_]:
         y, sigma = rows.y[:, index], rows.sigma[:, index]
-        return np.asarray(np.isfinite(y) & self._high_sun() & sunlit(y, sigma))
+        return np.asarray(np.isfinite(y) & self._high_sun() & self._above_horizon(index) & sunlit(y, sigma))
+
+    def _above_horizon(self, index: int) -> NDArray[np.bool_]:
+        """Minutes (n,) in which no horizon of the target or of a reference hides any of the sun.
+
+        Without the beam nothing depends on the slope. The paper's model, which has no stored heat, also
+        excludes the minutes in which ground warms up again.
+        """
+        compared = [int(self.columns.targets[index]), *self.columns.references.tolist()]
+        horizons = [self.settings.horizon_of(self.columns.regions[column].name) for column in compared]
+        if not any(horizons):
+            return np.ones(len(self.past) - self.first, np.bool_)
+        sun, minute = self.past.sun, self.past.minute
+        lit = np.all([sunlit_share(one, sun, MINUTE_EDGE_DEG) == 1.0 for one in horizons], axis=0)
+        if self.settings.model == "paper":
+            hidden_at = np.maximum.accumulate(np.where(lit, minute[0] - WARMING_MINUTES, minute))
+            lit = minute - hidden_at >= WARMING_MINUTES
+        return np.asarray(lit[self.first :])
 
     def _high_sun(self) -> NDArray[np.bool_]:
         low = np.sin(np.radians(self.settings.low_sun_deg))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.horizon import Horizon
 from fieldkit.physics.slab import Slab, Stack
 
 FRAME_SHAPE = (120, 160)
@@ -28,7 +29,7 @@ class Facet:
     `vertices` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
     normal from north, clockwise: the truth. `emissivity` is that of the camera's band. `depth_m` of sand
     lies over an insulating sheet, or over the layers `below`; 0.2 m or more is practically bottomless for a
-    day. `is_reference` marks the bed whose slope is given to the estimator.
+    day. `horizon` hides the sun and some of the sky. `is_reference` marks the bed whose slope is given to the estimator.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Facet:
     heat_capacity_j_m3_k: float = 1.3e6
     is_reference: bool = False
     below: Stack = ()
+    horizon: Horizon = ()
 
     @property
     def stack(self) -> Stack:

@@ -20,6 +20,7 @@ from fieldkit.physics.bodies import body_of
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.energy_balance import balance_temperature
 from fieldkit.physics.facet import FloatArray, cos_incidence, normal
+from fieldkit.physics.horizon import sky_view_factor, sunlit_share
 from fieldkit.physics.radiance import band_radiance, band_temperature
 from fieldkit.physics.slab import SlabStep
 from fieldkit.physics.sun import sun_vectors
@@ -235,15 +236,22 @@ class FacetRadiation:
         up = normal(facet.tilt_deg, facet.azimuth_deg)
         cos_i, cos_z, cos_tilt = cos_incidence(up, self.sun), self.sun[:, 2], float(up[2])
         dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
-        direct = dni * np.maximum(cos_i, 0.0)
+        lit, view = sunlit_share(facet.horizon, self.sun), sky_view_factor(facet.horizon)
+        direct = lit * dni * np.maximum(cos_i, 0.0)
         # the circumsolar part of that sky is proportional to the beam that it is given
         around_sun = self.circumsolar_share * dni
+        circumsolar = np.clip(around_sun / self.extraterrestrial_w_m2, 0.0, 1.0)
         diffuse = daylight.hay_davies_diffuse(
             dhi, around_sun, self.extraterrestrial_w_m2, cos_i, cos_z, cos_tilt
         )
-        ghi = dni * np.maximum(cos_z, 0.0) + dhi
+        dome = (1.0 - circumsolar) * daylight.isotropic_diffuse(dhi, cos_tilt)
+        diffuse = lit * (diffuse - dome) + view * dome
+        # the ground around a facet is in the same shadow
+        ghi = lit * dni * np.maximum(cos_z, 0.0) + view * dhi
         reflected = daylight.ground_reflected(ghi, self.ground_albedo, cos_tilt)
-        longwave = daylight.longwave_on_facet(self.sky.longwave_down_w_m2, ground_longwave_w_m2, cos_tilt)
+        # what hides the sky is as warm as the ground
+        down = view * self.sky.longwave_down_w_m2 + (1.0 - view) * ground_longwave_w_m2
+        longwave = daylight.longwave_on_facet(down, ground_longwave_w_m2, cos_tilt)
         return (1.0 - facet.albedo) * (direct + diffuse + reflected) + facet.emissivity_broadband * longwave
 
 

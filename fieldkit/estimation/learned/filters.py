@@ -205,18 +205,22 @@ class Filters:
     def _light(self, minute: MinuteInputs, region: int, row: FloatArray, constant: FloatArray) -> None:
         """Absorbed sunlight, (p, n) row and (p,) constant, added in place."""
         place, now = self.layout.shared, self._around
-        lit, sky = 1.0 - minute.shaded[region], 1.0 - HIDDEN * minute.shaded[region]
+        sunlit, view = minute.sunlit[region], self.layout.sky_views[region]
+        lit, sky = sunlit * (1.0 - minute.shaded[region]), 1.0 - HIDDEN * minute.shaded[region]
         towards, upwards = self._normals[region] @ minute.sun, self._upwards[region]
         towards_now, upwards_now = now @ towards, now @ upwards
-        sunlit = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
+        beam = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
         height = max(minute.sun[2], LOWEST_SUN)
         share = now[place("circumsolar")] * minute.circumsolar
         diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
-        dome, reflected = diffuse * (1.0 - share) / 2.0, sky * minute.reflected / 2.0
-        row += (minute.direct + diffuse * share / height) * sunlit * towards + (dome - reflected) * upwards
+        dome = view * diffuse * (1.0 - share) / 2.0
+        # the ground around a region is in the same shadow of the horizon
+        hidden = (1.0 - sunlit) * (minute.reflected - self.settings.ground_albedo * minute.diffuse)
+        reflected = sky * (minute.reflected - hidden) / 2.0
+        row += (minute.direct + diffuse * share / height) * beam * towards + (dome - reflected) * upwards
         row[:, place("gain")] += dome + reflected
         # products of two unknowns, to first order around what was known at the last draw
-        around, above = sunlit * towards_now / height, (now[place("gain")] + upwards_now) / 2.0
+        around, above = beam * towards_now / height, view * (now[place("gain")] + upwards_now) / 2.0
         by_name = {
             "diffuse": sky * minute.diffuse * (share * around + (1.0 - share) * above),
             "circumsolar": diffuse * minute.circumsolar * (around - above),
@@ -224,7 +228,7 @@ class Filters:
         for name, slope in by_name.items():
             row[:, place(name)] += slope
             constant -= slope * now[place(name)]
-        row[:, place("beam")] += sunlit * max(towards_now, 0.0)
+        row[:, place("beam")] += beam * max(towards_now, 0.0)
         if minute.is_edge[region]:
             row[:, place("edge")] += max(towards_now, 0.0)
 
@@ -234,16 +238,19 @@ class Filters:
         """Longwave, exchange with the air and the fluxes without a cause, added in place."""
         layout, grey = self.layout, self.settings.surface.emissivity_broadband
         exchange, over_air = self.hypotheses.exchange, taken_k - minute.air_k
-        constant += grey * (minute.longwave_down + minute.longwave_ground) / 2.0
+        view = layout.sky_views[region]
+        # what hides the sky is taken to be as warm as the ground
+        down = view * minute.longwave_down + (1.0 - view) * minute.longwave_ground
+        constant += grey * (down + minute.longwave_ground) / 2.0
         constant -= grey * STEFAN_BOLTZMANN * taken_k**4 + exchange * over_air
-        tilted = grey * (minute.longwave_down - minute.longwave_ground) / 2.0
+        tilted = grey * (down - minute.longwave_ground) / 2.0
         row += tilted / self._around[layout.shared("gain")] * self._upwards[region]
         for name in (*GUSTS, "slow_gust"):
             row[:, layout.shared(name)] -= over_air
         for name in ("air", "air_change"):
             row[:, layout.shared(name)] += exchange
         row[:, layout.shared("common_flux")] += 1.0
-        row[:, layout.shared("longwave")] += grey
+        row[:, layout.shared("longwave")] += grey * view
         row[:, layout.shared("board")] += minute.shaded[region]
         if region >= layout.references:
             row[:, layout.bed_flux(region - layout.references)] += 1.0

@@ -22,6 +22,7 @@ from fieldkit.physics.bodies import BODIES
 from fieldkit.physics.constants import STEFAN_BOLTZMANN
 from fieldkit.physics.daylight import extraterrestrial
 from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 UNKNOWN_CHANGE = 5.0
 """Change of the light of a minute without a reading, as a share of the last one."""
@@ -51,8 +52,10 @@ class MinuteInputs:
         From the sky and from the ground. [W/m2]
     air_k
         Air temperature, logged or guessed. [K]
-    shaded, is_edge
-        Share of a minute that a region is under a board; whether the board came or went within it.
+    shaded, sunlit
+        Share of a minute that a region is under a board; share of the sun that its horizon leaves visible.
+    is_edge
+        Whether the board came or went within the minute, or the sun stands on the horizon.
     """
 
     hours: float
@@ -68,6 +71,7 @@ class MinuteInputs:
     longwave_ground: float
     air_k: float
     shaded: FloatArray
+    sunlit: FloatArray
     is_edge: NDArray[np.bool_]
 
     def between(self, later: MinuteInputs, share: float) -> MinuteInputs:
@@ -154,7 +158,9 @@ def minute_inputs(
         if not is_known:
             direct, diffuse = before.direct / absorptance, before.diffuse / absorptance
             change = UNKNOWN_CHANGE * before.direct
-    is_shaded, is_edge = shade(history, layout)[row]
+    is_shaded, is_moved = shade(history, layout)[row]
+    visible = sunlit(history.sun[row], layout)
+    is_edge = is_moved | ((visible > 0.0) & (visible < 1.0))
     logged_k = _logged_air_k(history, row)
     longwave = float(history.longwave_down_w_m2[row])
     longwave = longwave if np.isfinite(longwave) else sky_longwave(logged_k, settings)
@@ -165,7 +171,7 @@ def minute_inputs(
         float(history.minute[row] - start) / 60.0,
         history.sun[row],
         kelvin,
-        # a mean over a minute in which a board moved depends on when it did
+        # a mean over a minute in which a shadow moved depends on when it did
         measured & ~is_edge,
         absorptance * direct,
         change,
@@ -175,16 +181,28 @@ def minute_inputs(
         longwave,
         float(grey * STEFAN_BOLTZMANN * ground_k**4 + (1.0 - grey) * longwave),
         logged_k if np.isfinite(logged_k) else float((longwave / SWINBANK) ** (1.0 / 6.0)),
-        np.where(is_edge, 0.5, is_shaded.astype(np.float64)),
+        np.where(is_moved, 0.5, is_shaded.astype(np.float64)),
+        visible,
         is_edge,
     )
 
 
 def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
-    """Which regions are shaded in each row, and for which the shade begins or ends there (n, 2, regions)."""
+    """Which regions are shaded in each row, and for which the shade begins or ends there (n, 2, regions).
+
+    Apart from the shadow of their horizon.
+    """
     flagged = (history.region_flags[:, layout.columns] & int(Quality.SHADED)) != 0
+    rows = flagged.any(axis=1)
+    flagged[rows] &= sunlit(history.sun[rows], layout) == 1.0
     before, after = np.vstack([flagged[:1], flagged[:-1]]), np.vstack([flagged[1:], flagged[-1:]])
     return np.stack([flagged, flagged & ~(before & after)], axis=1)
+
+
+def sunlit(sun: FloatArray, layout: Layout) -> FloatArray:
+    """Share of the sun that each region's horizon leaves visible (..., regions), from sun vectors (..., 3)."""
+    shares = [sunlit_share(horizon, sun, MINUTE_EDGE_DEG) for horizon in layout.horizons]
+    return np.stack(shares, axis=-1)
 
 
 def bridge(before: MinuteInputs, after: MinuteInputs) -> Iterator[MinuteInputs]:

@@ -8,13 +8,16 @@ the beds' normals times the gain, offsets and drifts.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.estimation.bins import RegionColumns
+from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.site import Region
 from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.horizon import Horizon, sky_view_factor
 from fieldkit.physics.layer_modes import MODES
 
 GUSTS = ("gust", "longer_gust", "longest_gust")
@@ -43,18 +46,28 @@ class Layout:
         Normals of the references (r, 3).
     facing
         For each target (3, k) whose columns span its normal: three axes, or with a known azimuth two.
+    horizons
+        Of each region.
     """
 
     columns: Indices
     known: FloatArray
     facing: tuple[FloatArray, ...]
+    horizons: tuple[Horizon, ...]
 
     @classmethod
-    def of(cls, columns: RegionColumns, targets: Indices, is_azimuth_known: bool) -> Layout:
+    def of(cls, columns: RegionColumns, targets: Indices, settings: EstimatorSettings) -> Layout:
         """References and some of the targets, given as columns."""
-        regions = [columns.regions[column] for column in targets]
-        facing = tuple(_facing(region, is_azimuth_known) for region in regions)
-        return cls(np.concatenate([columns.references, targets]), columns.reference_normals, facing)
+        chosen = np.concatenate([columns.references, targets])
+        is_known = settings.azimuth == "known"
+        facing = tuple(_facing(columns.regions[column], is_known) for column in targets)
+        horizons = tuple(settings.horizon_of(columns.regions[column].name) for column in chosen)
+        return cls(chosen, columns.reference_normals, facing, horizons)
+
+    @cached_property
+    def sky_views(self) -> FloatArray:
+        """Share of the sky that each region's horizon leaves (regions,)."""
+        return np.array([sky_view_factor(horizon) for horizon in self.horizons])
 
     @property
     def references(self) -> int:

@@ -55,6 +55,15 @@ def test_a_minute_tells_what_was_measured(yard, an_hour):
     assert minute.time_ns // MINUTE_NS == yard.start_ns // MINUTE_NS + 10
 
 
+def test_a_region_below_its_horizon_is_flagged_and_the_others_are_as_they_were(yard):
+    plain = by_name(run(yard, yard.samples(31))[-1])
+    below = EstimatorSettings(model="paper", horizons={"b17": ((0.0, 89.0),)})
+    found = by_name(run(yard, yard.samples(31), below)[-1])
+    assert found["b17"].flags & Quality.SHADED
+    assert np.isnan(found["b17"].tilt_deg)
+    assert repr(found["b08"]) == repr(plain["b08"])
+
+
 def test_surface_temperature_is_corrected_for_emissivity_and_sky(yard, an_hour):
     # 9:00 local, S = 800, Ta = 303.15, L = 400 on the flat bed: 318.655 K (independent reference)
     assert an_hour[0].temperature_k["flat"] == pytest.approx(318.655, abs=0.02)

@@ -1,9 +1,10 @@
-"""The horizon: expected values follow from a straight line between two points."""
+"""The horizon: expected values follow from a straight line between two points, and from closed forms."""
 
 import numpy as np
+import pytest
 
 from fieldkit.physics.facet import normal
-from fieldkit.physics.horizon import horizon_elevation, is_below_horizon
+from fieldkit.physics.horizon import SUN_RADIUS_DEG, horizon_elevation, sky_view_factor, sunlit_share
 
 
 def test_elevation_is_linear_and_goes_on_across_north() -> None:
@@ -11,9 +12,33 @@ def test_elevation_is_linear_and_goes_on_across_north() -> None:
     np.testing.assert_allclose(
         horizon_elevation(horizon, [0.0, 360.0, 355.0, 95.0]), [15.0, 15.0, 12.5, 10.0]
     )
+    assert horizon_elevation([], [12.0, 200.0]).tolist() == [0.0, 0.0]
 
 
 def test_the_sun_is_hidden_where_it_is_lower_than_the_ridge() -> None:
-    sun = normal([75.0, 65.0], 90.0)  # elevations of 15 and 25 degrees in the east
-    assert is_below_horizon([(0.0, 20.0)], sun).tolist() == [True, False]
-    assert not is_below_horizon([], sun).any()
+    sun = normal([75.0, 65.0, 70.0], 90.0)  # elevations of 15, 25 and 20 degrees in the east
+    assert sunlit_share([(0.0, 20.0)], sun).tolist() == pytest.approx([0.0, 1.0, 0.5])
+    upper_limb = normal(70.0 + SUN_RADIUS_DEG, 90.0)
+    assert sunlit_share([(0.0, 20.0)], upper_limb) == pytest.approx(0.0, abs=1e-9)
+    cliff = [(0.0, 0.0), (90.0 - 1e-6, 0.0), (90.0, 80.0), (180.0, 80.0)]  # from the east on
+    assert sunlit_share(cliff, normal(60.0, [89.0, 90.0, 91.0])).tolist() == pytest.approx([1.0, 0.5, 0.0])
+    assert sunlit_share([], sun).tolist() == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("elevation", [0.0, 10.0, 45.0, 80.0])
+def test_an_even_horizon_leaves_the_squared_cosine_of_the_sky(elevation: float) -> None:
+    assert sky_view_factor([(0.0, elevation)]) == pytest.approx(np.cos(np.radians(elevation)) ** 2)
+
+
+@pytest.mark.parametrize("elevation", [5.0, 30.0, 60.0])
+def test_an_endless_ridge_leaves_the_sky_of_a_tilted_plane(elevation: float) -> None:
+    """Its plane through the place hides what a facet of that tilt cannot see: (1 - cos) / 2 of the sky."""
+    azimuths = np.arange(0.0, 360.0, 0.5)
+    facing = np.maximum(np.cos(np.radians(azimuths)), 0.0)
+    heights = np.degrees(np.arctan(np.tan(np.radians(elevation)) * facing))
+    horizon = list(zip(azimuths.tolist(), heights.tolist(), strict=True))
+    assert sky_view_factor(horizon) == pytest.approx((1.0 + np.cos(np.radians(elevation))) / 2.0, abs=1e-5)
+
+
+def test_what_lies_lower_than_level_hides_nothing() -> None:
+    assert sky_view_factor([(0.0, -20.0)]) == 1.0

@@ -242,7 +242,7 @@ def window(seed, day, azimuth, has_air):
     history = replace(history, region_flags=flags, temperature_k=kelvin)
     settings = replace(world.settings, azimuth=azimuth, model="learned")
     columns = RegionColumns(regions)
-    layout = Layout.of(columns, columns.targets, azimuth == "known")
+    layout = Layout.of(columns, columns.targets, settings)
     minutes = []
     for row in range(MINUTES):
         before = minutes[-1] if minutes else None

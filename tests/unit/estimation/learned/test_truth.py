@@ -31,7 +31,7 @@ def world(seed, day, **options):
 
 def inputs(drawn, regions, settings):
     columns = RegionColumns(regions)
-    layout = Layout.of(columns, columns.targets, settings.azimuth == "known")
+    layout = Layout.of(columns, columns.targets, settings)
     made = []
     for row in range(len(drawn.history)):
         before = made[-1] if made else None
