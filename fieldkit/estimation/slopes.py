@@ -37,8 +37,8 @@ from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 
 DISTURBED_WEIGHT = 0.01
 """Relative weight of a shaded bin, and of a clouded one in the paper's model, which has no stored heat."""
-WARMING_MINUTES = 30
-"""How long ground that was in the shadow of its horizon is colder than the balance of its light."""
+WARMING_MINUTES = 90
+"""How long ground remembers the shadow of its horizon: five time constants of 2 cm of sand."""
 SHORTEST_MINUTES = 20
 """A window is not halved below the paper's length."""
 RECENT_MINUTES = 20
@@ -209,8 +209,8 @@ class Window:
     def _above_horizon(self, index: int) -> NDArray[np.bool_]:
         """Minutes (n,) in which no horizon of the target or of a reference hides any of the sun.
 
-        Without the beam nothing depends on the slope. The paper's model, which has no stored heat, also
-        excludes the minutes in which ground warms up again.
+        Without the beam nothing depends on the slope; while the ground warms up again, an error of its heat
+        exchange would count as slope.
         """
         compared = [int(self.columns.targets[index]), *self.columns.references.tolist()]
         horizons = [self.settings.horizon_of(self.columns.regions[column].name) for column in compared]
@@ -218,10 +218,8 @@ class Window:
             return np.ones(len(self.past) - self.first, np.bool_)
         sun, minute = self.past.sun, self.past.minute
         lit = np.all([sunlit_share(one, sun, MINUTE_EDGE_DEG) == 1.0 for one in horizons], axis=0)
-        if self.settings.model == "paper":
-            hidden_at = np.maximum.accumulate(np.where(lit, minute[0] - WARMING_MINUTES, minute))
-            lit = minute - hidden_at >= WARMING_MINUTES
-        return np.asarray(lit[self.first :])
+        hidden_at = np.maximum.accumulate(np.where(lit, minute[0] - WARMING_MINUTES, minute))
+        return np.asarray(minute - hidden_at >= WARMING_MINUTES)[self.first :]
 
     def _high_sun(self) -> NDArray[np.bool_]:
         low = np.sin(np.radians(self.settings.low_sun_deg))
