@@ -1,4 +1,4 @@
-"""A ridge that hides the sun from one bed for 40 minutes of three hours, against the same hours without it."""
+"""A ridge that hides the sun from one bed for 40 minutes of three hours, and the same hours without it."""
 
 from __future__ import annotations
 
