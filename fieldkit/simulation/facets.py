@@ -29,7 +29,8 @@ class Facet:
     `vertices` are (x, y) in pixels of a 160x120 frame. `tilt_deg` is from horizontal, `azimuth_deg` of the
     normal from north, clockwise: the truth. `emissivity` is that of the camera's band. `depth_m` of sand
     lies over an insulating sheet, or over the layers `below`; 0.2 m or more is practically bottomless for a
-    day. `horizon` hides the sun and some of the sky. `is_reference` marks the bed whose slope is given to the estimator.
+    day. `horizon` hides the sun and some of the sky. `is_reference` marks the bed whose slope is given to the
+    estimator.
     """
 
     name: str

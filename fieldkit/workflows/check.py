@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import FieldkitError, RefusedError
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions import check as file_check
@@ -16,6 +17,7 @@ from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.views import html
 from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.horizon_check import horizon_findings
 from fieldkit.workflows.sources import SessionOrFile, config_for, path_of
 
 if TYPE_CHECKING:
@@ -81,22 +83,27 @@ def _estimate_findings(session: SessionReader) -> list[Finding]:
     if not stored or session.time_map():
         return []
     try:
-        again = _estimated_again(session)
+        minutes = _minutes_again(session)
     except FieldkitError as error:
         return [Finding("warn", "slopes", f"could not be computed again: {error.message}", error.fix or "")]
-    computed = {_key(one): one for one in again}
+    computed = {_key(one): one for minute in minutes for one in minute.estimates}
+    shadows = list(horizon_findings(minutes, session.regions, config_for(session).estimator_settings()))
     differing = sum(not _is_same(one, computed.get(_key(one))) for one in stored)
     if differing:
         text = f"{differing} of {len(stored)} slopes come out differently from the stored samples"
-        return [Finding("warn", "slopes", text, "another version of fieldkit, or samples that were lost")]
-    return [Finding("ok", "slopes", f"{len(stored)} slopes come out the same from the stored samples")]
+        fix = "another version of fieldkit, or samples that were lost"
+        return [Finding("warn", "slopes", text, fix), *shadows]
+    return [
+        Finding("ok", "slopes", f"{len(stored)} slopes come out the same from the stored samples"),
+        *shadows,
+    ]
 
 
-def _estimated_again(session: SessionReader) -> list[SlopeEstimate]:
+def _minutes_again(session: SessionReader) -> list[Minute]:
     # streams that were imported later had no part in what the recording estimated
     recorded = tuple(info for info in session.streams.values() if info.driver != "import")
     estimator = estimator_for(session, config_for(session), streams=recorded)
-    return [one for minute in minutes_of(session, estimator) for one in minute.estimates]
+    return list(minutes_of(session, estimator))
 
 
 def _key(estimate: SlopeEstimate) -> tuple[int, str]:
