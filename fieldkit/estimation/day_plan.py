@@ -82,8 +82,8 @@ class DayPlan:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Minutes (n,) with the sun high enough for the irradiance to be known."""
-        return self.elevation_deg >= self.settings.low_sun_deg
+        """Minutes (n,) with the sun high enough for the irradiance to be known, and not behind the horizon."""
+        return (self.elevation_deg >= self.settings.low_sun_deg) & (self.dni_w_m2 > 0.0)
 
     @property
     def weak(self) -> NDArray[np.bool_]:
@@ -160,8 +160,14 @@ class DayPlan:
         elevation = self.elevation_deg[minute]
         if elevation < self.settings.low_sun_deg:
             return "poor: irradiance unknown near the horizon"
+        if not self.usable[minute]:
+            return "poor: the horizon hides the sun"
         if not self._is_usable(row):
-            return f"poor: the sun is too low within {self.settings.window_min} min"
+            is_low = self.elevation_deg[minute : minute + self.settings.window_min + 1].min() < (
+                self.settings.low_sun_deg
+            )
+            what = "the sun is too low" if is_low else "the horizon hides the sun"
+            return f"poor: {what} within {self.settings.window_min} min"
         weak = self.weak[:, minute]
         uncertain = self.uncertain(row) & ~weak
         reasons = [

@@ -23,6 +23,7 @@ from fieldkit.model.units import CELSIUS_ZERO_K, DAY_S, HOUR_NS, MINUTE_NS, SECO
 from fieldkit.physics.bodies import EARTH, body_of
 from fieldkit.physics.daylight import clear_day
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.sun import solar_time_h, sun_vectors
 from fieldkit.simulation.sky import ClearSky
 from fieldkit.views import formatting, html, plan_page, plots
@@ -250,7 +251,8 @@ def plan(
     options
         What is assumed of irradiance, noise and air.
     estimator
-        Settings that will be estimated with: surface parameters, and whether azimuths are known.
+        Settings that will be estimated with: surface parameters, the site's horizon, and whether azimuths are
+        known.
 
     Returns
     -------
@@ -283,9 +285,10 @@ def plan(
     if estimator is not None:
         settings = replace(settings, surface=estimator.surface, azimuth_known=estimator.azimuth == "known")
     sun = sun_vectors(time_ns, site)
-    found = plan_day(
-        tuple(facets), time_ns, sun, _dni(sun, time_ns, site, options), settings, options.step_min
-    )
+    light = _dni(sun, time_ns, site, options)
+    if estimator is not None:
+        light = np.where(sunlit_share(estimator.horizon, sun, MINUTE_EDGE_DEG) == 1.0, light, 0.0)
+    found = plan_day(tuple(facets), time_ns, sun, light, settings, options.step_min)
     if not found.rows.size:
         raise NoAnswerError(f"the sun does not rise on {day} at this site", fix="choose another day")
     return MeasuringPlan(site, day, options, found, estimator or EstimatorSettings())

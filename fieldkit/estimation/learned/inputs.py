@@ -200,7 +200,7 @@ def shade(history: History, layout: Layout) -> NDArray[np.bool_]:
 
 
 def sunlit(sun: FloatArray, layout: Layout) -> FloatArray:
-    """Share of the sun that each region's horizon leaves visible (..., regions), from sun vectors (..., 3)."""
+    """Share of the sun that the regions' horizons leave visible (..., regions), by sun vectors (..., 3)."""
     shares = [sunlit_share(horizon, sun, MINUTE_EDGE_DEG) for horizon in layout.horizons]
     return np.stack(shares, axis=-1)
 
