@@ -82,7 +82,7 @@ class DayPlan:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Minutes (n,) with the sun high enough for the irradiance to be known, and not behind the horizon."""
+        """Minutes (n,) with the sun high enough for its light to be known, and not behind the horizon."""
         return (self.elevation_deg >= self.settings.low_sun_deg) & (self.dni_w_m2 > 0.0)
 
     @property
