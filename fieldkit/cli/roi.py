@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,6 +53,10 @@ def command() -> None:
 @click.option("--points", "first", type=XY, metavar="X,Y X,Y X,Y ...", help="Corners, at least three.")
 @click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
 @click.option(
+    "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+    help="Pose of the camera: --points are east,north on the ground, in metres.",
+)  # fmt: skip
+@click.option(
     "--reference/--target", help="Flat reference, or target whose slope is estimated [default: target]."
 )
 @_TILT
@@ -65,6 +70,7 @@ def add(
     more: tuple[Point, ...],
     first: Point | None,
     rect: tuple[float, float, float, float] | None,
+    pose: Path | None,
     reference: bool,
     tilt: float | None,
     azimuth: float | None,
@@ -76,17 +82,23 @@ def add(
     \b
     fieldkit roi add flat --reference --rect 6,30,32,61
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
+
+    With --pose, as for fieldkit map, corners on the ground are drawn where the camera sees them now. Needs
+    fieldkit[terrain], and width_px and height_px of the camera.
     """
     from fieldkit.workflows.regions import add_region
     from fieldkit.workflows.running import change_regions
 
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
+    if pose is not None and first is None:
+        raise click.UsageError("--pose is for --points")
     file = _file(ctx)
+    corners = [first, *more] if first else []
     added = partial(
         add_region,
         name=name,
-        points=[first, *more] if first else [],
+        points=corners if pose is None else _on_frame(file, pose, corners),
         rect=rect,
         reference=reference,
         **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
@@ -97,6 +109,20 @@ def add(
     say(f"region {name} added to {file}")
     _say_sent(sent)
     _report_issues(file, name)
+
+
+def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
+    """Corners on the ground as pixels of the camera's frame."""
+    from fieldkit.workflows.on_ground import load_pose, on_frame
+    from fieldkit.workflows.regions import read_regions
+
+    camera = read_regions(file)[0].tables.camera
+    if camera is None or camera.width_px is None or camera.height_px is None:
+        raise ConfigError(
+            f"{file}: the size of the camera's frame is not known",
+            fix="set camera.width_px and camera.height_px",
+        )
+    return on_frame(load_pose(pose, time.time_ns()), (camera.height_px, camera.width_px), corners)
 
 
 @command.command("edit")

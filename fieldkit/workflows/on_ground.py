@@ -23,6 +23,7 @@ from fieldkit.physics.camera_geometry import (
     Heights,
     distances_to_ground_m,
     distances_to_plane_m,
+    project,
     rays,
     seen_by,
 )
@@ -30,7 +31,7 @@ from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.heights import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ply, ros2_maps
 
-__all__ = ["GroundView", "ground_view", "load_pose", "require_still", "write_on_ground"]
+__all__ = ["GroundView", "ground_view", "load_pose", "on_frame", "require_still", "write_on_ground"]
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -137,6 +138,43 @@ def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = N
         )
     points = np.asarray(camera.position_m) + away[..., np.newaxis] * rays(camera)
     return GroundView(camera, crs, _cells(points, pose, dem, cell_m), true_north_deg, dem is None, away)
+
+
+def on_frame(
+    pose: PoseFile, shape: tuple[int, int], points_m: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """Where points of the ground appear, to a tenth of a pixel.
+
+    Parameters
+    ----------
+    pose
+        Pose of the camera, with its ground.
+    shape
+        Rows and columns of a frame.
+    points_m
+        East and north in the pose's reference system. [m]
+
+    Raises
+    ------
+    ConfigError
+        If the reference system or the DEM is wrong, or the camera does not see one of the points.
+    """
+    crs = geotiff.projected_crs(pose.crs)
+    camera = pose.camera(shape, geotiff.true_north_deg(crs, pose.east_m, pose.north_m))
+    dem = None if pose.dem is None else geotiff.read_heights(Path(pose.dem), crs)
+    east, north = np.transpose(points_m)
+    heights = dem.at(east, north) if dem is not None else np.full(east.shape, pose.ground_m, np.float64)
+    ground = np.column_stack([east, north, heights])
+    slack_m = np.inf if dem is None else dem.cell_m  # level ground hides nothing
+    _, _, seen = seen_by(camera, ground, _distances_m(camera, pose, dem), slack_m)
+    if not seen.all():
+        unseen = " ".join(f"{x},{y}" for (x, y), is_seen in zip(points_m, seen, strict=True) if not is_seen)
+        raise ConfigError(
+            f"the camera does not see {unseen}: outside the frame, beyond range_m or behind nearer ground",
+            fix="correct the points or the pose",
+        )
+    x, y, _ = project(camera, ground)
+    return [(round(float(right), 1), round(float(down), 1)) for right, down in zip(x, y, strict=True)]
 
 
 def _distances_m(camera: Camera, pose: PoseFile, dem: Heights | None) -> FloatArray:

@@ -48,6 +48,41 @@ def test_regions_are_added_by_rectangle_and_by_corners(roi, tmp_path):
     )
 
 
+LOOKING_DOWN = """
+crs = "EPSG:32613"
+east_m = 500000.0
+north_m = 4172000.0
+height_m = 2327.0
+yaw_deg = 0.0
+pitch_deg = -90.0
+hfov_deg = 53.13010235415598
+range_m = 50.0
+ground_m = 2317.0
+"""
+"""From 10 m above, on the meridian of its zone: 160 pixels of focal length, 16 pixels to the metre."""
+
+
+def test_corners_on_the_ground_are_drawn_where_the_pose_sees_them(roi, tmp_path):
+    pytest.importorskip("rasterio")
+    (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
+    ground = ("500001,4172001", "500003,4172001", "500003,4171999", "500001,4171999")
+    assert roi("add", "b15", "--rect", "1,1,20,20").exit_code == 0
+    pose = ("--pose", str(tmp_path / "pose.toml"), "--points", *ground)
+    result = roi("add", "flat", "--reference", *pose)
+    assert result.exit_code == 0, result.stderr
+    assert regions(tmp_path)[1].vertices == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
+
+
+def test_a_corner_on_the_ground_that_the_camera_does_not_see_is_named(roi, tmp_path):
+    pytest.importorskip("rasterio")
+    (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
+    ground = ("500001,4172001", "500009,4172001", "500003,4171999")
+    result = roi("add", "b15", "--pose", str(tmp_path / "pose.toml"), "--points", *ground)
+    assert result.exit_code == 3
+    assert "the camera does not see 500009.0,4172001.0" in result.stderr
+    assert regions(tmp_path) == ()
+
+
 def test_the_first_region_may_be_a_target(roi):
     assert roi("add", "b15", "--rect", "82,30,32,61").exit_code == 0
     assert roi("list").exit_code == 0
