@@ -1,4 +1,4 @@
-"""``fieldkit calibrate``: emissivity, uniformity, irradiance, surface and clock, kept as records; pose."""
+"""``fieldkit calibrate``: emissivity, uniformity, irradiance, surface, clock as records; pose, horizon."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import click
 
 from fieldkit.cli.calibrate_clock import command as clock
 from fieldkit.cli.calibrate_emissivity import command as emissivity
+from fieldkit.cli.calibrate_horizon import command as horizon
 from fieldkit.cli.calibrate_irradiance import command as irradiance
 from fieldkit.cli.calibrate_pose import command as pose
 from fieldkit.cli.calibrate_surface import command as surface
@@ -25,5 +26,6 @@ for name, subcommand in {
     "surface": surface,
     "clock": clock,
     "pose": pose,
+    "horizon": horizon,
 }.items():
     command.add_command(subcommand, name)

@@ -264,3 +264,37 @@ def seen_by(
     # the pixel's own ray may meet farther ground than the point does near its edge
     seen = inside & (np.abs(distances_m[row, col] - away) <= slack_m + 0.05 * away)
     return np.where(seen, row, 0), np.where(seen, col, 0), seen
+
+
+def horizon_of_ground(
+    ground: Heights, east_m: float, north_m: float, azimuths_deg: FloatArray, nearest_m: float
+) -> FloatArray:
+    """Elevation of the ground's skyline from a point on it.
+
+    In steps of half a cell, and without the Earth's curvature: it lowers a ridge at 20 km by 0.1 degrees.
+
+    Parameters
+    ----------
+    ground
+        Heights around the point.
+    east_m, north_m
+        The point, within the grid. [m]
+    azimuths_deg
+        Directions from the grid's north, clockwise, shape (n,). [degrees]
+    nearest_m
+        Ground nearer than this is not looked at. [m]
+
+    Returns
+    -------
+    Shape (n,); NaN where no ground is known. [degrees]
+    """
+    rows, cols = ground.heights_m.shape
+    step = 0.5 * ground.cell_m
+    away = np.arange(max(nearest_m, step), ground.cell_m * float(np.hypot(rows, cols)), step)
+    eye = float(ground.at(east_m, north_m))
+    found = np.full(azimuths_deg.shape, np.nan)
+    for place, azimuth in enumerate(np.radians(azimuths_deg)):
+        over = ground.at(east_m + away * np.sin(azimuth), north_m + away * np.cos(azimuth)) - eye
+        if np.isfinite(over).any():
+            found[place] = float(np.degrees(np.arctan(np.nanmax(over / away))))
+    return found

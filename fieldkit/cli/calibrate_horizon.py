@@ -1,0 +1,67 @@
+"""``fieldkit calibrate horizon``: the horizon of a place from a DEM or from the skyline of a frame."""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+
+import click
+
+from fieldkit.cli import common
+from fieldkit.cli.types import MOMENT
+from fieldkit.model.clock import utc_ns
+
+_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+@click.command(cls=common.Command)
+@click.option("--dem", type=_FILE, help="GeoTIFF of heights.")
+@click.option("--crs", help="Projected system of the DEM in metres, such as EPSG:32654.")
+@click.option(
+    "--at", type=(float, float), metavar="EAST NORTH", help="The bed's place in the DEM, in metres."
+)
+@click.option("--nearest-m", type=float, default=0.0, help="Nearer ground is omitted.", show_default=True)
+@click.option("--skyline", type=_FILE, help="CSV file of pixels on the skyline: x_px, y_px.")
+@click.option("--pose", "pose_file", type=_FILE, help="Pose of the camera that saw them.")
+@click.option("--time", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
+@click.option("--frame", metavar="COLSxROWS", help="Size of its frame: 160x120.")
+@click.option(
+    "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default="horizon.csv", show_default=True,
+    help="File to write.",
+)  # fmt: skip
+def command(
+    dem: Path | None, crs: str | None, at: tuple[float, float] | None, nearest_m: float,
+    skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None, out: Path,
+) -> None:  # fmt: skip
+    r"""Find the horizon of a bed from a DEM, or from pixels marked on the skyline of a frame.
+
+    The file that it writes is named in fieldkit.toml: horizon = "horizon.csv", under [site] or of a region.
+    Needs fieldkit[terrain].
+
+    \b
+    fieldkit calibrate horizon --dem dem.tif --crs EPSG:32654 --at 354605 3936221
+    fieldkit calibrate horizon --skyline clicks.csv --pose pose.toml --frame 160x120
+    """
+    from fieldkit.config.pose import load_pose
+    from fieldkit.workflows.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
+
+    if dem and crs and at and not skyline:
+        found = horizon_from_dem(dem, crs, *at, nearest_m=nearest_m)
+    elif skyline and pose_file and frame and not dem:
+        size = re.fullmatch(r"(\d+)x(\d+)", frame)
+        if size is None:
+            raise click.UsageError(f"--frame {frame}: write columns x rows, such as 160x120")
+        found = horizon_from_skyline(
+            skyline, load_pose(pose_file, utc_ns(moment or datetime.now(UTC))), (int(size[2]), int(size[1]))
+        )
+    else:
+        raise click.UsageError("give --dem, --crs and --at, or --skyline, --pose and --frame")
+    write_horizon(out, found)
+    highest = max(found, key=lambda pair: pair[1])
+    if common.options().json:
+        common.print_json({"file": str(out), "horizon": [list(pair) for pair in found]})
+        return
+    click.echo(f"highest {highest[1]:.1f}° at azimuth {highest[0]:.0f}°")
+    click.echo(f"wrote {out}")
+    common.say(f'next: horizon = "{out.name}" in fieldkit.toml, under [site] or of a region')

@@ -1,0 +1,64 @@
+"""``fieldkit calibrate horizon`` on ground and pixels whose skyline follows from a right-angled triangle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from fieldkit.cli import main
+from fieldkit.config.horizon import load_horizon
+
+rasterio = pytest.importorskip("rasterio")
+POSE = """crs = "EPSG:32654"
+east_m = 500000.0
+north_m = 3936200.0
+height_m = 2.0
+yaw_deg = 90.0
+pitch_deg = 0.0
+hfov_deg = 90.0
+range_m = 100.0
+ground_m = 0.0
+"""
+
+
+def calibrate(folder: Path, *words: str) -> Result:
+    return CliRunner().invoke(main, ["calibrate", "horizon", "-o", str(folder / "horizon.csv"), *words])
+
+
+def test_a_wall_in_the_east_is_as_high_as_its_triangle(tmp_path: Path) -> None:
+    heights = np.zeros((201, 201), np.float32)
+    heights[:, 150:] = 20.0  # from 49.5 m east of the middle cell on, where the zone's north is true north
+    transform = rasterio.Affine(1.0, 0.0, 500000.0 - 100.5, 0.0, -1.0, 3936200.0 + 100.5)
+    profile = {"driver": "GTiff", "width": 201, "height": 201, "count": 1, "dtype": "float32"}
+    with rasterio.open(tmp_path / "dem.tif", "w", crs="EPSG:32654", transform=transform, **profile) as file:
+        file.write(heights, 1)
+    place = ("--dem", str(tmp_path / "dem.tif"), "--crs", "EPSG:32654", "--at", "500000", "3936200")
+    done = calibrate(tmp_path, *place)
+    assert done.exit_code == 0, done.output
+    azimuths, elevations = np.array(load_horizon(tmp_path / "horizon.csv")).T
+    found = dict(zip(azimuths.tolist(), elevations.tolist(), strict=True))
+    assert found[90.0] == pytest.approx(np.degrees(np.arctan(20.0 / 50.0)), abs=0.3)
+    assert found[120.0] == pytest.approx(
+        np.degrees(np.arctan(20.0 * np.cos(np.radians(30.0)) / 50.0)), abs=0.3
+    )
+    assert found[270.0] == 0.0
+
+
+def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) -> None:
+    (tmp_path / "pose.toml").write_text(POSE)
+    # 80 px of focal length: the middle row is level, 80 px aside are 45 degrees
+    (tmp_path / "clicks.csv").write_text("x_px,y_px\n79.5,39.5\n119.5,59.5\n39.5,59.5\n")
+    files = ("--skyline", str(tmp_path / "clicks.csv"), "--pose", str(tmp_path / "pose.toml"))
+    done = calibrate(tmp_path, *files, "--frame", "160x120")
+    assert done.exit_code == 0, done.output
+    found = load_horizon(tmp_path / "horizon.csv")[1:-1]
+    aside = np.degrees(np.arctan(0.5))
+    expected = [(90.0 - aside, 0.0), (90.0, np.degrees(np.arctan(20.0 / 80.0))), (90.0 + aside, 0.0)]
+    np.testing.assert_allclose(found, expected, atol=0.02)
+
+
+def test_half_of_the_options_is_an_error(tmp_path: Path) -> None:
+    assert "give --dem, --crs and --at" in calibrate(tmp_path, "--crs", "EPSG:32654").output
