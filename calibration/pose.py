@@ -43,7 +43,7 @@ class PoseFit:
 
 def fit_pose(
     pixels: FloatArray, points_m: FloatArray, shape: tuple[int, int], *, hfov_deg: float | None = None,
-    mark_sd_px: float = 1.0,
+    mark_sd_px: float = 1.0, distortion: tuple[float, ...] = (),
 ) -> PoseFit:  # fmt: skip
     """Find the pose that sees points where they were marked.
 
@@ -59,6 +59,8 @@ def fit_pose(
         Horizontal field of view; found as well if it is not given. [degrees]
     mark_sd_px
         Standard uncertainty of a mark, in x and in y; the scatter counts where it is larger. [pixels]
+    distortion
+        Of the lens, as of a `Camera`; it is not found. [-]
 
     Raises
     ------
@@ -73,12 +75,12 @@ def fit_pose(
     starts = [
         start
         for field in ((hfov_deg,) if hfov_deg is not None else FIELDS_DEG)
-        if (start := _start(pixels, points_m - centre, shape, field)) is not None
+        if (start := _start(pixels, points_m - centre, shape, field, distortion)) is not None
     ]
     count = len(QUANTITIES) - (hfov_deg is not None)
 
     def misses(numbers: FloatArray) -> FloatArray:
-        x, y, _ = project(_camera(numbers, shape, hfov_deg), points_m - centre)
+        x, y, _ = project(_camera(numbers, shape, hfov_deg, distortion), points_m - centre)
         # behind the camera there is no pixel: far off
         return np.nan_to_num(np.column_stack([x, y]) - pixels, nan=1e4).ravel() / mark_sd_px
 
@@ -98,7 +100,7 @@ def fit_pose(
     inflation = max(1.0, 2.0 * float(best.cost) / freedom)
     sd = np.zeros(len(QUANTITIES))
     sd[:count] = np.sqrt(np.diag(np.linalg.inv(information)) * inflation)
-    camera = _camera(best.x, shape, hfov_deg)
+    camera = _camera(best.x, shape, hfov_deg, distortion)
     east, north, up = (float(one) for one in np.asarray(camera.position_m) + centre)
     residuals = np.linalg.norm(best.fun.reshape(-1, 2), axis=1) * mark_sd_px
     return PoseFit(
@@ -108,13 +110,20 @@ def fit_pose(
     )
 
 
-def _camera(numbers: FloatArray, shape: tuple[int, int], hfov_deg: float | None) -> Camera:
+def _camera(
+    numbers: FloatArray, shape: tuple[int, int], hfov_deg: float | None, distortion: tuple[float, ...]
+) -> Camera:
     east, north, up, yaw, pitch, roll, *field = (float(one) for one in numbers)
-    return Camera((east, north, up), yaw, pitch, roll, field[0] if hfov_deg is None else hfov_deg, shape)
+    field_deg = field[0] if hfov_deg is None else hfov_deg
+    return Camera((east, north, up), yaw, pitch, roll, field_deg, shape, distortion)
 
 
 def _start(
-    pixels: FloatArray, points_m: FloatArray, shape: tuple[int, int], hfov_deg: float
+    pixels: FloatArray,
+    points_m: FloatArray,
+    shape: tuple[int, int],
+    hfov_deg: float,
+    distortion: tuple[float, ...],
 ) -> FloatArray | None:
     """Position, angles and field of view by SQPnP; None where it finds none."""
     import cv2
@@ -123,7 +132,8 @@ def _start(
     focal = Camera((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, hfov_deg, shape).focal_px
     intrinsics = np.array([[focal, 0, 0.5 * (cols - 1)], [0, focal, 0.5 * (rows - 1)], [0, 0, 1.0]])
     marks, points = (np.ascontiguousarray(one, np.float64) for one in (pixels, points_m))  # as OpenCV asks
-    ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, None, flags=cv2.SOLVEPNP_SQPNP)
+    lens = np.array(distortion) if distortion else None
+    ok, turned, moved = cv2.solvePnP(points, marks, intrinsics, lens, flags=cv2.SOLVEPNP_SQPNP)
     if not ok:
         return None
     axes = cv2.Rodrigues(turned)[0]

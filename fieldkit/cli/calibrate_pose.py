@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from fieldkit.cli import common
     "--mark-sd-px", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, metavar="PX",
     help="Standard uncertainty of a mark.",
 )  # fmt: skip
+@click.option("--distortion", metavar="K1,K2,P1,P2,K3", help="Of the lens, as OpenCV's calibration gives it.")
 @click.option("--range-m", type=float, default=100.0, show_default=True, help="Farther ground is omitted.")
 @click.option("--ground-m", type=float, metavar="M", help="Height of level ground; or give --dem.")
 @click.option("--dem", metavar="FILE", help="GeoTIFF of heights, by its path from the folder of the pose.")
@@ -31,7 +33,7 @@ from fieldkit.cli import common
 )  # fmt: skip
 def command(
     points: Path, crs: str, frame: str, hfov_deg: float | None, mark_sd_px: float, range_m: float,
-    ground_m: float | None, dem: str | None, out: Path,
+    ground_m: float | None, dem: str | None, out: Path, distortion: str | None,
 ) -> None:  # fmt: skip
     r"""Find the pose of a camera from four or more surveyed POINTS marked in a frame.
 
@@ -51,7 +53,8 @@ def command(
     if (ground_m is None) == (dem is None):
         raise click.UsageError("give one of --ground-m, --dem")
     shape = int(size[2]), int(size[1])
-    found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px)
+    lens = () if distortion is None else _lens(distortion)
+    found = pose(points, crs, shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=lens)
     found.write(out, range_m=range_m, ground_m=ground_m, dem=dem)
     residuals = [float(one) for one in found.fit.residuals_px]
     if common.options().json:
@@ -63,3 +66,13 @@ def command(
     click.echo(f"marks off by {max(residuals):.1f} px at most")
     click.echo(f"wrote {out}")
     common.say(f"next: fieldkit map --pose {out}")
+
+
+def _lens(text: str) -> tuple[float, ...]:
+    try:
+        lens = tuple(float(one) for one in text.split(","))
+    except ValueError:
+        lens = ()
+    if len(lens) != 5 or not all(map(math.isfinite, lens)):
+        raise click.UsageError(f"--distortion {text}: write five numbers, such as -0.3,0.1,0,0,0")
+    return lens

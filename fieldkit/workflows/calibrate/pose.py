@@ -41,6 +41,8 @@ class PoseCalibration:
         for name, value in self.values.items():
             sd = self.fit.sd[name]
             lines.append(f"{name} = {value:.4f}" + (f"  # standard uncertainty {sd:.2g}" if sd else ""))
+        if self.fit.camera.distortion:
+            lines.append(f"distortion = {list(self.fit.camera.distortion)}")
         lines.append(f"range_m = {range_m}")
         lines.append(f"ground_m = {ground_m}" if dem is None else f"dem = '{dem}'")
         try:
@@ -51,8 +53,9 @@ class PoseCalibration:
 
 
 def pose(
-    points: Path, crs: str, shape: tuple[int, int], *, hfov_deg: float | None = None, mark_sd_px: float = 1.0
-) -> PoseCalibration:
+    points: Path, crs: str, shape: tuple[int, int], *, hfov_deg: float | None = None, mark_sd_px: float = 1.0,
+    distortion: tuple[float, ...] = (),
+) -> PoseCalibration:  # fmt: skip
     """Find the pose of a camera.
 
     Parameters
@@ -67,6 +70,8 @@ def pose(
         Horizontal field of view; found as well if it is not given. [degrees]
     mark_sd_px
         Standard uncertainty of a mark. [pixels]
+    distortion
+        k1, k2, p1, p2, k3 of the lens, from a calibration of its own; none by default. [-]
 
     Raises
     ------
@@ -93,7 +98,9 @@ def pose(
     """
     system = geotiff.projected_crs(crs)
     table = _read(points)
-    fit = fit_pose(table[:, :2], table[:, 2:], shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px)
+    fit = fit_pose(
+        table[:, :2], table[:, 2:], shape, hfov_deg=hfov_deg, mark_sd_px=mark_sd_px, distortion=distortion
+    )
     east_m, north_m, _ = fit.camera.position_m
     return PoseCalibration(fit, crs, geotiff.true_north_deg(system, east_m, north_m))
 

@@ -17,11 +17,13 @@ POINTS = np.array([
 ])  # fmt: skip
 
 
-def marked(noise_px=0.0, seed=1):
+def marked(noise_px=0.0, seed=1, lens=None):
     centre = np.asarray(TRUTH.position_m)
     intrinsics = np.array([[TRUTH.focal_px, 0, 79.5], [0, TRUTH.focal_px, 59.5], [0, 0, 1]])
     turned = cv2.Rodrigues(TRUTH.axes)[0]
-    pixels = cv2.projectPoints(POINTS - centre, turned, np.zeros(3), intrinsics, None)[0].reshape(-1, 2)
+    distortion = None if lens is None else np.array(lens)
+    pixels = cv2.projectPoints(POINTS - centre, turned, np.zeros(3), intrinsics, distortion)[0]
+    pixels = pixels.reshape(-1, 2)
     return pixels + noise_px * np.random.default_rng(seed).standard_normal(pixels.shape)
 
 
@@ -55,3 +57,11 @@ def test_stated_uncertainties_are_those_of_noisy_marks():
 def test_too_few_points_are_an_error(count):
     with pytest.raises(CalibrationError, match="needs 4 points"):
         fit_pose(marked()[:count], POINTS[:count], TRUTH.shape)
+
+
+def test_the_pose_of_a_camera_with_a_distorting_lens_is_found():
+    lens = (-0.3, 0.12, 0.001, -0.002, 0.0)
+    found = fit_pose(marked(lens=lens), POINTS, TRUTH.shape, hfov_deg=50.0, distortion=lens)
+    assert numbers(found.camera) == pytest.approx(numbers(TRUTH), abs=1e-3)
+    without = fit_pose(marked(lens=lens), POINTS, TRUTH.shape, hfov_deg=50.0)
+    assert without.residuals_px.max() > 0.2 > 1e-3 > found.residuals_px.max()

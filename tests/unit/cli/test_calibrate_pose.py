@@ -54,6 +54,7 @@ def test_pose_file_sees_the_points_where_they_were_marked(tmp_path, table):
         (lambda text: "\n".join(text.split("\n")[:4]), OPTIONS, "needs 4 points"),
         (str, (*OPTIONS[:-2],), "--ground-m, --dem"),
         (str, (*OPTIONS, "--frame", "160"), "columns x rows"),
+        (str, (*OPTIONS, "--distortion", "0.1,nan,0,0,0"), "five numbers"),
     ],
 )
 def test_what_gives_no_pose_is_an_error(tmp_path, table, change, options, words):
@@ -61,3 +62,9 @@ def test_what_gives_no_pose_is_an_error(tmp_path, table, change, options, words)
     assert done.exit_code != 0
     assert words in done.output
     assert not (tmp_path / "pose.toml").exists()
+
+
+def test_the_lens_given_is_that_of_the_pose_file(tmp_path, table):
+    done = calibrate(tmp_path, table, *OPTIONS, "--distortion=-0.01,0,0,0,0")
+    assert done.exit_code == 0, done.output
+    assert load_pose(tmp_path / "pose.toml", 0).distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]
