@@ -42,6 +42,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.energy_balance import irradiance_per_kelvin
 from fieldkit.physics.facet import VERTICAL, FloatArray, normal, tilt_azimuth
+from fieldkit.physics.horizon import MINUTE_EDGE_DEG, sunlit_share
 from fieldkit.physics.radiance import surface_temperature_k
 from fieldkit.sessions.file_tree import LIBVER, attach, iso_utc, put_scale, set_attributes
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -393,7 +394,16 @@ def _window(estimator: Estimator, estimates: Sequence[SlopeEstimate], window: Wi
             window_s = None
         case duration:
             window_s = as_seconds(duration)
-    return chosen_minutes(estimator.bins, RegionColumns(estimator.regions), window_s, weather_ns)
+    bins = [one for one in estimator.bins if _is_sunlit(one, estimator)]
+    return chosen_minutes(bins, RegionColumns(estimator.regions), window_s, weather_ns)
+
+
+def _is_sunlit(one: MinuteBin, estimator: Estimator) -> bool:
+    """Whether neither the site's horizon nor that of a reference hides any of the sun."""
+    settings = estimator.settings
+    references = (region.name for region in estimator.regions if region.kind is RegionKind.REFERENCE)
+    horizons = (settings.horizon, *(settings.horizon_of(name) for name in references))
+    return all(sunlit_share(horizon, one.sun, MINUTE_EDGE_DEG) == 1.0 for horizon in horizons)
 
 
 def chosen_minutes(
