@@ -29,6 +29,9 @@ def horizon_findings(
         return
     sun = normal([one.sun_zenith_deg for one in minutes], [one.sun_azimuth_deg for one in minutes])
     references = [region.name for region in regions if region.kind is RegionKind.REFERENCE]
+    # a region in the same shadow as the reference cools with it
+    shares = [sunlit_share(settings.horizon_of(name), sun, MINUTE_EDGE_DEG) for name in references]
+    compared = np.all(np.array(shares).reshape(-1, len(minutes)) == 1.0, axis=0)
     for region in regions:
         horizon = settings.horizon_of(region.name)
         share = sunlit_share(horizon, sun, MINUTE_EDGE_DEG)
@@ -41,7 +44,8 @@ def horizon_findings(
         elif shaded.any():
             fix = "if terrain did it, give a horizon and estimate again; see how-to/shadows"
             yield Finding("warn", region.name, f"shaded: {_times(minutes, shaded)}", fix)
-        sunlit = _sunlit_below(minutes, region.name, references, (share == 0.0) & (sun[:, 2] > 0.0))
+        below = (share == 0.0) & compared & (sun[:, 2] > 0.0)
+        sunlit = _sunlit_below(minutes, region.name, references, below)
         if sunlit.any():
             text = f"sunlit although its horizon hides the sun: {_times(minutes, sunlit)}"
             yield Finding("warn", region.name, text, "correct its horizon")

@@ -64,3 +64,7 @@ def test_contradictions_are_named_by_their_minutes(
     settings = EstimatorSettings(horizons={"b15": horizon} if horizon else {})
     found = horizon_findings(minutes, REGIONS, settings)
     assert [f"{one.what}: {one.text}" for one in found] == expected
+
+
+def test_a_shadow_on_all_regions_cannot_be_compared() -> None:
+    assert list(horizon_findings(hour(0.0, {}), REGIONS, EstimatorSettings(horizon=HORIZON))) == []
