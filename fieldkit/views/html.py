@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import base64
 import functools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from fieldkit.views.formatting import UNKNOWN
+
+NUMBER = re.compile(r"[-+−±>]? ?\d[\d.,\s]*[%°]?( ?± ?\d[\d.]*°?)?")
 SHORT = 24
 """Cells with fewer characters (numbers, names) are kept on one line; longer text may wrap."""
 
@@ -31,19 +35,36 @@ class Table:
         """Whether any column has a name."""
         return any(self.columns)
 
+    @property
+    def numeric(self) -> Sequence[bool]:
+        """Which columns hold numbers, to be aligned at their right."""
+        return [
+            any(map(_is_number, column)) and all(map(_is_number_or_absent, column))
+            for column in zip(*self.rows, strict=True)
+        ] or [False] * len(self.columns)
+
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure as SVG text with its caption, and `alt` for readers who cannot see it."""
+    """A figure as SVG text with its caption, `alt` for readers who cannot see it; `wide`: as wide as the page."""
 
     svg: str
     caption: str
     alt: str
+    wide: bool = False
 
     @property
     def data_uri(self) -> str:
         """The figure as the address of an image."""
         return data_uri("image/svg+xml", self.svg.encode())
+
+
+def _is_number(cell: object) -> bool:
+    return NUMBER.fullmatch(str(cell)) is not None
+
+
+def _is_number_or_absent(cell: object) -> bool:
+    return _is_number(cell) or str(cell) in ("", UNKNOWN)
 
 
 def strong(text: str) -> Markup:

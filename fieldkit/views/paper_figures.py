@@ -33,7 +33,7 @@ def contour_on_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray,
     figure, axes = _figure()
     _table(figure, axes, table, tilts, azimuths)
     axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
-    axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=11)
+    axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=9)
     return plotting.svg(figure)
 
 

@@ -185,11 +185,12 @@ def _chart(plan: DayPlan, site: Site) -> Figure:
         _drawn(plan, site),
         "Above, what one degree of tilt is worth; below, the best one can do with one window.",
         "kelvin per degree and Cramér–Rao bound of the tilt over the day, one line per bed",
+        wide=True,
     )
 
 
 def _drawn(plan: DayPlan, site: Site) -> str:
-    figure, (upper, lower) = plotting.panels(2, 5.6)
+    figure, (upper, lower) = plotting.panels(2, 4.6, plotting.WIDE_IN)
     hours, usable = _hours(plan, site), plan.usable
     for index, facet in enumerate(plan.facets):
         line = {
@@ -199,6 +200,7 @@ def _drawn(plan: DayPlan, site: Site) -> str:
         }
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
         lower.semilogy(hours[plan.rows], [found.tilt_deg[index] for found in plan.bounds], **line)
+    plotting.plain_log_ticks(lower)
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")

@@ -2,7 +2,8 @@
 
 Matplotlib comes with the extra ``fieldkit[lab]``; `available` reports whether it is installed. The
 colours are those of Okabe and Ito, which can be distinguished without colour vision, and lines also differ by
-their dashes or marks. Figures are narrow with large type, so that they can be read on a phone.
+their dashes or marks. A page shows figures about 1.7 times as large, which makes their type as large as its text.
+Figures over time are wide; a phone scrolls them in their box.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH_IN = 4.8
+WIDTH_IN, WIDE_IN = 4.8, 9.6
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F6000", "#6A3D9A")
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
 MARKERS = "osD^vPX*"
@@ -29,14 +30,14 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",  # letters stay letters: small, searchable, in the reader's own font
     "svg.hashsalt": "fieldkit",  # the same session gives the same bytes
     "font.family": "sans-serif",
-    "font.size": 12,
+    "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "grid.color": "#E4E4E4",
 }
 
-LEGEND: dict[str, Any] = {"frameon": False, "fontsize": 11, "handlelength": 1.8, "handletextpad": 0.5}
+LEGEND: dict[str, Any] = {"frameon": False, "fontsize": 9, "handlelength": 1.8, "handletextpad": 0.5}
 
 
 def available() -> bool:
@@ -59,13 +60,13 @@ def marker(index: int) -> str:
     return MARKERS[index % len(MARKERS)]
 
 
-def panels(count: int, height_in: float) -> tuple[Figure, list[Axes]]:
+def panels(count: int, height_in: float, width_in: float = WIDTH_IN) -> tuple[Figure, list[Axes]]:
     """An empty figure of some panels one above the other."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     with rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
         axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     return figure, list(axes)
 
@@ -78,6 +79,15 @@ def svg(figure: Figure) -> str:
     with rc_context(STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
+
+
+def plain_log_ticks(axes: Axes) -> None:
+    """Write the ticks of a logarithmic vertical axis as 0.5, 1, 2, not as powers of ten."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _position: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def days(time_ns: NDArray[np.int64]) -> FloatArray:

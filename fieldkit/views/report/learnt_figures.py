@@ -37,7 +37,7 @@ def over_time(columns: Series, site: Site) -> str:
     """The main parameters by minute with their intervals, a panel each; `columns` must have some."""
     final = columns.final_learnt
     names = [one.name for one in learnt_words.main(final)] if final else []
-    figure, panels = plotting.panels(len(names), 1.0 + 1.3 * len(names))
+    figure, panels = plotting.panels(len(names), 0.6 + 1.1 * len(names))
     for index, (axes, name) in enumerate(zip(panels, names, strict=True)):
         _learning(axes, columns, name, plotting.colour(index))
     return over_local_time(figure, panels, columns, site, legend=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -20,6 +21,7 @@ from fieldkit.views.report.report_data import ReportData
 
 PACKAGES = ("fieldkit", "numpy", "scipy", "astropy", "h5py", "matplotlib")
 SHOWN_EVENTS, UNFOLDED_EVENTS = 200, 12
+SIMULATED = "simulated"
 _GAPS = (EventKind.GAP, EventKind.LOST)
 
 
@@ -122,6 +124,23 @@ def regions(data: ReportData) -> Table:
 
 def _pixels(region: Region, frame: Frame | None) -> str:
     return formatting.UNKNOWN if frame is None else str(int(region.mask(frame.counts.shape).sum()))
+
+
+def is_simulated(data: ReportData) -> bool:
+    """Whether any instrument of the session was simulated, by the configuration that recorded it."""
+    if any(info.port == SIMULATED for info in data.session.streams.values()):
+        return True
+    try:
+        return _names_simulated(tomllib.loads(data.session.config_toml))
+    except tomllib.TOMLDecodeError:  # a damaged configuration is no reason to have no report
+        return False
+
+
+def _names_simulated(settings: object) -> bool:
+    """Whether a device among nested settings has the simulated port."""
+    if isinstance(settings, dict):
+        return settings.get("port") == SIMULATED or any(map(_names_simulated, settings.values()))
+    return isinstance(settings, list) and any(map(_names_simulated, settings))
 
 
 # ---------------------------------------------------------------------- events, streams, clock, provenance

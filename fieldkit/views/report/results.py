@@ -36,16 +36,16 @@ def slopes(data: ReportData) -> Table:
         "azimuth °",
         "also fits",
         "K per °",
-        "error °",
-        "MAE ± SD °",
+        "last error °",
+        "mean |error| ± SD °",
         "n",
         "state",
     )
     caption = (
         "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
         f"region ({likelihood_words(data.settings)}); noise is the same by noise alone. Uncertain: "
-        f"{formatting.UNCERTAIN_MEANS}. Error is against the given tilt. MAE and SD are over the n minutes "
-        f"with an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}."
+        f"{formatting.UNCERTAIN_MEANS}. Last error: the tilt shown less the given "
+        f"tilt. Mean |error| and SD: over all n minutes with an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}."
     )
     return Table(columns, [_slope_row(bed, data.sd) for bed in data.columns.beds], caption)
 
@@ -129,35 +129,54 @@ def _slope_cells(estimate: SlopeEstimate) -> list[object]:
 # ---------------------------------------------------------------------- over time
 
 
-def time_figures(data: ReportData) -> Iterator[Figure]:
-    """Slopes, temperatures and irradiance over the session."""
-    columns, site = data.columns, data.site
-    clouds = " Grey: cloud or changing light." if columns.cloudy.any() else ""
-    if columns.beds:
+def slope_figures(data: ReportData) -> Iterator[Figure]:
+    """The tilts of the beds over the session; nothing where no slope was found."""
+    columns = data.columns
+    if _has_slopes(columns):
         yield Figure(
-            session_figures.tilts(columns, site),
+            session_figures.tilts(columns, data.site),
             "Tilt of each bed. Shaded: 90 % likelihood region; dashed: the given tilt; crosses: not to be "
-            f"relied on (held, shaded, no intersection); ticks at the foot: no slope.{clouds}",
+            f"relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
             f"Tilt against local time. {_final_tilts(columns)}",
+            wide=True,
         )
-    if data.settings.azimuth == "free" and columns.beds:
+
+
+def time_figures(data: ReportData) -> Iterator[Figure]:
+    """Azimuths, temperatures and irradiance over the session, as far as they were recorded."""
+    columns, site = data.columns, data.site
+    clouds = _clouds(columns)
+    if data.settings.azimuth == "free" and _has_slopes(columns):
         yield Figure(
             session_figures.azimuths(columns, site),
             "Azimuth of each bed's normal with its likelihood region; a region over all 360° means that "
             "the data do not determine it. Dashed: the given azimuth.",
             "Azimuth of each bed against local time.",
+            wide=True,
         )
-    yield Figure(
-        session_figures.temperatures(columns, data.channels, site),
-        f"Surface temperature of the regions (camera) and contact probes (marks).{clouds}",
-        f"Surface temperatures against local time of {', '.join(r.name for r in columns.regions)}.",
-    )
-    yield Figure(
-        session_figures.irradiance(columns, site),
-        f"Above: illuminance as measured. Below: direct normal irradiance by the model "
-        f"“{columns.irradiance_model}”.{clouds}",
-        "Illuminance and derived direct normal irradiance against local time.",
-    )
+    if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
+        yield Figure(
+            session_figures.temperatures(columns, data.channels, site),
+            f"Surface temperature of the regions (camera) and contact probes (marks).{clouds}",
+            f"Surface temperatures against local time of {', '.join(r.name for r in columns.regions)}.",
+            wide=True,
+        )
+    if np.isfinite(columns.illuminance_lx).any() or np.isfinite(columns.irradiance_w_m2).any():
+        yield Figure(
+            session_figures.irradiance(columns, site),
+            "Illuminance as measured, and direct normal irradiance by the model "
+            f"“{columns.irradiance_model}”.{clouds}",
+            "Illuminance and derived direct normal irradiance against local time.",
+            wide=True,
+        )
+
+
+def _has_slopes(columns: Series) -> bool:
+    return any(np.isfinite(bed.tilt_deg).any() for bed in columns.beds)
+
+
+def _clouds(columns: Series) -> str:
+    return " Grey: cloud or changing light." if columns.cloudy.any() else ""
 
 
 def _final_tilts(columns: Series) -> str:

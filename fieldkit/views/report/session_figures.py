@@ -23,7 +23,7 @@ CLOUD_COLOUR = "#B0B0B0"
 
 def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
     """Surface temperature of each region, and the contact probes, over local time."""
-    figure, (axes,) = plotting.panels(1, 3.4)
+    figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     for index, region in enumerate(columns.regions):
         axes.plot(
             plotting.days(columns.time_ns),
@@ -50,20 +50,22 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
 
 
 def irradiance(columns: Series, site: Site) -> str:
-    """Measured illuminance above, direct normal irradiance derived from it below."""
-    figure, (illuminance, direct) = plotting.panels(2, 3.8)
-    illuminance.plot(
-        plotting.days(columns.time_ns), columns.illuminance_lx / 1000.0, color=plotting.colour(4)
-    )
-    illuminance.set_ylabel("measured, klx")
-    direct.plot(plotting.days(columns.time_ns), columns.irradiance_w_m2, color=plotting.colour(1))
-    direct.set_ylabel("derived DNI, W/m²")
-    return over_time(figure, [illuminance, direct], columns, site, legend=False)
+    """Measured illuminance and the direct normal irradiance derived from it, each where there is any."""
+    lines = [
+        ("measured, klx", columns.illuminance_lx / 1000.0, plotting.colour(4)),
+        ("derived DNI, W/m²", columns.irradiance_w_m2, plotting.colour(1)),
+    ]
+    known = [line for line in lines if np.isfinite(line[1]).any()]
+    figure, panels = plotting.panels(len(known), 0.6 + 1.3 * len(known), plotting.WIDE_IN)
+    for axes, (name, values, colour) in zip(panels, known, strict=True):
+        axes.plot(plotting.days(columns.time_ns), values, color=colour)
+        axes.set_ylabel(name)
+    return over_time(figure, panels, columns, site, legend=False)
 
 
 def tilts(columns: Series, site: Site) -> str:
     """Tilt of each bed with its likelihood region, the given tilt dashed; a panel per bed."""
-    figure, panels = plotting.panels(len(columns.beds), 1.0 + 1.5 * len(columns.beds))
+    figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
     for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
         _band(
             axes,
@@ -82,7 +84,7 @@ def tilts(columns: Series, site: Site) -> str:
 
 def azimuths(columns: Series, site: Site) -> str:
     """Azimuth of each bed with its likelihood region, unwound about the given or median azimuth."""
-    figure, panels = plotting.panels(len(columns.beds), 1.0 + 1.5 * len(columns.beds))
+    figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
     for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
         centre = _centre_of(bed)
         middle = centre + _turned(bed.azimuth_deg - centre)

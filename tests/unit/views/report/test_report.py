@@ -254,3 +254,17 @@ def test_verdict_counts_troubles_and_names_an_unsealed_session(make_minute, regi
 
 def test_default_settings_are_accepted(written):
     assert "Error budget" in written(settings=EstimatorSettings())
+
+
+def test_a_simulated_session_is_called_simulated(written, session, monkeypatch):
+    assert "Simulated." not in Page(written()).text
+    monkeypatch.setattr(type(session), "config_toml", '[lux]\nport = "simulated"\n')
+    assert "Simulated." in Page(written()).text
+
+
+def test_without_regions_no_axes_of_slopes_are_drawn(written, minutes):
+    page = Page(written(minutes=minutes, regions=()))
+    words = " ".join(page.alternatives)
+    assert "Tilt against" not in words
+    assert "Azimuth of each" not in words
+    assert "Illuminance" in words
