@@ -2,8 +2,8 @@
 
 Matplotlib comes with the extra ``fieldkit[lab]``; `available` reports whether it is installed. The
 colours are those of Okabe and Ito, which can be distinguished without colour vision, and lines also differ by
-their dashes or marks. A page shows figures about 1.7 times as large, which makes their type as large as its text.
-Figures over time are wide; a phone scrolls them in their box.
+their dashes or marks. A page shows figures about 1.7 times as large, so that their type is as large as its
+text. Figures over time are wide; a phone scrolls them in their box.
 """
 
 from __future__ import annotations

@@ -45,7 +45,8 @@ def slopes(data: ReportData) -> Table:
         "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
         f"region ({likelihood_words(data.settings)}); noise is the same by noise alone. Uncertain: "
         f"{formatting.UNCERTAIN_MEANS}. Last error: the tilt shown less the given "
-        f"tilt. Mean |error| and SD: over all n minutes with an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}."
+        "tilt. Mean |error| and SD: over all n minutes with an estimate; slopes held over a cloud are "
+        f"excluded. SD {sd_words(data.sd)}."
     )
     return Table(columns, [_slope_row(bed, data.sd) for bed in data.columns.beds], caption)
 
