@@ -46,7 +46,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure as SVG text with its caption, and `alt` for those who cannot see it; `wide` ones fill the page."""
+    """A figure as SVG text with its caption, and `alt` in words; a `wide` one fills the page."""
 
     svg: str
     caption: str
