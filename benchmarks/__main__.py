@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import pkgutil
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Sides, declared
+from benchmarks.sides import BUSY_STEAL, Steal
 
+LEAST_WIDTH = 150
 HELPERS = {"__main__", "drawn_worlds", "mjpeg_page", "replayed", "result", "session_data", "sides"}
 
 
@@ -31,24 +34,61 @@ def main(wanted: list[str]) -> None:
         sys.exit(f"no such benchmark: {', '.join(sorted(unknown))}\nthere are: {', '.join(modules())}")
     results: dict[str, list[Result]] = {}
     for name in names:
-        results[name] = importlib.import_module(f"benchmarks.{name}").run()
+        results[name] = _measured(name)
         if not as_json:
             _print(name, results[name])
     if as_json:
-        print(
-            json.dumps(
-                {name: [asdict(result) for result in rows] for name, rows in results.items()}, indent=2
-            )
-        )
+        document = {name: [asdict(result) for result in rows] for name, rows in results.items()}
+        print(json.dumps(document, indent=2))
+
+
+def _measured(name: str) -> list[Result]:
+    """What a module measures, and the rows it declares and did not measure: something is not installed."""
+    module, steal = importlib.import_module(f"benchmarks.{name}"), Steal()
+    results: list[Result] = module.run()
+    results = [replace(one, steal=steal.share()) if one.steal is None else one for one in results]
+    measured = {one.id for one in results}
+    missing = [row for row in declared(module) if row.id not in measured]
+    return [*results, *(row.measured(float("nan"), "not measured here") for row in missing)]
 
 
 def _print(name: str, rows: list[Result]) -> None:
-    table = Table(title=name, title_justify="left")
-    for column in ("what", "measured", "must", "note"):
+    table = Table(title=name, title_justify="left", show_lines=True)
+    for column in ("what", "measured", "goal", "ours", "theirs", "steal", "includes, notes"):
         table.add_column(column, overflow="fold")
     for row in rows:
-        table.add_row(row.name, f"{row.value:.4g} {row.unit}", row.must, row.note)
-    Console().print(table)
+        table.add_row(row.name, _value(row), row.must, *_medians(row.sides), _steal(row), _words(row))
+    Console(width=max(Console().width, LEAST_WIDTH)).print(table)
+
+
+def _value(row: Result) -> str:
+    if math.isnan(row.value):
+        return "-"
+    value = f"{row.value:.4g} {row.unit}"
+    if row.sides is None:
+        return value
+    return f"{value}\n{row.sides.least:.3g} to {row.sides.largest:.3g} in {row.sides.rounds} rounds"
+
+
+def _medians(sides: Sides | None) -> tuple[str, str]:
+    if sides is None:
+        return "", ""
+    return _amount(sides.ours, sides.unit), _amount(sides.theirs, sides.unit)
+
+
+def _amount(value: float, unit: str) -> str:
+    if unit != "s" or value >= 1.0:
+        return f"{value:.3g} {unit}"
+    return f"{1e3 * value:.3g} ms" if value >= 1e-3 else f"{1e6 * value:.3g} µs"
+
+
+def _steal(row: Result) -> str:
+    steal = row.steal or 0.0
+    return f"{100.0 * steal:.0f} %{': busy machine' if steal > BUSY_STEAL else ''}"
+
+
+def _words(row: Result) -> str:
+    return "; ".join(words for words in (row.included, row.note) if words)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
 """One frame from bytes to kelvin: our decoders, with flags and region statistics, beside what people use now.
 
-The other side is written as its user writes it: flirpy itself where it is installed (its telemetry and its
-files), else the same steps in plain numpy; the viewers for the P2 Pro and the HT-301 are no packages, so
-their steps per frame are reproduced. They give neither flags nor statistics.
+Both sides go in turn around a ring of frames that differ, more than a core's cache holds. The other side is
+flirpy itself for its telemetry and its files, where it is installed; what its user then does is written as
+a user writes it. Software for the P2 Pro and the HT-301 is no package: its steps are written anew here. The
+other side gives neither flags nor statistics.
 """
 
 from __future__ import annotations
 
-import math
 import struct
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,28 +20,39 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Row
 from benchmarks.sides import compared
 from fieldkit.drivers.cameras import boson, flir_file, ht301, p2pro, purethermal
 from fieldkit.drivers.cameras.camera import DecodedFrame, kelvin
 from fieldkit.drivers.decoding import Rejected
 
-ROUNDS, REPEATS = 100, 300
-FARTHER_ROUNDS = 5
 FRAMES = 64
-Work = Callable[[], Any]
+ROUNDS = 31
+GIVES = f"{FRAMES} frames to float32 kelvin, flags and the mean of a region; theirs to float64 °C alone"
+BARE = "to float32 kelvin, extremes and one mean; no telemetry, flags or checks"
+LEPTON = Row("lepton", "Lepton 160x122, flirpy's telemetry and its user's conversion over ours", ">= 2",
+             included=GIVES)  # fmt: skip
+LEPTON_LEAST = Row("lepton-least", "the same over the least there is to do", "", included=BARE)
+BOSON = Row("boson", "Boson 640x512, the conversion that flirpy's user writes over ours", ">= 2.5",
+            included=GIVES)  # fmt: skip
+P2PRO = Row(
+    "p2pro", "P2 Pro 256x384, a viewer's steps, written anew here, over ours", ">= 1.5", included=GIVES
+)
+HT301 = Row("ht301", "HT-301 384x292, its library's steps, written anew here, over ours", ">= 3",
+            included=GIVES)  # fmt: skip
+SEQ = Row("seq", f"SEQ 640x512, {FRAMES} frames, flirpy's `Seq` over ours", ">= 10",
+          included="reading the file; ours with the mean of a region")  # fmt: skip
+Work = Callable[[bytes], Any]
 
 
-def _pair_us(ours: Work, theirs: Work, rounds: int = ROUNDS) -> tuple[float, float]:
-    """Best mean time of each in microseconds: many short turns, so that both meet the same quiet moments."""
-    best = [math.inf, math.inf]
-    for _ in range(REPEATS):
-        for side, work in enumerate((ours, theirs)):
-            started = time.perf_counter()
-            for _ in range(rounds):
-                work()
-            best[side] = min(best[side], (time.perf_counter() - started) / rounds * 1e6)
-    return best[0], best[1]
+def _around(row: Row, ring: Sequence[bytes], ours: Work, theirs: Work) -> Result:
+    """Each round takes both sides once around the ring; processor time."""
+
+    def lap(work: Work) -> None:
+        for data in ring:
+            work(data)
+
+    return compared(row, partial(lap, ours), partial(lap, theirs), ROUNDS, time.process_time)
 
 
 class _Bed:
@@ -57,16 +68,16 @@ class _Bed:
         return cv2.sumElems(image[self._box])[0] / self._pixels
 
 
-def _ours(data: bytes, decode: Callable[[bytes], DecodedFrame | Rejected], bed: _Bed) -> Any:
+def _ours(decode: Callable[[bytes], DecodedFrame | Rejected], bed: _Bed, data: bytes) -> Any:
     decoded = decode(data)
     assert isinstance(decoded, DecodedFrame)
     image = kelvin(decoded)
     return image, decoded.quality, bed.mean_k(image)
 
 
-def lepton_bytes() -> bytes:
+def lepton_bytes(seed: int) -> bytes:
     """160x120 of a room at 22 °C, and its telemetry."""
-    counts = 29515 + np.random.default_rng(1).integers(-200, 1200, (120, 160))
+    counts = 29515 + np.random.default_rng(seed).integers(-200, 1200, (120, 160))
     rows = np.zeros(320, "<u2")
     for word, value in (
         (0, 14),
@@ -83,54 +94,51 @@ def lepton_bytes() -> bytes:
 
 
 def _lepton() -> list[Result]:
-    data = lepton_bytes()
     try:
         from flirpy.camera.lepton import Lepton
-
-        camera, how = Lepton.__new__(Lepton), "flirpy's telemetry and the user's conversion"
     except ImportError:
-        camera, how = None, "the user's conversion, without telemetry"
+        return []
+    ring, bed = [lepton_bytes(seed) for seed in range(FRAMES)], _Bed(160, 120)
+    camera = Lepton.__new__(Lepton)
 
-    def theirs() -> Any:
+    def theirs(data: bytes) -> Any:
         image = np.frombuffer(data, np.uint16).reshape(122, 160)
-        if camera is not None:
-            camera.decode_telemetry(image)
+        camera.decode_telemetry(image)
         return image[:-2].astype(float) / 100 - 273.15
 
-    bed = _Bed(160, 120)
-    us = _pair_us(partial(_ours, data, purethermal.decode, bed), theirs)
-    counts = np.frombuffer(data, "<u2").reshape(122, 160)[:120]
-
-    def least() -> Any:
+    def least(data: bytes) -> Any:
+        counts = np.frombuffer(data, "<u2").reshape(122, 160)[:120]
         image = counts.astype(np.float32)
         image *= 0.01
         return image, cv2.minMaxLoc(counts), bed.mean_k(image)
 
-    least_us = _pair_us(least, lambda: None)[0]
-    note = "what is left of it without the telemetry, the flags and the parts they come in"
-    return [
-        *_rows("Lepton 160x122", us, ">= 2", data, how),
-        Result("Lepton 160x122: conversion, extremes and a mean alone", least_us, "us", "", note),
-    ]
+    ours = partial(_ours, purethermal.decode, bed)
+    return [_around(LEPTON, ring, ours, theirs), _around(LEPTON_LEAST, ring, least, theirs)]
+
+
+def boson_bytes(seed: int) -> bytes:
+    """640x512 counts of 10 mK."""
+    counts = 29515 + np.random.default_rng(seed).integers(-200, 1200, (512, 640))
+    return counts.astype("<u2").tobytes()
 
 
 def _boson() -> list[Result]:
-    counts = 29515 + np.random.default_rng(2).integers(-200, 1200, (512, 640))
-    data = counts.astype("<u2").tobytes()
-
-    def theirs() -> Any:
+    def theirs(data: bytes) -> Any:
         return np.frombuffer(data, np.uint16).reshape(512, 640) / 100 - 273.15
 
-    us = _pair_us(partial(_ours, data, partial(boson.decode, scale=0.01), _Bed(640, 512)), theirs)
-    return _rows("Boson 640x512", us, ">= 2.5", data, "the user's conversion of flirpy's frame")
+    ours = partial(_ours, partial(boson.decode, scale=0.01), _Bed(640, 512))
+    return [_around(BOSON, [boson_bytes(seed) for seed in range(FRAMES)], ours, theirs)]
+
+
+def p2pro_bytes(seed: int) -> bytes:
+    """256x192 of grey picture above as many counts of 1/64 K."""
+    grey = np.full((192, 256), 0x8020, "<u2")
+    counts = 18890 + np.random.default_rng(seed).integers(-4, 5, (192, 256))
+    return grey.tobytes() + counts.astype("<u2").tobytes()
 
 
 def _p2pro() -> list[Result]:
-    grey = np.full((192, 256), 0x8020, "<u2")
-    counts = 18890 + np.random.default_rng(3).integers(-4, 5, (192, 256))
-    data = grey.tobytes() + counts.astype("<u2").tobytes()
-
-    def theirs() -> Any:
+    def theirs(data: bytes) -> Any:
         half = len(data) // 2
         colours = cv2.cvtColor(
             np.frombuffer(data[:half], np.uint8).reshape(192, 256, 2), cv2.COLOR_YUV2RGB_YUY2
@@ -138,13 +146,13 @@ def _p2pro() -> list[Result]:
         words = np.frombuffer(data[half:], np.uint16).reshape(192, 256)
         return colours, words / 64 - 273.15
 
-    us = _pair_us(partial(_ours, data, p2pro.decode, _Bed(256, 192)), theirs)
-    return _rows("P2 Pro 256x384", us, ">= 1.5", data, "a viewer's frame split and the user's conversion")
+    ours = partial(_ours, p2pro.decode, _Bed(256, 192))
+    return [_around(P2PRO, [p2pro_bytes(seed) for seed in range(FRAMES)], ours, theirs)]
 
 
-def ht301_bytes() -> bytes:
+def ht301_bytes(seed: int) -> bytes:
     """384x288 counts and rows with constants that give a room."""
-    counts = 5800 + np.random.default_rng(4).integers(0, 400, (288, 384))
+    counts = 5800 + np.random.default_rng(seed).integers(0, 400, (288, 384))
     rows = bytearray(2 * 4 * 384)
     struct.pack_into("<HH", rows, 0, 7620, 7620)
     struct.pack_into("<HHH5f", rows, 2 * 3 * 384, 6000, 3032, 3032, 0.001, 1.0, 0.0, 1e-4, 0.018)
@@ -152,9 +160,7 @@ def ht301_bytes() -> bytes:
 
 
 def _ht301() -> list[Result]:
-    data = ht301_bytes()
-
-    def theirs() -> Any:
+    def theirs(data: bytes) -> Any:
         """Metadata, the whole table of the law with its object correction, and the frame through it."""
         image = np.frombuffer(data, "<u2").reshape(292, 384)
         meta = image[288:]
@@ -170,13 +176,11 @@ def _ht301() -> list[Result]:
         table = ((total**4 - 0.02) * 1.0001) ** 0.25 - 273.15
         return table[image[:288]]
 
-    us = _pair_us(partial(_ours, data, ht301.decode, _Bed(384, 288)), theirs, FARTHER_ROUNDS)
-    return _rows(
-        "HT-301 384x292", us, ">= 3", data, "the library's table for each frame and the user's look-up"
-    )
+    ours = partial(_ours, ht301.decode, _Bed(384, 288))
+    return [_around(HT301, [ht301_bytes(seed) for seed in range(FRAMES)], ours, theirs)]
 
 
-def fff_bytes(seed: int = 5) -> bytes:
+def fff_bytes(seed: int) -> bytes:
     """A 640x512 FFF file with the constants of a Duo Pro R, little-endian throughout."""
     counts = 2690 + np.random.default_rng(seed).integers(0, 60, (512, 640))
     raw = struct.pack("<HHH", 2, 640, 512).ljust(32, b"\0") + counts.astype("<u2").tobytes()
@@ -212,22 +216,7 @@ def _seq() -> list[Result]:
             for frame in Seq(str(path), height=512, width=640):
                 frame.get_radiometric_image()
 
-        return [
-            compared(f"SEQ 640x512, {FRAMES} frames, over flirpy's Seq", ours, theirs, ">= 10",
-                     "from the file; ours with the mean of a region"),
-        ]  # fmt: skip
-
-
-def _rows(name: str, us: tuple[float, float], must: str, data: bytes, how: str) -> list[Result]:
-    ours_us, theirs_us = us
-    copy_us = _pair_us(lambda: bytearray(data), lambda: None)[0]
-    return [
-        Result(f"{name}: theirs over ours", theirs_us / ours_us, "x", must, f"{theirs_us:.1f} us, {how}"),
-        Result(f"{name}: a frame", ours_us, "us", "", "kelvin as float32, flags, statistics of a region"),
-        Result(
-            f"{name}: of it, a copy of the same bytes", 100 * copy_us / ours_us, "%", "", f"{copy_us:.1f} us"
-        ),
-    ]
+        return [compared(SEQ, ours, theirs)]
 
 
 def run() -> list[Result]:

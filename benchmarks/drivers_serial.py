@@ -2,7 +2,7 @@
 
 Lutron: against pyserial's `read_until` and the same slicing and float. Center 309: against a PyMeasure
 instrument, as PyMeasure's guide says to write one for a meter it does not have, and against the bare
-`SerialAdapter` below it (`A`, 45 bytes); without PyMeasure, against the pyserial calls that it makes.
+`SerialAdapter` below it (`A`, 45 bytes), where PyMeasure is installed.
 CPU time is the reading thread's, the median of the readings; the delay runs from the far end's write to the
 reading in hand. The two take turns, so that both meet the same machine.
 """
@@ -24,7 +24,8 @@ import numpy as np
 import serial
 from numpy.typing import NDArray
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Row
+from benchmarks.sides import share
 from fieldkit.drivers.decoding import Record
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.meters.center import Center309
@@ -37,6 +38,13 @@ from fieldkit.model.samples import Reading
 LUX = bytes.fromhex("02 34 31 31 35 30 30 30 30 30 39 38 37 36 30 0D")
 RECORD = bytes.fromhex("02 80 80 00 00 00 00 00 FD FF CC 03 ED 7F FF" + "00" * 24 + "08 00 00 00 00 03")
 READINGS, ROUNDS, EVERY_S = 10, 9, 0.1
+ONE = "ours stamped, checked, bytes kept; CPU of the reading thread"
+LEAST = "a system call, the layout and a reading in one function"
+LUTRON = Row("lutron", "Lutron, CPU of a reading over a `read_until` loop", "<= 0.5", included=ONE)
+LUTRON_LEAST = Row("lutron-least", "the same, the least there is to do", "", included=LEAST)
+CENTER = Row("center", "Center 309, CPU of a reading over a PyMeasure instrument", "<= 0.8", included=ONE)
+CENTER_BARE = Row("center-bare", "Center 309, the same over PyMeasure's bare adapter", "<= 0.8", included=ONE)
+CENTER_LEAST = Row("center-least", "the same, the least there is to do, Center 309", "", included=LEAST)
 FORK = multiprocessing.get_context("fork")
 Read = Callable[[], Any]
 
@@ -200,45 +208,30 @@ def _adapter_center(path: str) -> tuple[Read, Callable[[], None]]:
     return read, adapter.close
 
 
-def _plain_center(path: str) -> tuple[Read, Callable[[], None]]:
-    port = serial.Serial(path, 9600, timeout=1.0)
-
-    def read() -> tuple[float, ...] | None:
-        port.write(b"A")
-        return _channels(port.read(45))
-
-    return read, port.close
-
-
 def run() -> list[Result]:
-    least = ", the least there is to do"
     results = [
-        *_compare("Lutron", LUX, (_our_lutron, _their_lutron), "<= 0.5", "a read_until loop"),
-        _compare("Lutron" + least, LUX, (_least_lutron, _their_lutron), "", "the same")[0],
+        _compare(LUTRON, LUX, (_our_lutron, _their_lutron)),
+        _compare(LUTRON_LEAST, LUX, (_least_lutron, _their_lutron)),
     ]
-    bare, how = _plain_center, "the pyserial calls PyMeasure makes"
     if importlib.util.find_spec("pymeasure"):
-        bare, how = _adapter_center, "PyMeasure's bare adapter"
-        instrument = (_our_center, _instrument_center)
-        results += _compare("Center 309", RECORD, instrument, "<= 0.8", "a PyMeasure instrument")
-    return [
-        *results,
-        _compare("Center 309, bare port", RECORD, (_our_center, bare), "<= 0.8", how)[0],
-        _compare("Center 309, bare port" + least, RECORD, (_least_center, bare), "", how)[0],
-    ]
+        results += [
+            _compare(CENTER, RECORD, (_our_center, _instrument_center)),
+            _compare(CENTER_BARE, RECORD, (_our_center, _adapter_center)),
+            _compare(CENTER_LEAST, RECORD, (_least_center, _adapter_center)),
+        ]
+    return results
 
 
-def _compare(name: str, record: bytes, readers: tuple[Any, Any], must: str, how: str) -> list[Result]:
+def _compare(row: Row, record: bytes, readers: tuple[Any, Any]) -> Result:
     talks = record == LUX
     rounds = [
         [_with(FarEnd(record, talks=talks), one, pace=not talks) for one in readers] for _ in range(ROUNDS)
     ]
-    ours, theirs = (np.concatenate([turn[side] for turn in rounds]) for side in (0, 1))
-    (cpu, delay), (their_cpu, their_delay) = np.median(ours, 0), np.median(theirs, 0)
-    late, their_late = np.percentile(ours[:, 1], 99), np.percentile(theirs[:, 1], 99)
-    note = f"{cpu:.0f} us against {their_cpu:.0f} us, {how}; ours stamped, checked, bytes kept"
-    return [
-        Result(f"{name}: CPU of a reading, ours over theirs", cpu / their_cpu, "x", must, note),
-        Result(f"{name}: delay, median", delay, "us", "", f"theirs {their_delay:.0f} us"),
-        Result(f"{name}: delay, 99 %", late, "us", "", f"theirs {their_late:.0f} us"),
+    ours, theirs = (np.array([turn[side] for turn in rounds]) for side in (0, 1))
+    delays = [
+        "{:.0f} µs, 99 % within {:.0f}".format(*np.percentile(side[..., 1], (50, 99)))
+        for side in (ours, theirs)
     ]
+    note = f"a reading is in hand after {delays[0]}, theirs {delays[1]}"
+    cpu_s = [1e-6 * np.median(side[..., 0], axis=1) for side in (ours, theirs)]
+    return share(row, list(zip(*cpu_s, strict=True)), note=note)

@@ -5,12 +5,14 @@ The contour scoring and least squares of the whole study are measured in `benchm
 
 from __future__ import annotations
 
+import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Row
+from benchmarks.sides import compared
 from fieldkit.estimation.bins import RegionPixels, RegionSums
 from fieldkit.estimation.estimator import Estimator, EstimatorSettings, Minute
 from fieldkit.estimation.pixel_slopes import MapSums
@@ -27,6 +29,22 @@ SITE = Site(35.558675, 139.395232, 9.0)
 START_NS = int(np.datetime64("2017-08-30T03:00", "ns").astype(np.int64))
 SHAPE = (120, 160)
 PAPER = SurfaceParameters()
+MAP_ROUNDS = 7
+FRAME = Row("frame", "sums of a 160x120 frame for four regions, boolean masks, mean and std over ours", "")
+BURSTS = Row(
+    "bursts",
+    "live estimator on 3 h of bursts of three beds",
+    "<= 1",
+    "s",
+    "samples to slopes, paper model; processor time",
+)
+BURSTS_FULL = Row("bursts-full", "the same, full model", "", "s")
+BURSTS_POSTERIOR = Row("bursts-posterior", "the same, posterior", "", "s")
+BURSTS_LEARNED = Row("bursts-learned", "the same, learned model", "", "s")
+ORDER = Row("order", "live in another order of arrival against batch, worst", "<= 1e-9", "°")
+ONE_MAP = "a mean frame added and the map solved; processor time"
+SMALL_MAPS = Row("maps-small", "slope maps 160x120", ">= 500", "a second", ONE_MAP)
+LARGE_MAPS = Row("maps-large", "slope maps 640x512", ">= 60", "a second", ONE_MAP)
 STREAMS = (
     StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01),
     StreamInfo("lux", "illuminance", "lx", (1,)),
@@ -43,17 +61,6 @@ BEDS = (
     Region("b13", RegionKind.TARGET, _box(10, 65), 13.1, 220.0),
     Region("b24", RegionKind.TARGET, _box(85, 65), 24.2, 355.0),
 )
-
-
-def _best(action: Callable[[], object], repeats: int) -> float:
-    """Shortest of three rounds, seconds per call: what the machine can do when left alone."""
-    rounds = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        for _ in range(repeats):
-            action()
-        rounds.append((time.perf_counter() - begin) / repeats)
-    return min(rounds)
 
 
 def session(minutes: int) -> list[Sample]:
@@ -86,31 +93,34 @@ def estimated(samples: Sequence[Sample], settings: EstimatorSettings) -> list[Mi
     return closed + estimator.finish()
 
 
-def frame_cost() -> list[Result]:
-    """One frame of 160 x 120 into four regions, as an owner of numpy would do it beside."""
+def frame_cost() -> Result:
+    """A frame into four regions, as an owner of numpy would do it beside."""
     frame = next(sample for sample in session(1) if isinstance(sample, Frame))
     outline, sums = RegionPixels(BEDS, SHAPE), RegionSums(len(BEDS))
     masks = [bed.mask(SHAPE) for bed in BEDS]
-    cost = _best(lambda: sums.add(outline, *outline.sums(frame.counts), 0), 2000)
-    plain = _best(lambda: [(frame.counts[m].mean(), frame.counts[m].std()) for m in masks], 500)
-    note = f"boolean masks, mean and std: {1e6 * plain / len(BEDS):.0f} µs"
-    return [Result("one frame into one region", 1e6 * cost / len(BEDS), "µs", "≤ 20", note)]
+
+    def ours() -> None:
+        for _ in range(1000):
+            sums.add(outline, *outline.sums(frame.counts), 0)
+
+    def theirs() -> None:
+        for _ in range(1000):
+            [(frame.counts[mask].mean(), frame.counts[mask].std()) for mask in masks]
+
+    return compared(FRAME, ours, theirs, clock=time.process_time)
 
 
 def sessions() -> list[Result]:
     """Three hours of bursts from samples to slopes, and in another order of arrival."""
     samples = session(180)
-    found = []
     paper = EstimatorSettings(model="paper")
-    for settings in (
-        paper,
-        EstimatorSettings(model="full"),
-        EstimatorSettings(model="paper", method="posterior"),
-        EstimatorSettings(model="learned"),
-    ):
-        name = f"3 h of bursts, three beds, {settings.model}, {settings.method}"
-        cost = min(_timed(samples, settings) for _ in range(2))
-        found.append(Result(name, cost, "s", "≤ 1" if settings == paper else "reported"))
+    rows = (
+        (BURSTS, paper),
+        (BURSTS_FULL, EstimatorSettings(model="full")),
+        (BURSTS_POSTERIOR, EstimatorSettings(model="paper", method="posterior")),
+        (BURSTS_LEARNED, EstimatorSettings(model="learned")),
+    )
+    found = [row.measured(min(_timed(samples, settings) for _ in range(2))) for row, settings in rows]
     random = np.random.default_rng(2)
     late = np.array([sample.time_ns for sample in samples]) + random.uniform(0, 0.99e9, len(samples))
     shuffled = [samples[index] for index in np.argsort(late, kind="stable")]
@@ -120,43 +130,36 @@ def sessions() -> list[Result]:
         for a, b in zip(one.estimates, other.estimates, strict=True)
         if not np.isnan(a.tilt_deg)
     )
-    found.append(Result("live in another order of arrival against batch", worst, "°", "≤ 1e-9"))
-    return found
+    return [*found, ORDER.measured(worst)]
 
 
 def _timed(samples: Sequence[Sample], settings: EstimatorSettings) -> float:
-    begin = time.perf_counter()
+    begin = time.process_time()
     estimated(samples, settings)
-    return time.perf_counter() - begin
+    return time.process_time() - begin
 
 
-def maps() -> list[Result]:
-    """Slope maps: a frame added and a map solved, one core."""
-    found = []
-    for shape, must in (((120, 160), "≥ 500"), ((512, 640), "≥ 30")):
-        random = np.random.default_rng(3)
-        facets = normal(random.uniform(0, 30, shape), random.uniform(0, 360, shape))
-        sums = MapSums(shape, PAPER, 0.05)
-        for minute in range(0, 61, 10):
-            sun = sun_vectors(START_NS + minute * MINUTE_NS, SITE)
-            warm = surface_temperature(800.0 * np.maximum(facets @ sun, 0.0), 400.0, 303.15, PAPER)
-            flat = float(surface_temperature(800.0 * sun[2], 400.0, 303.15, PAPER))
-            sums.add(warm, flat, sun, 800.0, VERTICAL)
-
-        def one(
-            warm: np.ndarray = warm, flat: float = flat, sun: np.ndarray = sun, sums: MapSums = sums
-        ) -> None:
+def maps(row: Row, shape: tuple[int, int]) -> Result:
+    """A frame added and a map solved, ten times a round: the median of rounds."""
+    random = np.random.default_rng(3)
+    facets = normal(random.uniform(0, 30, shape), random.uniform(0, 360, shape))
+    sums = MapSums(shape, PAPER, 0.05)
+    for minute in range(0, 61, 10):
+        sun = sun_vectors(START_NS + minute * MINUTE_NS, SITE)
+        warm = surface_temperature(800.0 * np.maximum(facets @ sun, 0.0), 400.0, 303.15, PAPER)
+        flat = float(surface_temperature(800.0 * sun[2], 400.0, 303.15, PAPER))
+        sums.add(warm, flat, sun, 800.0, VERTICAL)
+    rates = []
+    for _ in range(MAP_ROUNDS):
+        began = time.process_time()
+        for _ in range(10):
             sums.add(warm, flat, sun, 800.0, VERTICAL)
             sums.solve()
-
-        rate = 1.0 / _best(one, 10)
-        name = f"slope maps {shape[1]} x {shape[0]}, added and solved"
-        found.append(
-            Result(name, rate, "1/s", must, "a general optimiser: 0.45 ms per pixel, 150 s per 640 x 512")
-        )
-    return found
+        rates.append(10.0 / (time.process_time() - began))
+    note = f"{min(rates):.3g} to {max(rates):.3g}; a general optimiser takes 0.45 ms a pixel, 150 s a map"
+    return row.measured(statistics.median(rates), note)
 
 
 def run() -> list[Result]:
     """All rows; about half a minute."""
-    return frame_cost() + sessions() + maps()
+    return [frame_cost(), *sessions(), maps(SMALL_MAPS, (120, 160)), maps(LARGE_MAPS, (512, 640))]

@@ -11,8 +11,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Row
 from benchmarks.session_data import MEDIUM, SMALL, camera, folder, frame, header, noisy_frames
+from benchmarks.sides import times_as_fast
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.site import Region, RegionKind
@@ -25,6 +26,15 @@ from fieldkit.sessions.writer import SessionWriter
 SERIES_FRAMES, THREE_HOURS = 6000, 3 * 3600
 RECOVERY_FRAMES = 9000
 FOLLOWED_S = 20.0
+SCALED = "scaled from a shorter one"
+SERIES = Row(
+    "series", "series of a 20x20 region over 3 h of 256x192 at 25 Hz", "<= 20", "s", f"cold cache; {SCALED}"
+)
+OVER_FRAMES = Row("series-chunks", "the same, one-frame chunks over ours", ">= 4", included="cold cache")
+AGE = Row("age", "a second process sees a frame after, median", "<= 1.1", "s", "256x192 at 25 Hz")
+AGE_WORST = Row("age-worst", "a second process sees a frame after, worst", "<= 2", "s", "256x192 at 25 Hz")
+FOLLOWER_CPU = Row("follower-cpu", "CPU of that process", "<= 2", "% of a core", "ten looks a second")
+RECOVERY = Row("recovery", "recovery of 3 h of 160x120 at 9 Hz", "<= 60", "s", SCALED)
 
 
 def run() -> list[Result]:
@@ -75,8 +85,8 @@ def _series() -> list[Result]:
     assert np.allclose(mine, one_by_one)
     scale = THREE_HOURS * info.rate_hz / SERIES_FRAMES
     return [
-        Result("20x20 region over 3 h of 256x192 at 25 Hz, cold", our_s * scale, "s", "<= 20", "scaled"),
-        Result("the same over one-frame chunks", their_s / our_s, "x", ">= 4"),
+        SERIES.measured(our_s * scale),
+        times_as_fast(OVER_FRAMES, [(our_s, their_s)]),
     ]
 
 
@@ -112,9 +122,9 @@ def _live() -> list[Result]:
         found = json.loads(ages_file.read_text())
     ages = np.array(found["ages"][int(5 * info.rate_hz) :])  # after the reader has got going
     return [
-        Result("age of a frame when another process sees it, median", float(np.median(ages)), "s", "<= 1.1"),
-        Result("the same, worst", float(ages.max()), "s", "<= 2"),
-        Result("CPU of that process, ten looks a second", 100 * found["share"], "% of a core", "<= 2"),
+        AGE.measured(float(np.median(ages))),
+        AGE_WORST.measured(float(ages.max())),
+        FOLLOWER_CPU.measured(100 * found["share"]),
     ]
 
 
@@ -136,4 +146,4 @@ def _recovery() -> Result:
         seconds = time.perf_counter() - began
     assert report.counts["camera"] == RECOVERY_FRAMES
     scaled = seconds * THREE_HOURS * info.rate_hz / RECOVERY_FRAMES
-    return Result("recovery of 3 h of 160x120 at 9 Hz", scaled, "s", "<= 60", "scaled")
+    return RECOVERY.measured(scaled)

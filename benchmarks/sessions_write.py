@@ -18,8 +18,9 @@ from unittest import mock
 import h5py
 import numpy as np
 
-from benchmarks.result import Result
-from benchmarks.session_data import LARGE, MEDIUM, Frames, camera, folder, frame, header, noisy_frames
+from benchmarks.result import Result, Row
+from benchmarks.session_data import LARGE, MEDIUM, Camera, Frames, camera, folder, frame, header, noisy_frames
+from benchmarks.sides import share
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
 from fieldkit.sessions import chunks, file_tree
@@ -31,21 +32,32 @@ from fieldkit.sessions.writer import SessionWriter
 RAW_FRAMES = 600
 NAIVE_FRAMES = 60
 ROUNDS = 7
+SYNCED = "640x512, uncompressed, synced"
+CHUNKS = Row("chunks", "chunks alone over `os.write`", ">= 0.5", included=SYNCED)
+BOTH = Row("journal-and-chunks", "journal and chunks over `os.write`", ">= 0.5", included=SYNCED)
+TWICE = Row("twice", "the same bytes to two plain files at once over `os.write`", "", included=SYNCED)
+OVER_MCAP = Row("chunks-mcap", "chunks alone over MCAP", ">= 1", included=SYNCED)
+OVER_ZARR = Row("chunks-zarr", "chunks alone over zarr", ">= 1", included=SYNCED)
+CHUNKS_ONLY = "compressed chunks only, two threads against one; no journal, seal or sync"
+NAIVE_MEDIUM = Row(
+    "naive-medium", "chunks alone over h5py as one writes it first, 256x192", "", included=CHUNKS_ONLY
+)
+NAIVE_LARGE = Row(
+    "naive-large", "chunks alone over h5py as one writes it first, 640x512", "", included=CHUNKS_ONLY
+)
+SIZE = Row(
+    "size", "raw over stored bytes, 256x192 with 50 mK of noise", ">= 1.8", included="the sealed session"
+)
 
 
 def run() -> list[Result]:
     results = _sustained()
-    for (shape, rate_hz), words, must in ((MEDIUM, "256x192", 1.3), (LARGE, "640x512", 40.0)):
-        results.append(_against_naive(shape, rate_hz, words, must))
+    results += [_against_naive(MEDIUM, NAIVE_MEDIUM), _against_naive(LARGE, NAIVE_LARGE)]
     return [*results, _size()]
 
 
-def _rate(work: Callable[[Path], None], data: Frames, repeats: int = 3) -> float:
-    """Megabytes of frames a second, the best of some runs, final sync included."""
-    return max(_rate_once(work, data) for _ in range(repeats))
-
-
-def _rate_once(work: Callable[[Path], None], data: Frames) -> float:
+def _rate(work: Callable[[Path], None], data: Frames) -> float:
+    """Megabytes of frames a second, final sync included."""
     with folder() as place:
         before = time.perf_counter()
         work(place)
@@ -65,24 +77,19 @@ def _sustained() -> list[Result]:
         if importlib.util.find_spec(name):
             ways[name] = _into(write, data)
     rates = _rates(ways, data)
-    plain, alone = rates["os.write"], rates["chunks"]
-    note = f"os.write {plain:.0f} MB/s"
+    pairs = (
+        (CHUNKS, "chunks", "os.write"), (BOTH, "both", "os.write"), (TWICE, "twice", "os.write"),
+        (OVER_MCAP, "chunks", "mcap"), (OVER_ZARR, "chunks", "zarr"),
+    )  # fmt: skip
     return [
-        Result("chunks alone, uncompressed, over os.write", alone / plain, "x", ">= 0.5", note),
-        Result("journal and chunks, uncompressed, over os.write", rates["both"] / plain, "x", ">= 0.3", note),
-        Result("everything by os.write to two files at once, over os.write", rates["twice"] / plain, "x", ""),
-        *(
-            Result(f"chunks alone, uncompressed, over {name}", alone / rates[name], "x", ">= 1")
-            for name in ("mcap", "zarr")
-            if name in rates
-        ),
+        share(row, list(zip(rates[a], rates[b], strict=True)), "MB/s") for row, a, b in pairs if b in rates
     ]
 
 
-def _rates(ways: dict[str, Callable[[Path], None]], data: Frames) -> dict[str, float]:
-    """The best rate of each, in rounds: a moment when the disk is slow is then slow for all."""
-    rounds = [{name: _rate_once(work, data) for name, work in ways.items()} for _ in range(ROUNDS)]
-    return {name: max(one[name] for one in rounds) for name in ways}
+def _rates(ways: dict[str, Callable[[Path], None]], data: Frames) -> dict[str, list[float]]:
+    """The rates of each, in rounds: a moment when the disk is slow is then slow for all."""
+    rounds = [{name: _rate(work, data) for name, work in ways.items()} for _ in range(ROUNDS)]
+    return {name: [one[name] for one in rounds] for name in ways}
 
 
 def _into(write: Callable[[Path, Frames], None], data: Frames) -> Callable[[Path], None]:
@@ -203,16 +210,18 @@ def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
         writer.write()
 
 
-def _against_naive(shape: tuple[int, int], rate_hz: float, words: str, must: float) -> Result:
-    info = camera(shape, rate_hz)
-    few = noisy_frames(shape, NAIVE_FRAMES)
+def _against_naive(size: Camera, row: Row) -> Result:
+    """The other side stores a fifth of the frames: it is slow, and its frames cost the same one by one."""
+    info, few = camera(*size), noisy_frames(size[0], NAIVE_FRAMES)
     many = np.tile(few, (5, 1, 1))
-    ours = _rate(lambda place: _compressed(place / "a.h5", info, many), many) / few[0].nbytes * 1e6
-    naive = _rate(lambda place: _naive(place / "a.h5", few), few, 1) / few[0].nbytes * 1e6
-    note = f"{ours:.0f} against {naive:.1f} frames/s"
-    return Result(
-        f"frames/s over h5py as one writes it first, {words}", ours / naive, "x", f">= {must:g}", note
-    )
+    rounds = [
+        (
+            _rate(lambda place: _compressed(place / "a.h5", info, many), many),
+            _rate(lambda place: _naive(place / "a.h5", few), few),
+        )
+        for _ in range(3)
+    ]
+    return share(row, rounds, "MB/s")
 
 
 def _size() -> Result:
@@ -226,4 +235,4 @@ def _size() -> Result:
         writer.close()
         with h5py.File(path) as file:
             stored = file["camera/counts"].id.get_storage_size()
-    return Result("raw over stored bytes, synthetic with 50 mK noise", data.nbytes / stored, "x", ">= 1.8")
+    return SIZE.measured(data.nbytes / stored)

@@ -1,64 +1,83 @@
-"""Two sides of a comparison in alternating rounds of one run, beside what the machine did meanwhile."""
+"""Two sides of a comparison in alternating rounds of one run, and what the machine did meanwhile."""
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from benchmarks.result import Result
+from benchmarks.result import Result, Row, Sides
 
 BUSY_STEAL = 0.05
-"""Share of the time that a host may take away before a row says so."""
+"""Share of the processors that a host may take away before a row says so."""
 
 
 def compared(
-    name: str,
+    row: Row,
     ours: Callable[[], object],
     theirs: Callable[[], object],
-    must: str,
-    included: str = "",
     rounds: int = 5,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Result:
     """How many times as long the other side takes: the median over rounds, with its range.
 
     Parameters
     ----------
-    name, must
-        As of a `Result`; `must` is the original goal.
+    row
+        What is compared.
     ours, theirs
         The same work on both sides.
-    included
-        What the times include.
     rounds
         How often each side works; each round gives one ratio.
+    clock
+        Seconds: those of the clock, or of the processor (`time.process_time`) for work without waiting.
     """
-    stolen, began = _stolen_s(), time.perf_counter()
-    pairs = [(_seconds(ours), _seconds(theirs)) for _ in range(rounds)]
-    steal = (_stolen_s() - stolen) / (time.perf_counter() - began)
-    ratios = sorted(other / own for own, other in pairs)
-    words = [
-        included,
-        f"{_words(own for own, _ in pairs)} against {_words(other for _, other in pairs)}",
-        f"{ratios[0]:.3g} to {ratios[-1]:.3g} in {rounds} rounds",
-        f"busy machine: {100 * steal:.0f} % taken by its host" if steal > BUSY_STEAL else "",
-    ]
-    return Result(name, statistics.median(ratios), "x", must, "; ".join(word for word in words if word))
+    steal = Steal()
+    pairs = [(_seconds(ours, clock), _seconds(theirs, clock)) for _ in range(rounds)]
+    return replace(times_as_fast(row, pairs), steal=steal.share())
 
 
-def _seconds(work: Callable[[], object]) -> float:
-    began = time.perf_counter()
+def times_as_fast(row: Row, rounds: Sequence[tuple[float, float]], note: str = "") -> Result:
+    """How many times as many seconds the other side took: the median of rounds (ours, theirs)."""
+    return _of_rounds(row, rounds, [theirs / ours for ours, theirs in rounds], "s", note)
+
+
+def share(row: Row, rounds: Sequence[tuple[float, float]], unit: str = "s", note: str = "") -> Result:
+    """Ours over the other side's, in any unit: the median of rounds (ours, theirs)."""
+    return _of_rounds(row, rounds, [ours / theirs for ours, theirs in rounds], unit, note)
+
+
+def _of_rounds(
+    row: Row, rounds: Sequence[tuple[float, float]], ratios: Sequence[float], unit: str, note: str
+) -> Result:
+    ours, theirs = (statistics.median(side) for side in zip(*rounds, strict=True))
+    sides = Sides(ours, theirs, unit, min(ratios), max(ratios), len(ratios))
+    return replace(row.measured(statistics.median(ratios), note), sides=sides)
+
+
+class Steal:
+    """What the host takes away from this machine from now on."""
+
+    def __init__(self) -> None:
+        self._stolen_s, self._began_s = _stolen_s(), time.perf_counter()
+
+    def share(self) -> float:
+        """Share of all processors so far, in [0, 1]; 0 where the system does not tell."""
+        passed_s = (time.perf_counter() - self._began_s) * (os.cpu_count() or 1)
+        return (_stolen_s() - self._stolen_s) / passed_s
+
+
+def _seconds(work: Callable[[], object], clock: Callable[[], float]) -> float:
+    began = clock()
     work()
-    return time.perf_counter() - began
+    return clock() - began
 
 
 def _stolen_s() -> float:
-    """Processor time that the host has taken away so far, in seconds; 0 where it is not known."""
     statistic = Path("/proc/stat")
-    return int(statistic.read_text().split(maxsplit=10)[8]) / 100.0 if statistic.exists() else 0.0
-
-
-def _words(seconds: Iterable[float]) -> str:
-    median = statistics.median(seconds)
-    return f"{median:.2f} s" if median >= 1.0 else f"{1e3 * median:.3g} ms"
+    if not statistic.exists():
+        return 0.0
+    return int(statistic.read_text().split(maxsplit=10)[8]) / os.sysconf("SC_CLK_TCK")

@@ -8,11 +8,11 @@ parses options, calls a workflow, and prints what that returned. The summaries s
 from __future__ import annotations
 
 import importlib
-from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import click
 
+from fieldkit import __version__
 from fieldkit.cli.failure import explain_failures
 
 
@@ -176,7 +176,7 @@ With every slope: which session, which method, and its uncertainty; fieldkit rep
 def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
     """Print what a publication should name, and end."""
     if is_wanted and not ctx.resilient_parsing:
-        click.echo(CITATION.format(version=version("fieldkit")))
+        click.echo(CITATION.format(version=__version__))
         ctx.exit()
 
 
@@ -186,7 +186,7 @@ def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None
     subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(package_name="fieldkit", message="%(prog)s %(version)s")
+@click.version_option(__version__, message="%(prog)s %(version)s")
 @click.option(
     "--cite",
     is_flag=True,

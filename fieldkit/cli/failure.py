@@ -13,11 +13,14 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from fieldkit.model.errors import FieldkitError, StorageError
+
+if TYPE_CHECKING:  # every command would wait for it, also --help
+    from pathlib import Path
 
 UNEXPECTED = 1
 STOPPED = 130

@@ -24,7 +24,10 @@ Nature is not an error: night, shade or a closed shutter give NaN and a `Quality
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # every command would wait for it, also --help
+    from pathlib import Path
 
 
 class FieldkitError(Exception):
