@@ -94,8 +94,7 @@ def code_version() -> str:
 
 
 def _sources() -> list[Path]:
-    rooms = [
-        Path(room.__path__[0])
-        for room in (fieldkit, fieldkit.estimation, fieldkit.model, fieldkit.physics, fieldkit.sessions)
-    ]
-    return [file for room in (*rooms, Path(__file__).parent) for file in room.glob("*.py")]
+    rooms = (fieldkit.estimation, fieldkit.model, fieldkit.physics, fieldkit.sessions)
+    within = [file for room in rooms for file in Path(room.__path__[0]).rglob("*.py")]
+    house, here = Path(fieldkit.__path__[0]), Path(__file__).parent
+    return [*within, *house.glob("*.py"), *here.glob("*.py"), *(house / "data").glob("sobol-*.csv")]

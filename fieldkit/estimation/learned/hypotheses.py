@@ -7,7 +7,7 @@ Sobol sequence, which covers it more evenly than chance would, and weighed by th
 (importance sampling). As minutes add up, few hypotheses keep the weight; then all are drawn anew from a
 distribution fitted to the weighted ones, a part of them always from the prior, so that none is lost.
 
-The sequence starts from a fixed seed: equal minutes give equal hypotheses.
+The sequence is a fixed table: equal minutes give equal hypotheses.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
+from fieldkit.estimation.learned.even_points import even_points
 from fieldkit.estimation.learned.filters import Hypotheses
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray
@@ -58,11 +58,9 @@ class Proposal:
         covariance += 0.02**2 * np.eye(UNKNOWNS)
         return cls(centre, np.asarray(WIDER * np.linalg.cholesky(covariance), np.float64))
 
-    def draw(self, count: int) -> FloatArray:
-        """Points (count, 5); `count` a power of two."""
-        uniform = qmc.Sobol(UNKNOWNS, scramble=True, rng=np.random.default_rng(20170830)).random(count)
-        uniform = np.clip(uniform, 1e-9, 1.0 - 1e-9)
-        standard = ndtri(uniform)
+    def draw(self) -> FloatArray:
+        """Points (64, 5)."""
+        standard = ndtri(np.clip(even_points("sobol-5"), 1e-9, 1.0 - 1e-9))
         points = self.centre + standard @ self.root.T
         every = round(1.0 / FROM_PRIOR)
         points[::every] = standard[::every]

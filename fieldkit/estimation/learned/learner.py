@@ -19,7 +19,6 @@ from fieldkit.estimation.normal import Misfit, solve
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.physics.facet import FloatArray, tilt_azimuth
 
-HYPOTHESES = 64
 FIRST_DRAW = 5
 """Minutes before the first hypotheses are judged."""
 FEWEST = 10.0
@@ -124,7 +123,7 @@ class Learner:
     def _draw(self, proposal: Proposal) -> None:
         """New hypotheses, taken through all minutes so far."""
         self._proposal = proposal
-        self._points = proposal.draw(HYPOTHESES)
+        self._points = proposal.draw()
         drawn = hypotheses(self._points, self.settings)
         self._filters = Filters(
             self.layout, drawn, self.settings, self._minutes[0], self.logged, self._around

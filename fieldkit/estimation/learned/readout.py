@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
+from fieldkit.estimation.learned.even_points import even_points
 from fieldkit.estimation.learned.filters import prior_sds
 from fieldkit.estimation.learned.hypotheses import depths_m
 from fieldkit.estimation.learned.learner import Learner, Posterior
@@ -26,7 +26,7 @@ NINETY = 0.90
 LEAST_SHARE = 0.05
 """Probability from which a second branch is reported."""
 _LINE: FloatArray = ndtri((np.arange(POINTS) + 0.5) / POINTS)[:, np.newaxis]
-_PLANE: FloatArray = ndtri(np.clip(qmc.Sobol(2, rng=np.random.default_rng(1)).random(POINTS), 1e-3, 1 - 1e-3))
+_PLANE: FloatArray = ndtri(np.clip(even_points("sobol-2"), 1e-3, 1 - 1e-3))
 
 
 @dataclass(frozen=True, slots=True)

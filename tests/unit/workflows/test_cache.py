@@ -103,6 +103,8 @@ def test_results_of_another_kind_of_machine_are_not_found(monkeypatch, fresh_ver
         "fieldkit/model/samples.py",
         "fieldkit/model/site.py",
         "fieldkit/estimation/balance.py",
+        "fieldkit/estimation/learned/filters.py",
+        "fieldkit/data/sobol-5.csv",
         "fieldkit/physics/sun.py",
         "fieldkit/sessions/stream_reader.py",
         "fieldkit/workflows/bins_and_slopes.py",
