@@ -180,13 +180,29 @@ def _cite(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None
         ctx.exit()
 
 
+def _version(ctx: click.Context, _option: click.Parameter, is_wanted: bool) -> None:
+    """Print version, commit and source, and end."""
+    if is_wanted and not ctx.resilient_parsing:
+        from fieldkit.workflows.origin import origin
+
+        click.echo(f"fieldkit {__version__} ({origin()})")
+        ctx.exit()
+
+
 @click.group(
     cls=CommandTable,
     table=COMMANDS,
     subcommand_metavar="COMMAND [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(__version__, message="%(prog)s %(version)s")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Version, commit, and where it came from.",
+)
 @click.option(
     "--cite",
     is_flag=True,
