@@ -5,7 +5,7 @@ RUN    := $(VENV)/bin/python
 DIST   := dist
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-slow test-lab mutate lint bench docs dist sbom clean
+.PHONY: demo test test-slow test-lab mutate lint bench docs images dist sbom clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
@@ -33,7 +33,12 @@ bench: $(VENV)/.test
 	$(RUN) -m benchmarks
 
 docs: $(VENV)/.docs
-	$(RUN) -m mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
+	$(RUN) docs/check_site.py
+
+# Every screenshot and plot of the documentation, some minutes; needs Chromium.
+images: $(VENV)/.test
+	$(RUN) docs/images/make.py
 
 # Reproducible: the date of the last commit stands in the archives, and a second build must equal the first.
 dist: export SOURCE_DATE_EPOCH := $(shell git log -1 --format=%ct 2>/dev/null || echo 1700000000)

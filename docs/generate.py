@@ -82,7 +82,11 @@ def _command(name: str, command: click.Command) -> str:
     if records:
         parts.append(
             "\n".join(
-                ["| option | |", "|---|---|", *(f"| `{left}` | {_cell(right)} |" for left, right in records)]
+                [
+                    "| option | meaning |",
+                    "|---|---|",
+                    *(f"| `{left}` | {_cell(right)} |" for left, right in records),
+                ]
             )
         )
     return "\n\n".join(parts)

@@ -1,16 +1,13 @@
-"""Order of the sections in the built documentation: what a newcomer needs first stands first."""
+"""What the theme leaves out of a page: the name of its search dialog, which screen readers announce."""
 
 from __future__ import annotations
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import Files
-from mkdocs.structure.nav import Navigation
+from mkdocs.structure.pages import Page
 
-SECTIONS = ("Tutorial", "How to", "Reference", "Explanation")
+NAMELESS = 'data-md-component="search" role="dialog"'
 
 
-def on_nav(nav: Navigation, config: MkDocsConfig, files: Files) -> Navigation:
-    """Called by mkdocs once it has found the pages; pages outside the sections stay in front."""
-    order = {title: number for number, title in enumerate(SECTIONS, start=1)}
-    nav.items.sort(key=lambda item: order.get(item.title or "", 0))
-    return nav
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Called by mkdocs with each page as it is written."""
+    return output.replace(NAMELESS, f'{NAMELESS} aria-label="Search"')
