@@ -120,13 +120,15 @@ class EntryRows:
         region = record.region
         number = self._regions.setdefault(region.name, len(self._regions))
         version = self._versions[region.name] = self._versions.get(region.name, -1) + 1
-        vertices = np.full((MAX_VERTICES, 2), np.nan)
+        vertices, vertices_m = np.full((MAX_VERTICES, 2), np.nan), np.full((MAX_VERTICES, 3), np.nan)
         vertices[: len(region.vertices)] = region.vertices
+        if region.points_m:
+            vertices_m[: len(region.points_m)] = region.points_m
         return {
             "time": record.time_ns // 1000, "region": number, "version": version, "kind": int(region.kind),
             "emissivity": region.emissivity, "tilt_deg": region.tilt_deg, "azimuth_deg": region.azimuth_deg,
             "n_vertices": len(region.vertices), "vertices": vertices, "label": encode_text(region.name, 64),
-            "removed": int(record.is_removed),
+            "removed": int(record.is_removed), "vertices_m": vertices_m,
         }  # fmt: skip
 
     def _health_row(self, health: Health) -> Row:
@@ -256,11 +258,14 @@ def regions_from(table: Table) -> list[RegionRecord]:
     """Every outline of every region, in the order they were drawn."""
     records = []
     for n in range(len(table["time"])):
-        corners = table["vertices"][n][: int(table["n_vertices"][n])]
+        corners, corners_m = (
+            table[name][n][: int(table["n_vertices"][n])] for name in ("vertices", "vertices_m")
+        )
         region = Region(
             decode_text(table["label"][n]), RegionKind(int(table["kind"][n])),
             tuple((float(x), float(y)) for x, y in corners), float(table["tilt_deg"][n]),
             float(table["azimuth_deg"][n]), float(table["emissivity"][n]),
+            () if np.isnan(corners_m).any() else tuple((e, n, up) for e, n, up in corners_m.tolist()),
         )  # fmt: skip
         records.append(RegionRecord(region, int(table["time"][n]) * 1000, bool(table["removed"][n])))
     return records

@@ -179,6 +179,7 @@ def _entry_group(file: h5py.File, name: str, columns: list[Column], header: Sess
     if name == "regions":
         put_scale(group, "vertex", np.arange(MAX_VERTICES, dtype="<i4"), units="1")
         put_scale(group, "xy", labels(["x", "y"], 1))
+        put_scale(group, "enu", labels(["east", "north", "up"], 5))
     put_columns(group, columns)
 
 

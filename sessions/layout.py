@@ -134,7 +134,7 @@ def check_region(region: Region) -> None:
 
 FORMAT_NAME = "fieldkit-session"
 
-FORMAT_VERSION = "1.3"
+FORMAT_VERSION = "1.4"
 
 TABLES_SINCE = {"learnt": (1, 2), "later_estimates": (1, 3)}
 """Tables that files of earlier versions do not have."""
@@ -388,6 +388,14 @@ def _region_columns() -> list[Column]:
         Column("vertices", "<f8", (MAX_VERTICES, 2), ("vertex", "xy"), np.nan, {"units": "1"}),
         Column("label", "S64"),
         Column("removed", "u1", attributes={"long_name": "1: the region ends here", "units": "1"}),
+        Column(
+            "vertices_m",
+            "<f8",
+            (MAX_VERTICES, 3),
+            ("vertex", "enu"),
+            np.nan,
+            {"units": "m", "long_name": "corners on the ground in the system of the camera's pose"},
+        ),
     ]
 
 

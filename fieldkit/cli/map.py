@@ -13,7 +13,7 @@ import click
 from fieldkit.cli import batch, common
 from fieldkit.cli.session_paths import find_sessions, latest_session
 from fieldkit.cli.types import WINDOW
-from fieldkit.model.errors import NoAnswerError
+from fieldkit.model.errors import ConfigError, NoAnswerError
 
 if TYPE_CHECKING:
     from fieldkit.workflows.batch import Failures
@@ -46,7 +46,8 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option(
     "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap.",
+    help="Pose of the camera and its ground, a TOML file: adds NAME.tif, NAME.ply, NAME.mcap "
+    "[default: camera.pose].",
 )  # fmt: skip
 @click.option(
     "--cell-m", type=click.FloatRange(min=0, min_open=True), metavar="M",
@@ -91,14 +92,14 @@ def command(
       ptilt     P(tilt > --limit-deg), and the mean of the steepest tenth that fits
       inertia   thermal inertia found by the learned model
 
-    With --pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
+    With a pose they (or slope and heading) are also written on the ground: NAME.tif, a cloud-optimised
     GeoTIFF with a band for each layer, NAME.ply, points, and NAME.mcap, a grid map and of ptilt an
     occupancy grid for ROS 2. Needs fieldkit[terrain].
     """
     from fieldkit.workflows.slope_map import map_sessions, slope_map
     from fieldkit.workflows.terrain_products import Products
 
-    wanted = Products(("slope", "heading")) if pose is not None else None
+    wanted = None
     if products is not None:
         wanted = Products([name.strip() for name in products.split(",")], limit_deg, drive_deg)
     paths = find_sessions(ctx, sessions) if sessions else [latest_session(ctx, None)]
@@ -162,16 +163,22 @@ def _map(
 def _write(
     found: MappedSession, base: Path, wanted: Products | None, pose: Path | None, cell_m: float | None
 ) -> list[Path]:
-    """Write a map, its products, and both on the ground if there is a pose."""
-    layers = found.products(wanted) if wanted is not None else []
-    if pose is None:
-        return found.write(base, layers)
-    from fieldkit.workflows.on_ground import ground_view, load_pose, require_still, write_on_ground
+    """Write a map, its products, and both on the ground if there is a pose: that given, or the session's."""
+    from fieldkit.config.pose import read_pose
+    from fieldkit.workflows.on_ground import view_of, write_on_ground
+    from fieldkit.workflows.terrain_products import Products
 
-    require_still(found)
-    rows, cols = found.slopes.state.shape
-    middle_ns = (found.start_ns + found.end_ns) // 2
-    view = ground_view(load_pose(pose, middle_ns), (rows, cols), cell_m)
+    used = found.pose if pose is None else read_pose(pose)
+    if used is None:
+        return found.write(base, found.products(wanted) if wanted is not None else [])
+    layers = found.products(wanted or Products(("slope", "heading")))
+    try:
+        view = view_of(found, used, cell_m)
+    except (ConfigError, NoAnswerError) as error:
+        if pose is not None:
+            raise
+        common.say(f"not put on the ground: {error.message}")
+        return found.write(base, layers)
     on_ground = write_on_ground(base, view, layers, found.slopes, found.end_ns)
     return [*found.write(base, layers), *on_ground]
 

@@ -54,8 +54,11 @@ def command() -> None:
 @click.option("--rect", type=RECT, help="Rectangle: left, top, width, height.")
 @click.option(
     "--pose", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
-    help="Pose of the camera: --points are east,north on the ground, in metres.",
+    help="Pose of the camera: --points are east,north on the ground, in metres, drawn once.",
 )  # fmt: skip
+@click.option(
+    "--ground", is_flag=True, help="The same by camera.pose; the region stays on the ground when it changes."
+)
 @click.option(
     "--reference/--target", help="Flat reference, or target whose slope is estimated [default: target]."
 )
@@ -71,6 +74,7 @@ def add(
     first: Point | None,
     rect: tuple[float, float, float, float] | None,
     pose: Path | None,
+    ground: bool,
     reference: bool,
     tilt: float | None,
     azimuth: float | None,
@@ -83,22 +87,26 @@ def add(
     fieldkit roi add flat --reference --rect 6,30,32,61
     fieldkit roi add b15 --points 82,30 113,30 113,90 82,90 --tilt 15 --azimuth 180
 
-    With --pose, as for fieldkit map, corners on the ground are drawn where the camera sees them now. Needs
-    fieldkit[terrain], and width_px and height_px of the camera.
+    With --ground corners on the ground are kept, and projected into each frame by camera.pose; with --pose,
+    as for fieldkit map, they are drawn where the camera sees them now. Needs fieldkit[terrain], and
+    width_px and height_px of the camera.
     """
     from fieldkit.workflows.regions import add_region
     from fieldkit.workflows.running import change_regions
 
     if (first is None) == (rect is None) or (rect and more):
         raise click.UsageError("give the corners by --points, or a rectangle by --rect")
-    if pose is not None and first is None:
-        raise click.UsageError("--pose is for --points")
+    if (pose is not None or ground) and first is None:
+        raise click.UsageError("--pose and --ground are for --points")
+    if pose is not None and ground:
+        raise click.UsageError("give --pose or --ground, not both")
     file = _file(ctx)
     corners = [first, *more] if first else []
     added = partial(
         add_region,
         name=name,
         points=corners if pose is None else _on_frame(file, pose, corners),
+        is_ground=ground,
         rect=rect,
         reference=reference,
         **_known(tilt_deg=tilt, azimuth_deg=azimuth, emissivity=emissivity, offset_k=offset),
@@ -113,7 +121,8 @@ def add(
 
 def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
     """Corners on the ground as pixels of the camera's frame."""
-    from fieldkit.workflows.on_ground import load_pose, on_frame
+    from fieldkit.config.pose import read_pose
+    from fieldkit.workflows.on_ground import on_frame
     from fieldkit.workflows.regions import read_regions
 
     camera = read_regions(file)[0].tables.camera
@@ -122,7 +131,7 @@ def _on_frame(file: Path, pose: Path, corners: list[Point]) -> list[Point]:
             f"{file}: the size of the camera's frame is not known",
             fix="set camera.width_px and camera.height_px",
         )
-    return on_frame(load_pose(pose, time.time_ns()), (camera.height_px, camera.width_px), corners)
+    return on_frame(read_pose(pose), (camera.height_px, camera.width_px), corners, time.time_ns())
 
 
 @command.command("edit")

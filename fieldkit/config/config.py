@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import tomlkit
 
 from fieldkit.calibration.calibration_record import CalibrationRecord, from_document
-from fieldkit.config.references import calibration_folder
+from fieldkit.config.references import calibration_folder, campaign_folder
 from fieldkit.config.toml_schema import (
     AlarmsTable,
     CampaignTable,
@@ -27,6 +27,7 @@ from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import CELSIUS_ZERO_K
 
 if TYPE_CHECKING:
+    from fieldkit.config.pose import CameraPose
     from fieldkit.estimation.settings import EstimatorSettings
     from fieldkit.physics.energy_balance import SurfaceParameters
     from fieldkit.physics.irradiance import IrradianceModel
@@ -95,6 +96,14 @@ class Config:
     def site(self) -> Site:
         """Where the beds stand."""
         return Site(**self.tables.site.model_dump(exclude={"horizon"}))
+
+    @property
+    def pose(self) -> CameraPose | None:
+        """Where the camera stands and looks, if that is configured."""
+        from fieldkit.config.pose import CameraPose
+
+        table = None if self.tables.camera is None else self.tables.camera.pose
+        return None if table is None else CameraPose(table, campaign_folder(self.path))
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -193,4 +202,5 @@ def _region(table: RegionTable) -> Region:
         tilt_deg=tilt_deg,
         azimuth_deg=azimuth_deg,
         emissivity=NAN if table.emissivity is None else table.emissivity,
+        points_m=tuple((at[0], at[1], at[2] if len(at) > 2 else NAN) for at in table.points_m),
     )

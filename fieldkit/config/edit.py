@@ -12,7 +12,8 @@ from typing import Any
 
 import tomlkit
 
-from fieldkit.config.load import mistakes_in, read_text
+from fieldkit.config.files import read_text
+from fieldkit.config.load import mistakes_in
 from fieldkit.config.template import assignment
 from fieldkit.config.toml_lines import key_lines, toml_lines
 from fieldkit.config.validation import ConfigMistakesError
@@ -41,7 +42,8 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
         before, region, after = _cut(text, index)
         document = tomlkit.parse(region)
         document["region"][0].update({key: value for key, value in changes.items() if value is not None})
-        for key in [key for key, value in changes.items() if value is None]:
+        redrawn = ["points_m"] if "points_px" in changes else []  # in pixels, no longer on the ground
+        for key in [*redrawn, *(key for key, value in changes.items() if value is None)]:
             document["region"][0].pop(key, None)
         _write_checked(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 

@@ -21,6 +21,7 @@ from pydantic import ValidationError
 
 from fieldkit.config import toml_lines
 from fieldkit.config.config import Config
+from fieldkit.config.files import read_text
 from fieldkit.config.horizon import with_horizons
 from fieldkit.config.references import CAMPAIGN_FILE, resolve
 from fieldkit.config.toml_schema import Tables
@@ -179,8 +180,10 @@ class _Document:
         `more` are additional checks for configurations of campaigns.
         """
         values, mistakes = resolve(self.values, path)
-        mistakes += with_horizons(values, path)
+        mistakes += [*with_horizons(values, path), *_on_ground(values, path)]
         tables, reported = None, {mistake.path for mistake in mistakes}
+        # corners on the ground that cannot be seen are one mistake, not missing pixels as well
+        reported |= {(*path[:2], "points_px") for path in reported if path[2:] == ("points_m",)}
         try:
             tables = Tables.model_validate(values)
         except ValidationError as error:
@@ -198,23 +201,23 @@ class _Document:
         return self.origins.get(path)
 
 
+def _on_ground(values: dict[str, Any], path: Path) -> list[Mistake]:
+    """Complete the pose and the regions on its ground; what that needs is imported only if they are there."""
+    camera, regions = values.get("camera"), values.get("region")
+    has_pose = isinstance(camera, dict) and "pose" in camera
+    given = [region for region in regions if isinstance(region, dict)] if isinstance(regions, list) else []
+    if not has_pose and not any(region.get("points_m") for region in given):
+        return []
+    from fieldkit.config.ground import with_regions
+    from fieldkit.config.pose import with_pose
+
+    # a wrong pose is reported once, not with every region again
+    return with_pose(values, path) or with_regions(values, path)
+
+
 def _by_line(located: tuple[str, Mistake]) -> tuple[str, int]:
     origin, _, line = located[0].rpartition(":")
     return (origin, int(line)) if line.isdigit() else (located[0], 0)
-
-
-def read_text(file: Path, *, newline: str | None = None) -> str:
-    """The text of a file, without its byte order mark; `newline` as for `open`.
-
-    Raises `ConfigError` if it cannot be read.
-    """
-    try:
-        with file.open(encoding="utf-8-sig", newline=newline) as opened:
-            return opened.read()
-    except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{file} is not UTF-8 text: {error.reason}", fix="save it as UTF-8") from error
 
 
 def _merge(below: dict[str, Any], above: Mapping[str, Any]) -> None:

@@ -1,97 +1,169 @@
-"""Where the camera stood and looked, and the ground before it: a small TOML file of its own.
+"""Where the camera stands and looks, and the ground before it: ``[camera.pose]``, or a file with its keys.
 
-It is not part of ``fieldkit.toml``: a pose is often surveyed after the recording.
+``camera.pose = "pose.toml"`` becomes the table in that file and ``trajectory = "run.csv"`` the text of that
+one, so that a session holds them itself; a DEM stays a file.
 """
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
-from fieldkit.config.load import read_text
-from fieldkit.config.toml_schema import Table
-from fieldkit.config.trajectory import ANGLES, PLACE, load_trajectory, require_unit
+from fieldkit.config.files import read_text
+from fieldkit.config.references import campaign_folder
+from fieldkit.config.toml_schema import PoseTable, expected, node_at
+from fieldkit.config.trajectory import ANGLES, PLACE, outside, require_unit, trajectory_from
+from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
-from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion
+from fieldkit.physics.camera_geometry import Camera, angles_of_quaternion, quaternion_of_angles
+from fieldkit.physics.trajectory import CameraPath, Point, Trajectory
+
+KEY = ("camera", "pose")
 
 
-class PoseFile(Table):
-    """A pose, by its keys; angles against true north and the horizon."""
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A camera at one time; angles against true north and the horizon, degrees."""
 
-    crs: str
-    east_m: float
-    north_m: float
-    height_m: float
-    yaw_deg: float = Field(ge=-360, le=360)
-    pitch_deg: float = Field(ge=-90, le=90)
-    roll_deg: float = Field(default=0.0, ge=-180, le=180)
-    hfov_deg: float = Field(gt=0, lt=180)
-    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = None
-    range_m: float = Field(gt=0, le=10_000)
-    ground_m: float | None = None
-    dem: str | None = None
+    table: PoseTable
+    position_m: Point
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+    dem: Path | None
 
     def camera(self, shape: tuple[int, int], true_north_deg: float) -> Camera:
         """The camera in the axes of the grid, whose true north lies in a direction clockwise of its own."""
-        place = (self.east_m, self.north_m, self.height_m)
-        yaw = self.yaw_deg + true_north_deg
-        lens = tuple(self.distortion or ())
-        return Camera(place, yaw, self.pitch_deg, self.roll_deg, self.hfov_deg, shape, lens)
+        lens = tuple(self.table.distortion or ())
+        angles = self.yaw_deg + true_north_deg, self.pitch_deg, self.roll_deg
+        return Camera(self.position_m, *angles, self.table.hfov_deg, shape, lens)
 
 
-def load_pose(path: Path, time_ns: int) -> PoseFile:
-    """Read a pose at a time (UTC nanoseconds), which only matters if the file names a trajectory.
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """A checked pose, constant or along a trajectory; `dem` is a file in `folder`."""
 
-    ``dem`` becomes a path beside the file, ``trajectory`` and ``quaternion`` place and angles. Raises
-    `ConfigError`.
+    table: PoseTable
+    folder: Path
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Its poses; a constant one is a single pose."""
+        table = self.table
+        if table.trajectory is not None:
+            return trajectory_from(table.trajectory, "trajectory")
+        east_m, north_m, height_m = (getattr(table, name) for name in PLACE)
+        angles = [getattr(table, name) or 0.0 for name in ANGLES]
+        x, y, z, w = table.quaternion or quaternion_of_angles(*angles)
+        return Trajectory((0,), ((east_m, north_m, height_m),), ((x, y, z, w),))
+
+    def at(self, time_ns: int) -> Pose:
+        """The pose at a time; raises `ConfigError` where the trajectory has none."""
+        if (found := self.trajectory.at(time_ns)) is None:
+            raise outside(self.trajectory, time_ns, "the trajectory")
+        position_m, quaternion = found
+        dem = None if self.table.dem is None else self.folder / self.table.dem
+        return Pose(self.table, position_m, *angles_of_quaternion(quaternion), dem)
+
+    def path(self, true_north_deg: float) -> CameraPath:
+        """The camera over time, in the axes of the grid."""
+        lens = tuple(self.table.distortion or ())
+        return CameraPath(self.trajectory, self.table.hfov_deg, lens, true_north_deg)
+
+
+def read_pose(path: Path) -> CameraPose:
+    """Read a file with the keys of ``[camera.pose]``. Raises `ConfigError`."""
+    return CameraPose(_table_in(path), path.parent)
+
+
+def load_pose(path: Path, time_ns: int) -> Pose:
+    """The pose in a file at a time (UTC nanoseconds), which only matters if the file names a trajectory.
+
+    Raises `ConfigError`.
     """
+    return read_pose(path).at(time_ns)
+
+
+def with_pose(values: dict[str, Any], path: Path) -> list[Mistake]:
+    """Replace the files that ``camera.pose`` names by what is in them; returns the mistakes.
+
+    They lie in the campaign of `path`, a ``fieldkit.toml`` or a session.
+    """
+    camera, folder = values.get("camera"), campaign_folder(path)
+    given = camera.get("pose") if isinstance(camera, dict) else None
+    if not isinstance(camera, dict) or not isinstance(given, str | dict):
+        return []
     try:
-        document = _at_time(tomllib.loads(read_text(path)), path, time_ns)
-        pose = PoseFile.model_validate(_with_angles(document, path))
+        if isinstance(given, str) and given:
+            table = _table_in(folder / given).model_dump(exclude_none=True)
+            if "dem" in table:
+                table["dem"] = (Path(given).parent / table["dem"]).as_posix()
+            camera["pose"] = table
+        elif given and (wrong := list(_contradictions(given))):
+            return [Mistake((*KEY, key), message) for key, message in wrong]
+        elif given:
+            camera["pose"] = _with_trajectory(given, folder)
+        else:
+            del camera["pose"]
+    except ConfigError as error:
+        return [Mistake(KEY, error.message)]
+    return []
+
+
+def _table_in(path: Path) -> PoseTable:
+    try:
+        values = tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: {error}", fix=f"correct {path}") from error
+    for key, message in _contradictions(values):
+        raise ConfigError(f"{path}: {key}: {message}", fix=f"correct {key} in {path}")
+    try:
+        return PoseTable.model_validate(_with_trajectory(values, path.parent))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"{path}: {key}: {first['msg']}", fix=f"correct {key} in {path}") from None
-    if (pose.ground_m is None) == (pose.dem is None):
-        raise ConfigError(
-            f"{path} needs either ground_m, the height of level ground, or dem, a GeoTIFF of heights",
-            fix=f"give one of the two in {path}",
-        )
-    if pose.dem is None:
-        return pose
-    return pose.model_copy(update={"dem": str(path.parent / pose.dem)})
 
 
-def _at_time(document: dict[str, Any], path: Path, time_ns: int) -> dict[str, Any]:
-    """The document with the place and quaternion of its trajectory at that time, if it has one."""
-    if "trajectory" not in document:
-        return document
-    name = document.pop("trajectory")
-    if twice := [key for key in (*PLACE, "quaternion", *ANGLES) if key in document]:
-        raise ConfigError(f"{path} has both trajectory and {', '.join(twice)}", fix=f"keep one in {path}")
-    if not isinstance(name, str):
-        raise ConfigError(f"{path}: trajectory: a file is needed", fix=f"correct trajectory in {path}")
-    place, quaternion = load_trajectory(path.parent / name).at(time_ns)
-    return document | dict(zip(PLACE, place.tolist(), strict=True)) | {"quaternion": quaternion.tolist()}
+def _with_trajectory(values: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The table with the text of its trajectory."""
+    name = values.get("trajectory")
+    if not isinstance(name, str) or _is_text(name):
+        return dict(values)
+    text = read_text(folder / name)
+    trajectory_from(text, str(folder / name))
+    return {**values, "trajectory": text}
 
 
-def _with_angles(document: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The document with the angles of its quaternion, if it has one."""
-    if "quaternion" not in document:
-        return document
-    given = document.pop("quaternion")
-    fix = f"correct quaternion in {path}"
-    if angles := [name for name in ANGLES if name in document]:
-        raise ConfigError(f"{path} has both quaternion and {', '.join(angles)}", fix=f"keep one in {path}")
-    if not (isinstance(given, list) and len(given) == 4 and all(type(one) in (int, float) for one in given)):
-        raise ConfigError(f"{path}: quaternion: four numbers x, y, z, w are needed", fix=fix)
-    try:
-        require_unit(given)
-    except ValueError as error:
-        raise ConfigError(f"{path}: {error}", fix=fix) from None
-    return document | dict(zip(ANGLES, angles_of_quaternion(given), strict=True))
+def _is_text(trajectory: str) -> bool:
+    """Whether it is what stands in a file of poses, two lines or more, not its name."""
+    return "\n" in trajectory
+
+
+def _contradictions(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Mistakes between keys of a table, each with a key; malformed values are the schema's."""
+    turned = "quaternion" if "quaternion" in values else "yaw_deg"
+    needed = () if "trajectory" in values else (*PLACE, turned, *(ANGLES[1:2] if turned in ANGLES else ()))
+    for key in needed:
+        if key not in values:
+            yield key, f"missing; expected {expected(node_at((*KEY, key)))}"
+    for key, others in (("trajectory", (*PLACE, "quaternion", *ANGLES)), ("quaternion", ANGLES)):
+        if key in values and (twice := [other for other in others if other in values]):
+            yield key, f"both {key} and {', '.join(twice)} are given; keep one"
+    if ("ground_m" in values) == ("dem" in values):
+        yield "ground_m", "give either ground_m, the height of level ground, or dem, a GeoTIFF of heights"
+    if isinstance(text := values.get("trajectory"), str) and _is_text(text):
+        try:
+            trajectory_from(text, "trajectory")
+        except ConfigError as error:
+            yield "trajectory", error.message
+    if "quaternion" in values:
+        try:
+            require_unit(values["quaternion"])
+        except (TypeError, ValueError) as error:
+            yield "quaternion", str(error)

@@ -77,13 +77,18 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
     return values, mistakes
 
 
-def calibration_folder(path: Path) -> Path:
-    """The ``calibration/`` folder of the campaign that a configuration or a session belongs to."""
+def campaign_folder(path: Path) -> Path:
+    """The folder of the campaign that a configuration or a session belongs to, or the one it lies in."""
     above = path.resolve().parents
     campaigns = (
         folder for folder in above if (folder / CAMPAIGN_FILE).is_file() or (folder / FOLDER).is_dir()
     )
-    return next(campaigns, above[0]) / FOLDER
+    return next(campaigns, above[0])
+
+
+def calibration_folder(path: Path) -> Path:
+    """The ``calibration/`` folder of the campaign that a configuration or a session belongs to."""
+    return campaign_folder(path) / FOLDER
 
 
 def _value(record: CalibrationRecord, key: _Key) -> float:

@@ -22,6 +22,7 @@ Positive = Annotated[float, Field(gt=0)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=32)]
 Probe = Annotated[str, Field(pattern=r"^[^:]+:[^:]+$", description="stream:channel, such as thermometer:T1")]
 Point = Annotated[list[float], Field(min_length=2, max_length=2)]
+GroundPoint = Annotated[list[float], Field(min_length=2, max_length=3)]
 HorizonPoint = Annotated[tuple[Degrees, Annotated[float, Field(gt=-90, lt=90)]], Field(strict=False)]
 
 Fault = Literal[
@@ -86,6 +87,54 @@ class DeviceTable(Table):
     options: dict[str, Any] = Field(default={}, description="options of this driver")
 
 
+class PoseTable(Table):
+    """Where the camera stands and looks, and the ground before it; also a file of its own.
+
+    Give a place with angles or a quaternion, or a trajectory; and level ground or a DEM.
+    """
+
+    crs: str = Field(
+        examples=["EPSG:32613"], description="projected reference system in metres, of all places"
+    )
+    east_m: float | None = Field(examples=[412000.0], default=None, description="the camera's easting")
+    north_m: float | None = Field(examples=[4172000.0], default=None, description="its northing")
+    height_m: float | None = Field(examples=[2305.0], default=None, description="its height")
+    yaw_deg: Annotated[float, Field(ge=-360, le=360)] | None = Field(
+        examples=[0.0],
+        default=None,
+        description="azimuth of the optical axis, from true north, clockwise",
+    )
+    pitch_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
+        examples=[-30.0], default=None, description="its elevation, negative downwards"
+    )
+    roll_deg: Annotated[float, Field(ge=-180, le=180)] | None = Field(
+        examples=[0.0], default=None, description="turn about it, clockwise as the camera sees; default: 0"
+    )
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] | None = Field(
+        examples=[[-0.5, 0.5, -0.5, 0.5]],
+        default=None,
+        description="x, y, z, w instead of angles, from right, down, forward to east, north, up",
+    )
+    trajectory: str | None = Field(
+        examples=["run.csv"],
+        default=None,
+        description="a CSV or TUM file of poses over time, beside this file; a session holds its text",
+    )
+    hfov_deg: float = Field(
+        examples=[50.0], gt=0, lt=180, description="horizontal field of view, from edge to edge"
+    )
+    distortion: Annotated[list[float], Field(min_length=5, max_length=5)] | None = Field(
+        examples=[[-0.3, 0.1, 0.0, 0.0, 0.0]],
+        default=None,
+        description="k1, k2, p1, p2, k3 of the lens, as OpenCV gives them",
+    )
+    range_m: float = Field(examples=[60.0], gt=0, le=10_000, description="farther ground is omitted")
+    ground_m: float | None = Field(examples=[2300.0], default=None, description="height of level ground")
+    dem: str | None = Field(
+        examples=["dem.tif"], default=None, description="a GeoTIFF of heights, beside this file"
+    )
+
+
 class CameraTable(DeviceTable):
     """The thermal camera."""
 
@@ -94,6 +143,11 @@ class CameraTable(DeviceTable):
     )
     height_px: int | None = Field(
         examples=[120], default=None, gt=0, description="frame height, to check regions against"
+    )
+    pose: PoseTable | None = Field(
+        examples=[{}],
+        default=None,
+        description="where it stands and looks: a TOML file beside this one, or the table [camera.pose]",
     )
 
 
@@ -480,6 +534,11 @@ class RegionTable(Table):
         min_length=3,
         max_length=64,
         description="corners [x, y]; x to the right, y down, the first pixel is [0, 0]",
+    )
+    points_m: list[GroundPoint] = Field(
+        default=[],
+        max_length=64,
+        description="instead, corners [east, north] or [east, north, height] on the ground of camera.pose",
     )
     tilt_deg: Annotated[float, Field(ge=0, le=90)] | None = Field(
         examples=[15.0],

@@ -76,7 +76,8 @@ class Region:
 
     `vertices` are (x, y) in pixels, x to the right, y down, pixel centres at whole numbers. `tilt_deg` and
     `azimuth_deg` are as measured by inclinometer and compass: used by the estimator for references, for
-    targets only for comparison (NaN: unknown).
+    targets only for comparison (NaN: unknown). `points_m` are the corners on the ground (east, north,
+    height in the system of the camera's pose) of a region given by them; `vertices` is where they were seen.
 
     Examples
     --------
@@ -99,6 +100,7 @@ class Region:
     tilt_deg: float = float("nan")
     azimuth_deg: float = float("nan")
     emissivity: float = float("nan")
+    points_m: tuple[tuple[float, float, float], ...] = ()
 
     def mask(self, shape: tuple[int, int], within: tuple[slice, slice] | None = None) -> NDArray[np.bool_]:
         """Pixels whose centre lies inside the polygon or on its edge, shape (rows, cols).

@@ -242,8 +242,9 @@ def _end(request: requests.Start) -> list[str]:
 
 def _region(drawn: requests.DrawnRegion) -> Region:
     angles = (drawn.tilt_deg, drawn.azimuth_deg, drawn.emissivity)
-    known = (math.nan if value is None else value for value in angles)
-    return Region(drawn.name, RegionKind[drawn.role.upper()], tuple(drawn.vertices), *known)
+    tilt, azimuth, emissivity = (math.nan if value is None else value for value in angles)
+    kind = RegionKind[drawn.role.upper()]
+    return Region(drawn.name, kind, tuple(drawn.vertices), tilt, azimuth, emissivity)
 
 
 def _shrunk(region: Region, pixels: float) -> Region:

@@ -266,6 +266,33 @@ def seen_by(
     return np.where(seen, row, 0), np.where(seen, col, 0), seen
 
 
+def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: float) -> NDArray[np.bool_]:
+    """Whether nearer ground hides points from an eye.
+
+    In steps of half a cell; the last `slack_m` before a point, its own ground, hide nothing.
+
+    Parameters
+    ----------
+    ground
+        Heights between eye and points; unknown ground hides nothing.
+    eye_m, points_m
+        East, north, up, shapes (3,) and (n, 3). [m]
+    slack_m
+        About the size of a cell. [m]
+
+    Returns
+    -------
+    Shape (n,).
+    """
+    eye, found = np.asarray(eye_m, np.float64), np.zeros(len(points_m), np.bool_)
+    for place, line in enumerate(points_m - eye):
+        length = float(np.linalg.norm(line))
+        shares = np.arange(0.0, max(length - slack_m, 0.0), 0.5 * ground.cell_m) / length
+        east, north, up = (eye + shares[:, np.newaxis] * line).T
+        found[place] = bool((ground.at(east, north) > up).any())
+    return found
+
+
 def horizon_of_ground(
     ground: Heights, east_m: float, north_m: float, azimuths_deg: FloatArray, nearest_m: float
 ) -> FloatArray:

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.config.pose import PoseFile, load_pose
+from fieldkit.config.ground import Ground
+from fieldkit.config.pose import CameraPose, Pose
+from fieldkit.config.toml_schema import PoseTable
 from fieldkit.disk import replacing
 from fieldkit.estimation.pixel_slopes import SlopeMap
 from fieldkit.model.errors import ConfigError, NoAnswerError, StorageError
@@ -23,7 +25,6 @@ from fieldkit.physics.camera_geometry import (
     Heights,
     distances_to_ground_m,
     distances_to_plane_m,
-    project,
     rays,
     seen_by,
 )
@@ -31,7 +32,7 @@ from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.heights import heights_from_normals
 from fieldkit.sessions.formats import geotiff, ply, ros2_maps
 
-__all__ = ["GroundView", "ground_view", "load_pose", "on_frame", "require_still", "write_on_ground"]
+__all__ = ["GroundView", "ground_view", "on_frame", "require_still", "view_of", "write_on_ground"]
 
 if TYPE_CHECKING:
     from rasterio.crs import CRS
@@ -106,7 +107,17 @@ def require_still(found: MappedSession) -> None:
         )
 
 
-def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
+def view_of(found: MappedSession, pose: CameraPose, cell_m: float | None = None) -> GroundView:
+    """What the pixels of a map saw in the middle of its window.
+
+    Raises as `require_still` and `ground_view`.
+    """
+    require_still(found)
+    rows, cols = found.slopes.state.shape
+    return ground_view(pose.at((found.start_ns + found.end_ns) // 2), (rows, cols), cell_m)
+
+
+def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None) -> GroundView:
     """Trace a camera's pixels to the ground.
 
     Parameters
@@ -125,25 +136,26 @@ def ground_view(pose: PoseFile, shape: tuple[int, int], cell_m: float | None = N
     NoAnswerError
         If no pixel meets the ground within range.
     """
-    crs = geotiff.projected_crs(pose.crs)
-    true_north_deg = geotiff.true_north_deg(crs, pose.east_m, pose.north_m)
+    table = pose.table
+    crs = geotiff.projected_crs(table.crs)
+    true_north_deg = geotiff.true_north_deg(crs, *pose.position_m[:2])
     camera = pose.camera(shape, true_north_deg)
-    dem = None if pose.dem is None else geotiff.read_heights(Path(pose.dem), crs)
-    away = _distances_m(camera, pose, dem)
+    dem = None if pose.dem is None else geotiff.read_heights(pose.dem, crs)
+    away = _distances_m(camera, table, dem)
     if not np.isfinite(away).any():
-        what = f"the DEM {pose.dem}" if pose.dem else f"level ground at {pose.ground_m} m"
+        what = f"the DEM {pose.dem}" if pose.dem else f"level ground at {table.ground_m} m"
         raise NoAnswerError(
-            f"no pixel meets {what} within {pose.range_m:g} m of the camera",
+            f"no pixel meets {what} within {table.range_m:g} m of the camera",
             fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
         )
     points = np.asarray(camera.position_m) + away[..., np.newaxis] * rays(camera)
-    return GroundView(camera, crs, _cells(points, pose, dem, cell_m), true_north_deg, dem is None, away)
+    return GroundView(camera, crs, _cells(points, table, dem, cell_m), true_north_deg, dem is None, away)
 
 
 def on_frame(
-    pose: PoseFile, shape: tuple[int, int], points_m: Sequence[tuple[float, float]]
+    pose: CameraPose, shape: tuple[int, int], points_m: Sequence[tuple[float, float]], time_ns: int
 ) -> list[tuple[float, float]]:
-    """Where points of the ground appear, to a tenth of a pixel.
+    """Where points of the ground appear at a time, to a tenth of a pixel.
 
     Parameters
     ----------
@@ -153,31 +165,20 @@ def on_frame(
         Rows and columns of a frame.
     points_m
         East and north in the pose's reference system. [m]
+    time_ns
+        UTC nanoseconds since 1970, which only matter to a pose along a trajectory.
 
     Raises
     ------
     ConfigError
         If the reference system or the DEM is wrong, or the camera does not see one of the points.
     """
-    crs = geotiff.projected_crs(pose.crs)
-    camera = pose.camera(shape, geotiff.true_north_deg(crs, pose.east_m, pose.north_m))
-    dem = None if pose.dem is None else geotiff.read_heights(Path(pose.dem), crs)
-    east, north = np.transpose(points_m)
-    heights = dem.at(east, north) if dem is not None else np.full(east.shape, pose.ground_m, np.float64)
-    ground = np.column_stack([east, north, heights])
-    slack_m = np.inf if dem is None else dem.cell_m  # level ground hides nothing
-    _, _, seen = seen_by(camera, ground, _distances_m(camera, pose, dem), slack_m)
-    if not seen.all():
-        unseen = " ".join(f"{x},{y}" for (x, y), is_seen in zip(points_m, seen, strict=True) if not is_seen)
-        raise ConfigError(
-            f"the camera does not see {unseen}: outside the frame, beyond range_m or behind nearer ground",
-            fix="correct the points or the pose",
-        )
-    x, y, _ = project(camera, ground)
-    return [(round(float(right), 1), round(float(down), 1)) for right, down in zip(x, y, strict=True)]
+    ground = Ground(pose, shape)
+    pose.at(time_ns)
+    return ground.seen(ground.with_heights(points_m), [time_ns])
 
 
-def _distances_m(camera: Camera, pose: PoseFile, dem: Heights | None) -> FloatArray:
+def _distances_m(camera: Camera, pose: PoseTable, dem: Heights | None) -> FloatArray:
     if dem is not None:
         return distances_to_ground_m(camera, dem, pose.range_m)
     assert pose.ground_m is not None
@@ -185,7 +186,7 @@ def _distances_m(camera: Camera, pose: PoseFile, dem: Heights | None) -> FloatAr
     return np.where(away <= pose.range_m, away, np.nan)
 
 
-def _cells(points: FloatArray, pose: PoseFile, dem: Heights | None, cell_m: float | None) -> Heights:
+def _cells(points: FloatArray, pose: PoseTable, dem: Heights | None, cell_m: float | None) -> Heights:
     """Heights on the cells around the points, edges at multiples of their side."""
     if cell_m is None:
         apart = np.linalg.norm(np.diff(points, axis=1)[..., :2], axis=-1)

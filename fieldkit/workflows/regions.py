@@ -56,6 +56,7 @@ def add_region(
     *,
     points: Sequence[Point] = (),
     rect: Rect | None = None,
+    is_ground: bool = False,
     reference: bool = False,
     **properties: Unpack[RegionProperties],
 ) -> dict[str, Any]:
@@ -71,6 +72,8 @@ def add_region(
         Corners ``(x, y)`` in order around the region, at least three. [pixel]
     rect
         Instead of `points`: left, top, width, height. [pixel]
+    is_ground
+        Whether `points` are east, north on the ground of the campaign's ``camera.pose``. [m]
     reference
         Whether it is the flat reference; otherwise a target whose slope is estimated.
     **properties
@@ -87,7 +90,7 @@ def add_region(
     table = {
         "name": name,
         "kind": "reference" if reference else "target",
-        "points_px": _written(corners),
+        "points_m" if is_ground else "points_px": _written(corners),
         **properties,
     }
     edit.add_region(file, table)

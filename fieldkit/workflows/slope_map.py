@@ -59,6 +59,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
 
+    from fieldkit.config.pose import CameraPose
+
 EXCLUDED = Quality.CLOUD | Quality.LOW_SUN
 """Flags of minutes that no map is made of."""
 SURFACE_MODELS: Mapping[Model, str] = {
@@ -122,6 +124,8 @@ class MappedSession:
     damaged: int = 0
     inertia: LearntParameter | None = None
     """Thermal inertia that the learned model found, shared by all regions."""
+    pose: CameraPose | None = None
+    """Where the camera stood, if that was configured: `fieldkit.workflows.on_ground.view_of`."""
 
     @property
     def states(self) -> dict[str, float]:
@@ -352,6 +356,7 @@ def _mapped(
         smeared_px=float(np.ptp([one.shift_px for one in chosen])),
         damaged=session.damaged.get(camera.name, 0),
         inertia=_inertia(estimator, minutes),
+        pose=config.pose,
     )
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from fieldkit.config.files import read_text
 from fieldkit.config.horizon import COLUMNS
-from fieldkit.config.load import read_text
-from fieldkit.config.pose import PoseFile
+from fieldkit.config.pose import Pose
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.physics.camera_geometry import horizon_of_ground, rays
@@ -36,7 +36,7 @@ def horizon_from_dem(
     return list(zip(azimuths.tolist(), elevations.round(2).tolist(), strict=True))
 
 
-def horizon_from_skyline(points: Path, pose: PoseFile, shape: tuple[int, int]) -> Horizon:
+def horizon_from_skyline(points: Path, pose: Pose, shape: tuple[int, int]) -> Horizon:
     """The horizon by pixels on the skyline of a frame (rows, cols), from the camera's place.
 
     Level left and right of the frame. Raises `ConfigError`.

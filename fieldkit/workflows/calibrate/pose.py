@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldkit.calibration.pose import QUANTITIES, PoseFit, fit_pose
-from fieldkit.config.load import read_text
+from fieldkit.config.files import read_text
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.physics.facet import FloatArray

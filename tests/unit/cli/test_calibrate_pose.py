@@ -40,10 +40,10 @@ def test_pose_file_sees_the_points_where_they_were_marked(tmp_path, table):
     assert done.exit_code == 0, done.output
     assert "marks off by 0.0 px" in done.output
     pose = load_pose(tmp_path / "pose.toml", 0)
-    assert (pose.east_m, pose.north_m, pose.height_m) == pytest.approx(TRUTH.position_m, abs=1e-2)
+    assert pose.position_m == pytest.approx(TRUTH.position_m, abs=1e-2)
     # true north lies 0.94 degrees clockwise of the grid's: (longitude - 141) sin(latitude)
     assert pose.yaw_deg == pytest.approx(20.0 - 0.94, abs=0.02)
-    assert (pose.pitch_deg, pose.roll_deg, pose.hfov_deg) == pytest.approx((-25.0, 4.0, 50.0), abs=1e-2)
+    assert (pose.pitch_deg, pose.roll_deg, pose.table.hfov_deg) == pytest.approx((-25.0, 4.0, 50.0), abs=1e-2)
     assert "# standard uncertainty" in (tmp_path / "pose.toml").read_text()
 
 
@@ -67,4 +67,4 @@ def test_what_gives_no_pose_is_an_error(tmp_path, table, change, options, words)
 def test_the_lens_given_is_that_of_the_pose_file(tmp_path, table):
     done = calibrate(tmp_path, table, *OPTIONS, "--distortion=-0.01,0,0,0,0")
     assert done.exit_code == 0, done.output
-    assert load_pose(tmp_path / "pose.toml", 0).distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]
+    assert load_pose(tmp_path / "pose.toml", 0).table.distortion == [-0.01, 0.0, 0.0, 0.0, 0.0]

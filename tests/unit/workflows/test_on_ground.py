@@ -200,7 +200,7 @@ def test_a_pose_of_a_trajectory_is_turned_evenly_between_its_poses(tmp_path, nam
     """A quarter of the way from a view to the east to one to the south."""
     (tmp_path / name).write_text(text)
     pose = pose_of(pose_file(tmp_path, f'{STOPPED}trajectory = "{name}"'), START_NS + 2_500_000_000)
-    assert (pose.east_m, pose.north_m, pose.height_m) == pytest.approx((354602.5, 3936205.0, 112.0))
+    assert pose.position_m == pytest.approx((354602.5, 3936205.0, 112.0))
     assert (pose.yaw_deg, pose.pitch_deg, pose.roll_deg) == pytest.approx((112.5, 0.0, 0.0), abs=1e-5)
 
 

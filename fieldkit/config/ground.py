@@ -1,0 +1,174 @@
+"""Regions by their corners on the ground: their heights, and where the camera sees them.
+
+``points_m`` of a region gets its heights from the ground of the pose, and ``points_px`` is where the region
+is seen first; both are kept, so that a session shows its regions without the DEM.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from fieldkit.config.pose import CameraPose
+from fieldkit.config.references import campaign_folder
+from fieldkit.config.toml_schema import PoseTable
+from fieldkit.config.validation import Mistake
+from fieldkit.model.errors import ConfigError
+from fieldkit.physics.camera_geometry import Heights, is_hidden, project
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.trajectory import CameraPath
+from fieldkit.sessions.formats import geotiff
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+Corner = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ground before a camera, and its frame's rows and columns. Needs ``fieldkit[terrain]``."""
+
+    pose: CameraPose
+    shape: tuple[int, int]
+
+    @cached_property
+    def crs(self) -> CRS:
+        """The projected reference system; raises `ConfigError`."""
+        return geotiff.projected_crs(self.pose.table.crs)
+
+    @cached_property
+    def dem(self) -> Heights | None:
+        """The DEM; None for level ground. Raises `ConfigError`."""
+        table = self.pose.table
+        return None if table.dem is None else geotiff.read_heights(self.pose.folder / table.dem, self.crs)
+
+    @cached_property
+    def path(self) -> CameraPath:
+        """The camera over time, in the axes of the grid."""
+        east_m, north_m, _ = self.pose.trajectory.position_m[0]
+        return self.pose.path(geotiff.true_north_deg(self.crs, east_m, north_m))
+
+    def with_heights(self, points: Sequence[Sequence[float]]) -> list[list[float]]:
+        """Points as east, north, height, those without a height on the ground.
+
+        Raises `ConfigError` where the DEM has none.
+        """
+        found = []
+        for east, north, *given in points:
+            height = given[0] if given else self._height_m(east, north)
+            if np.isnan(height):
+                raise ConfigError(f"{self.pose.table.dem} has no height at {east:.10g}, {north:.10g}")
+            found.append([float(east), float(north), float(height)])
+        return found
+
+    def seen(self, points_m: Sequence[Sequence[float]], times_ns: Sequence[int]) -> list[Corner]:
+        """Corners in the frame, to a tenth of a pixel, at the first of some times that shows them all.
+
+        Raises `ConfigError` if there is none, with those that the first does not show.
+        """
+        corners = np.asarray(points_m, np.float64)
+        for time_ns in times_ns:
+            if not self._unseen(time_ns, corners).any():
+                return self._on_frame(time_ns, corners)
+        unseen = corners[self._unseen(times_ns[0], corners)]
+        named = " ".join(f"{east:.10g},{north:.10g}" for east, north, _ in unseen)
+        raise ConfigError(
+            f"the camera does not see {named}: behind it, outside the frame, beyond range_m or behind nearer "
+            "ground",
+            fix="correct the points or the pose",
+        )
+
+    def _height_m(self, east_m: float, north_m: float) -> float:
+        if self.dem is not None:
+            return float(self.dem.at(east_m, north_m))
+        assert self.pose.table.ground_m is not None
+        return self.pose.table.ground_m
+
+    def _unseen(self, time_ns: int, corners: FloatArray) -> NDArray[np.bool_]:
+        camera = self.path.camera(time_ns, self.shape)
+        assert camera is not None
+        x, y, away = project(camera, corners)
+        rows, cols = self.shape
+        inside = (x > -0.5) & (x < cols - 0.5) & (y > -0.5) & (y < rows - 0.5)
+        unseen = np.asarray(~inside | (away > self.pose.table.range_m))
+        if self.dem is not None and not unseen.any():
+            unseen = is_hidden(self.dem, camera.position_m, corners, 2.0 * self.dem.cell_m)
+        return unseen
+
+    def _on_frame(self, time_ns: int, corners: FloatArray) -> list[Corner]:
+        camera = self.path.camera(time_ns, self.shape)
+        assert camera is not None
+        x, y, _ = project(camera, corners)
+        rows, cols = self.shape
+        return [
+            (round(float(np.clip(right, 0, cols - 1)), 1), round(float(np.clip(down, 0, rows - 1)), 1))
+            for right, down in zip(x, y, strict=True)
+        ]
+
+
+def with_regions(values: dict[str, Any], path: Path) -> list[Mistake]:
+    """Complete the regions that are given on the ground; returns the mistakes."""
+    regions = [(("region", index, "points_m"), region) for index, region in _incomplete(values)]
+    if not regions:
+        return []
+    ground = _ground(values, path)
+    if isinstance(ground, str):
+        return [Mistake(key, ground) for key, _ in regions]
+    mistakes = []
+    for key, region in regions:
+        try:
+            _complete(region, ground)
+        except ConfigError as error:
+            mistakes.append(Mistake(key, error.message))
+    return mistakes
+
+
+def _complete(region: dict[str, Any], ground: Ground) -> None:
+    points = region["points_m"]
+    if not (isinstance(points, list) and len(points) >= 3 and all(map(_is_point, points))):
+        raise ConfigError("at least three corners [east, north] or [east, north, height] are needed")
+    region["points_m"] = ground.with_heights(points)
+    if "points_px" not in region:
+        seen = ground.seen(region["points_m"], ground.path.trajectory.time_ns)
+        region["points_px"] = [list(corner) for corner in seen]
+
+
+def _incomplete(values: dict[str, Any]) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Regions on the ground without heights or pixels, with their place."""
+    regions = values.get("region")
+    for index, region in enumerate(regions if isinstance(regions, list) else ()):
+        points = region.get("points_m") if isinstance(region, dict) else None
+        if points and not ("points_px" in region and all(_is_point(one, (3,)) for one in points)):
+            yield index, region
+
+
+def _is_point(point: Any, sizes: tuple[int, ...] = (2, 3)) -> bool:
+    return isinstance(point, list) and len(point) in sizes and all(type(one) in (int, float) for one in point)
+
+
+def _ground(values: dict[str, Any], path: Path) -> Ground | str:
+    """The ground of the configured pose, or why there is none."""
+    camera = values.get("camera")
+    camera = camera if isinstance(camera, dict) else {}
+    width, height = camera.get("width_px"), camera.get("height_px")
+    if "pose" not in camera:
+        return "corners on the ground need the pose of the camera, camera.pose"
+    if not (isinstance(width, int) and isinstance(height, int)):
+        return "corners on the ground need camera.width_px and camera.height_px"
+    try:
+        pose = CameraPose(PoseTable.model_validate(camera["pose"]), campaign_folder(path))
+        ground = Ground(pose, (height, width))
+        _ = ground.path, ground.dem
+    except ValidationError:
+        return "corners on the ground need a valid camera.pose"
+    except ConfigError as error:
+        return error.message
+    return ground

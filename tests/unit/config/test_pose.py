@@ -1,0 +1,118 @@
+"""The camera's pose in the configuration, and regions on its ground."""
+
+import pytest
+
+from fieldkit.config import ConfigMistakesError, config_from_text, load_config
+from fieldkit.config.edit import change_region
+from fieldkit.config.pose import load_pose
+
+pytest.importorskip("rasterio")
+
+SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\n"
+CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
+LENS = 'crs = "EPSG:32613"\nhfov_deg = 60.0\nrange_m = 50.0\nground_m = 2300.0\n'
+DOWN = "east_m = 500000.0\nnorth_m = 4172000.0\nheight_m = 2310.0\nyaw_deg = 0.0\npitch_deg = -90.0\n"
+CORNERS = "[[499999, 4171999], [500001, 4171999], [500001, 4172001]]"
+REGION = '[[region]]\nname = "flat"\nkind = "reference"\npoints_m = '
+RUN = """time,east_m,north_m,height_m,yaw_deg,pitch_deg,roll_deg
+2016-01-01T19:00:00Z,500000,4172000,2310,0,-90,0
+2016-01-01T20:00:00Z,500002,4172000,2310,0,-90,0
+"""
+
+
+def campaign(folder, pose=LENS + DOWN, region=REGION + CORNERS):
+    (folder / "fieldkit.toml").write_text(f"{SITE}{CAMERA}[camera.pose]\n{pose}\n{region}\n")
+    return folder / "fieldkit.toml"
+
+
+def loaded(file, *settings):
+    return load_config(file, settings=settings, environment={})
+
+
+def test_corners_on_level_ground_are_seen_from_above_where_the_pinhole_shows_them(tmp_path):
+    """A metre 10 m below is a tenth of the focal length, 80 px / tan(30 degrees) = 138.6 px."""
+    (flat,) = loaded(campaign(tmp_path)).regions
+    assert flat.points_m[0] == (499999.0, 4171999.0, 2300.0)
+    # on the central meridian of zone 13 the grid's north is true north
+    assert flat.vertices == ((65.6, 73.4), (93.4, 73.4), (93.4, 45.6))
+
+
+def test_a_session_holds_pose_trajectory_and_corners_itself(tmp_path):
+    file = campaign(tmp_path, LENS + 'trajectory = "run.csv"')
+    (tmp_path / "run.csv").write_text(RUN)
+    config = loaded(file)
+    (tmp_path / "run.csv").unlink()
+    again = config_from_text(config.to_toml(), tmp_path / "recordings" / "a.h5")
+    assert again.tables == config.tables
+    assert again.regions == config.regions
+    half_past = again.pose.at(1_451_674_800_000_000_000 + 1800 * 10**9)
+    assert half_past.position_m == (500001.0, 4172000.0, 2310.0)
+
+
+def test_a_pose_may_be_a_file_with_the_same_keys_and_is_replaced_by_another(tmp_path):
+    file = campaign(tmp_path)
+    table = loaded(file).tables.camera.pose
+    (tmp_path / "survey").mkdir()
+    (tmp_path / "survey" / "pose.toml").write_text(LENS + DOWN)
+    of_file = loaded(file, 'camera.pose="survey/pose.toml"').tables.camera.pose
+    assert of_file == table == load_pose(tmp_path / "survey" / "pose.toml", 0).table
+    stored, session = loaded(file).to_toml(), tmp_path / "recordings" / "a.h5"
+    turned = config_from_text(
+        stored, session, settings=["camera.pose.yaw_deg=90", "camera.pose.pitch_deg=-45"]
+    )
+    assert turned.pose.at(0).yaw_deg == pytest.approx(90.0)
+    # where the region was drawn while recording stays as it was
+    assert turned.regions == loaded(file).regions
+
+
+def test_a_dem_is_found_beside_the_file_that_names_it(tmp_path):
+    (tmp_path / "survey").mkdir()
+    (tmp_path / "survey" / "pose.toml").write_text(
+        (LENS + DOWN).replace("ground_m = 2300.0", 'dem = "dem.tif"')
+    )
+    config = loaded(campaign(tmp_path, region=""), 'camera.pose="survey/pose.toml"')
+    assert config.pose.at(0).dem == tmp_path / "survey" / "dem.tif"
+
+
+@pytest.mark.parametrize(
+    ("pose", "region", "words"),
+    [
+        (LENS + DOWN.replace("2310.0", "nan"), "", "camera.pose.height_m: got nan"),
+        (LENS + DOWN.replace("yaw_deg = 0.0", ""), "", "camera.pose.yaw_deg: missing; expected a number"),
+        (LENS + DOWN.replace("-90.0", "-91.0"), "", "camera.pose.pitch_deg: got -91.0"),
+        (LENS + DOWN + "quaternion = [1, 0, 0, 0]", "", "both quaternion and yaw_deg, pitch_deg"),
+        (LENS + DOWN.split("yaw")[0] + "quaternion = [0, 0, 0, 0]", "", "its length is 0, not 1"),
+        (LENS + DOWN + 'dem = "dem.tif"', "", "either ground_m"),
+        (LENS + 'trajectory = "none.csv"', "", "camera.pose: cannot read"),
+        (LENS + 'trajectory = "run.csv"', "", "run.csv:3: its time is not after"),
+        (LENS.replace("32613", "99999") + DOWN, REGION + CORNERS, "unknown coordinate reference system"),
+        (LENS + DOWN.replace("-90.0", "20.0"), REGION + CORNERS, "does not see 499999,4171999"),
+        (LENS + DOWN, REGION + CORNERS.replace("500001", "500051"), "does not see 500051,4171999"),
+        (LENS + DOWN, REGION + "[[1, 2], [3, 4]]", "region[0].points_m: at least three corners"),
+        (LENS.replace("ground_m = 2300.0", 'dem = "no.tif"') + DOWN, REGION + CORNERS, "cannot read the DEM"),
+    ],
+)  # fmt: skip
+def test_a_bad_pose_and_corners_that_it_does_not_see_are_mistakes_of_their_key(tmp_path, pose, region, words):
+    (tmp_path / "run.csv").write_text(RUN.replace("T20", "T18"))
+    with pytest.raises(ConfigMistakesError) as error:
+        loaded(campaign(tmp_path, pose, region))
+    assert words in error.value.message
+    assert len(error.value.mistakes) == 1
+
+
+@pytest.mark.parametrize(
+    ("camera", "words"),
+    [(CAMERA, "need the pose"), (CAMERA.split("width")[0] + "[camera.pose]\n" + LENS + DOWN, "width_px")],
+)
+def test_corners_on_the_ground_need_pose_and_frame(tmp_path, camera, words):
+    (tmp_path / "fieldkit.toml").write_text(f"{SITE}{camera}\n{REGION}{CORNERS}\n")
+    with pytest.raises(ConfigMistakesError, match=words):
+        loaded(tmp_path / "fieldkit.toml")
+
+
+def test_a_region_redrawn_in_pixels_no_longer_lies_on_the_ground(tmp_path):
+    file = campaign(tmp_path)
+    change_region(file, "flat", {"points_px": [[10, 10], [40, 10], [40, 40]]})
+    (flat,) = loaded(file).regions
+    assert flat.points_m == ()
+    assert flat.vertices[0] == (10.0, 10.0)
