@@ -6,8 +6,10 @@ this one jumps to the next event: a simulated instrument acts (`call_at`), bytes
 a day of field work runs in seconds and twice the same. `speed` limits the jumps to a multiple of real time,
 for watching.
 
-One thread of the clock advances time; it releases one waiting thread at a time, in the order of deadline and
-thread name, and waits until that one waits again. Instruments and scenes are not known here.
+The thread that waits last moves time, from within its wait: it takes one step after the other until a wait is
+over. If that is its own, it returns without any switch of threads; otherwise it releases the other thread and
+waits until it is released itself. Waits that end together end one after the other, in the order of deadline
+and thread name. Instruments and scenes are not known here.
 
 Time does not wait for work that neither takes part nor is declared by `hold_until`: start reading threads
 while the starting one takes part, and wait until they have joined.
@@ -46,16 +48,17 @@ def _closed_gate() -> threading.Lock:
 
 @dataclass(eq=False, slots=True)
 class _Waiter:
-    """One waiting thread."""
+    """One waiting thread: until when, for which descriptor, and what became of it."""
 
     deadline_ns: float
     thread: str
     fd: int | None
     gate: threading.Lock = field(default_factory=_closed_gate)
-    readable: bool = False
+    is_over: bool = False
+    is_readable: bool = False
 
-    def go(self) -> None:
-        """Release the thread; a second call does nothing."""
+    def wake(self) -> None:
+        """Let the thread look again: its wait is over, or it is to move time."""
         if self.gate.locked():
             self.gate.release()
 
@@ -81,14 +84,14 @@ class SimulatedClock:
         self._system_step_ns = 0
         self._speed = speed
         self._real_start: float | None = None
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()  # guards what follows; never held while an instrument acts
         self._taking_part: dict[int, int] = {}
         self._waiters: dict[int, _Waiter] = {}
         self._calls: list[tuple[int, int, Callable[[], None]]] = []
         self._call_number = itertools.count()
         self._watches: dict[int, Callable[[], None]] = {}
         self._holds: list[Callable[[float], bool]] = []
-        self._mover: threading.Thread | None = None
+        self._mover: int | None = None  # the thread that moves time now
         self._closed = False
         self._failure: BaseException | None = None
 
@@ -134,31 +137,28 @@ class SimulatedClock:
     def taking_part(self) -> Iterator[None]:
         """Hold time while the thread inside works and does not wait; may be nested."""
         me = threading.get_ident()
-        with self._changed:
+        with self._lock:
             self._taking_part[me] = self._taking_part.get(me, 0) + 1
         try:
             yield
         finally:
-            with self._changed:
+            with self._lock:
                 self._taking_part[me] -= 1
                 if not self._taking_part[me]:
                     del self._taking_part[me]
-                self._changed.notify_all()
+                self._wake_a_mover()
 
     def hold_until(self, settled: Callable[[float], bool]) -> None:
         """Hold time until `settled(timeout_s)`, which waits at most that long; asked before each advance."""
-        with self._changed:
+        with self._lock:
             self._holds.append(settled)
 
     def close(self) -> None:
         """Wake all threads; from then on waits end at once and time runs freely."""
-        with self._changed:
+        with self._lock:
             self._closed = True
             for waiter in self._waiters.values():
-                waiter.go()
-            self._changed.notify_all()
-        if self._mover is not None and self._mover is not threading.current_thread():
-            self._mover.join()
+                waiter.wake()
 
     def __enter__(self) -> SimulatedClock:
         return self
@@ -169,10 +169,9 @@ class SimulatedClock:
     # --- for simulated instruments
 
     def call_at(self, mono_ns: int, act: Callable[[], None]) -> None:
-        """Run `act` at that time, on the clock's own thread, before any waiting thread wakes."""
-        with self._changed:
+        """Run `act` at that time, in whichever thread moves time then, before any waiting thread wakes."""
+        with self._lock:
             heapq.heappush(self._calls, (mono_ns, next(self._call_number), act))
-            self._changed.notify_all()
 
     def watch(self, fd: int, on_bytes: Callable[[], None]) -> None:
         """Run `on_bytes`, which reads them, whenever bytes arrive at an instrument's end `fd`.
@@ -180,12 +179,12 @@ class SimulatedClock:
         Time does not advance before a written request has been received: Linux delivers what is still in
         flight in a pseudo-terminal when its end is polled.
         """
-        with self._changed:
+        with self._lock:
             self._watches[fd] = on_bytes
 
     def forget(self, fd: int) -> None:
         """End a `watch`; call it before closing the descriptor."""
-        with self._changed:
+        with self._lock:
             del self._watches[fd]
 
     # --- waiting threads
@@ -195,26 +194,29 @@ class SimulatedClock:
         return self._now + round(seconds * SECOND_NS) if math.isfinite(seconds) else math.inf
 
     def _wait(self, deadline_ns: float, fd: int | None) -> bool:
+        """Wait until the deadline or for bytes, and move time if all others wait; whether bytes came."""
         me = threading.get_ident()
         waiter = _Waiter(deadline_ns, threading.current_thread().name, fd)
-        with self._changed:
-            if not self._closed:
-                self._waiters[me] = waiter
-                self._start_mover()
-                self._changed.notify_all()
+        with self._lock:
+            self._waiters[me] = waiter
         try:
-            if self._closed:
-                return self._wait_no_more(waiter)
-            waiter.gate.acquire()
-            self._raise_failure()
-            return waiter.readable
+            while not (waiter.is_over or self._closed):
+                if self._is_mover(me):
+                    self._one_step()
+                else:
+                    waiter.gate.acquire()
         finally:  # also when a signal ends the wait
-            with self._changed:
+            with self._lock:
                 self._waiters.pop(me, None)
+                if self._mover == me:
+                    self._mover = None
+                self._wake_a_mover()
+        return waiter.is_readable if waiter.is_over else self._wait_no_more(waiter)
 
     def _wait_no_more(self, waiter: _Waiter) -> bool:
         """After `close`: let time run so that loops with a deadline end."""
-        self._raise_failure()
+        if self._failure is not None:
+            raise RuntimeError("a simulated instrument failed") from self._failure
         time.sleep(0.001)
         if waiter.fd is not None and _is_readable(waiter.fd):
             return True
@@ -222,73 +224,65 @@ class SimulatedClock:
             self._now = max(self._now, round(waiter.deadline_ns))
         return False
 
-    def _raise_failure(self) -> None:
-        if self._failure is not None:
-            raise RuntimeError("a simulated instrument failed") from self._failure
+    # --- which thread moves time
 
-    # --- the thread that moves time
+    def _is_mover(self, me: int) -> bool:
+        """Whether a waiting thread is to move time: all others wait, and none of them does."""
+        with self._lock:
+            if self._mover is None and self._all_wait():
+                self._mover = me
+            elif self._mover == me and not self._all_wait():
+                self._mover = None
+            return self._mover == me
 
-    def _start_mover(self) -> None:
-        if self._mover is None:
-            self._mover = threading.Thread(target=self._move, name="simulated-clock", daemon=True)
-            self._mover.start()
-
-    def _move(self) -> None:
-        try:
-            while not self._closed:
-                with self._changed:
-                    self._changed.wait_for(lambda: self._closed or self._all_wait())
-                if not self._closed:
-                    self._one_step()
-        except BaseException as failure:  # raised in every waiting thread
-            log.exception("a simulated instrument failed")
-            self._failure = failure
-            self.close()
+    def _wake_a_mover(self) -> None:
+        """Once all that are left wait, let one move time: none will come and wait last. Needs the lock."""
+        if self._mover is None and self._all_wait():
+            next(iter(self._waiters.values())).wake()
 
     def _all_wait(self) -> bool:
-        return bool(self._waiters) and all(thread in self._waiters for thread in self._taking_part)
+        return bool(self._waiters) and self._taking_part.keys() <= self._waiters.keys()
+
+    # --- steps of time, taken by the thread that moves it
 
     def _one_step(self) -> None:
         """The earliest of: bytes at an instrument, bytes for a driver, a call, a deadline."""
-        with self._changed:
+        with self._lock:
             waited_for = [waiter.fd for waiter in self._waiters.values() if waiter.fd is not None]
             ready = _readable((*self._watches, *waited_for))
         if self._deliver_requests(ready) or self._release_readable(ready) or self._is_held():
             return
-        with self._changed:
-            calls = [self._calls[0][0]] if self._calls else []
-            deadlines = [waiter.deadline_ns for waiter in self._waiters.values()]
-        next_ns = max(self._now, min(calls + deadlines, default=math.inf))
+        with self._lock:
+            next_ns = min((waiter.deadline_ns for waiter in self._waiters.values()), default=math.inf)
+            if self._calls:
+                next_ns = min(next_ns, self._calls[0][0])
         if not self._may_move_to(next_ns):
             return
-        self._now = round(next_ns)
+        self._now = max(self._now, round(next_ns))
         if not self._run_call():
             self._release_due()
 
     def _deliver_requests(self, ready: set[int]) -> bool:
         """Let instruments read what has arrived at their end; whether anything had."""
-        with self._changed:
+        with self._lock:
             callbacks = [self._watches[fd] for fd in sorted(ready & self._watches.keys())]
         for on_bytes in callbacks:
-            on_bytes()
+            self._act(on_bytes)
         return bool(callbacks)
 
     def _release_readable(self, ready: set[int]) -> bool:
         """Release the first thread by name whose bytes have arrived; whether there was one."""
-        with self._changed:
+        with self._lock:
             ended = [
                 (waiter.thread, thread) for thread, waiter in self._waiters.items() if waiter.fd in ready
             ]
-            if not ended:
-                return False
-            waiter = self._waiters.pop(min(ended)[1])
-        waiter.readable = True
-        waiter.go()
-        return True
+            if ended:
+                self._release(min(ended)[1], is_readable=True)
+        return bool(ended)
 
     def _is_held(self) -> bool:
         """Wait while a thread is busy; whether one was."""
-        unsettled = [settled for settled in tuple(self._holds) if not settled(0.0)]
+        unsettled = [settled for settled in self._holds if not settled(0.0)]
         for settled in unsettled:
             while not (settled(_CLOSED_AGAIN_S) or self._closed):
                 pass
@@ -296,39 +290,52 @@ class SimulatedClock:
 
     def _may_move_to(self, next_ns: float) -> bool:
         """Whether real time has reached it; if not, let a little pass."""
+        if math.isinf(self._speed) and math.isfinite(next_ns):
+            return True
         if self._real_start is None:
             self._real_start = time.monotonic() - self._elapsed_s(self._now)
         due = self._real_start + self._elapsed_s(next_ns)
         left_s = due - time.monotonic()
-        if left_s <= 0:
-            return True
-        with self._changed:
-            self._changed.wait(min(left_s, _POLL_S))
-        return False
+        if left_s > 0:
+            time.sleep(min(left_s, _POLL_S))
+        return left_s <= 0
 
     def _elapsed_s(self, mono_ns: float) -> float:
-        """Real seconds of a monotonic time; zero at full speed, infinite for a time that never comes."""
-        if math.isinf(mono_ns):
-            return math.inf
-        return (mono_ns - START_MONO_NS) / SECOND_NS / self._speed
+        """Real seconds of a monotonic time; infinite for a time that never comes."""
+        return (mono_ns - START_MONO_NS) / SECOND_NS / self._speed if math.isfinite(mono_ns) else math.inf
 
     def _run_call(self) -> bool:
-        with self._changed:
+        with self._lock:
             if not self._calls or self._calls[0][0] > self._now:
                 return False
             _, _, act = heapq.heappop(self._calls)
-        act()
+        self._act(act)
         return True
 
     def _release_due(self) -> None:
-        with self._changed:
+        with self._lock:
             due = [
                 (waiter.deadline_ns, waiter.thread, thread)
                 for thread, waiter in self._waiters.items()
                 if waiter.deadline_ns <= self._now
             ]
             if due:
-                self._waiters.pop(min(due)[2]).go()
+                self._release(min(due)[2])
+
+    def _release(self, thread: int, *, is_readable: bool = False) -> None:
+        """End a thread's wait. Needs the lock."""
+        waiter = self._waiters.pop(thread)
+        waiter.is_readable, waiter.is_over = is_readable, True
+        waiter.wake()
+
+    def _act(self, act: Callable[[], None]) -> None:
+        """Let an instrument act; its failure is raised in every waiting thread."""
+        try:
+            act()
+        except Exception as failure:
+            log.exception("a simulated instrument failed")
+            self._failure = failure
+            self.close()
 
 
 def _readable(fds: Iterable[int]) -> set[int]:
