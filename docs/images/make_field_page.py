@@ -1,23 +1,14 @@
-"""Take the pictures of the field page: the journey that its test makes, on a phone's screen in Chromium.
-
-    python docs/images/make_field_page.py
-
-Writes ``field-page-NAME.png`` beside this file, for each stage of the journey in `SHOWN`.
-"""
+"""The field page on a phone's screen, at stages of the journey that its test makes in Chromium."""
 
 from __future__ import annotations
 
-import sys
-import tempfile
-from pathlib import Path
+from demo_day import HERE, DemoDay
 
-HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[1]))
-
-from tests.harness import field_page_journey as journey  # noqa: E402
-from tests.harness.field_page import Watched, chromium, opened, served  # noqa: E402
+from tests.harness import field_page_journey as journey
+from tests.harness.field_page import Watched, chromium, opened, served
 
 SHOWN = ("drawing", "slopes", "alarm")
+IMAGES = tuple(f"field-page-{stage}.png" for stage in SHOWN)
 
 
 def take(name: str, watched: Watched) -> None:
@@ -29,10 +20,10 @@ def take(name: str, watched: Watched) -> None:
         watched.page.screenshot(path=HERE / f"field-page-{name}.png")
 
 
-def main() -> None:
+def main(day: DemoDay) -> None:
     """Draw two regions, record, be warned, stop."""
-    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
-        campaign = journey.empty_campaign(Path(folder) / "sandslope")
+    with chromium() as browser:
+        campaign = journey.empty_campaign(day.folder / "field-page")
         with served(campaign, *journey.SETTINGS) as page:
             watched = opened(browser, page.link())
             watched.wait_for_picture()
@@ -41,7 +32,3 @@ def main() -> None:
             journey.record(watched, take)
             journey.be_warned(watched, take)
             journey.stop(watched, take)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,16 +1,12 @@
-"""Draw the figures of the shade test and of the hour after sunset, from simulated beds.
+"""The figures of the shade test and of the hour after sunset, from simulated beds.
 
-    python docs/images/make_two_experiments.py
-
-The beds of the demo lie on the packaged day's weather, a board over one of them for five minutes; the
-figures are written beside this file.
+The beds of the demo lie on the packaged day's weather, a board over one of them for five minutes.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+from demo_day import HERE, DemoDay
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -25,6 +21,7 @@ from fieldkit.simulation.sky import MeasuredSky
 from fieldkit.views.plotting import colour, dashes, legend, panels, svg
 from fieldkit.weather import packaged
 
+IMAGES = ("shade-test.svg", "after-sunset.svg")
 NOON_S, LENGTH_S = 3 * 3600.0, 10 * 3600.0
 BOARD_S = (3600.0, 3900.0)
 """A board over b15 from 13:00 to 13:05, in seconds after noon."""
@@ -82,9 +79,8 @@ def sunset_s(scene: SceneSeries) -> float:
     return float(scene.time_s[np.flatnonzero(height > 0.0)[-1]]) - NOON_S
 
 
-if __name__ == "__main__":
+def main(_day: DemoDay) -> None:
+    """Draw both from one scene."""
     scene = afternoon()
-    for name, figure in (("shade-test", shade_test(scene)), ("after-sunset", after_sunset(scene))):
-        target = Path(__file__).with_name(f"{name}.svg")
-        target.write_text(svg(figure), encoding="utf-8")
-        print(target)
+    for image, figure in zip(IMAGES, (shade_test(scene), after_sunset(scene)), strict=True):
+        (HERE / image).write_text(svg(figure), encoding="utf-8")

@@ -1,0 +1,19 @@
+"""Images that fieldkit writes itself: a frame to draw regions on, the slope map, terrain products."""
+
+from __future__ import annotations
+
+from demo_day import DemoDay, write_png
+
+IMAGES = ("frame.png", "slope-map.png", "risk-map.png")
+WIDTH = 900
+
+
+def main(day: DemoDay) -> None:
+    """Run the commands that write them."""
+    frame = day.folder / "frame.png"
+    day.run("live", "-C", str(day.sandslope), "--png", str(frame), "--set", "simulation.speed=max")
+    write_png(frame, "frame", WIDTH)
+    maps = day.folder / "maps/beds"
+    day.run("map", str(day.session), "-o", str(maps), "--products", "ptilt", "--limit-deg", "20")
+    write_png(maps.with_suffix(".png"), "slope-map", WIDTH)
+    write_png(maps.with_name("beds-ptilt.png"), "risk-map", WIDTH)
