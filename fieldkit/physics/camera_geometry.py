@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 from fieldkit.physics.facet import FloatArray
@@ -167,18 +168,19 @@ class Heights:
 
     def at(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
         """Heights in metres between cell centres, bilinear, shape of the coordinates; NaN outside."""
-        rows, cols = self.heights_m.shape
         x = (np.asarray(east_m, np.float64) - self.west_m) / self.cell_m - 0.5
         y = (self.north_m - np.asarray(north_m, np.float64)) / self.cell_m - 0.5
-        inside = (x >= 0.0) & (x <= cols - 1.0) & (y >= 0.0) & (y <= rows - 1.0)
-        x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
-        left, top = np.minimum(x.astype(int), cols - 2), np.minimum(y.astype(int), rows - 2)
-        right_share, low_share = x - left, y - top
-        upper, lower = (
-            self.heights_m[row, left] * (1.0 - right_share) + self.heights_m[row, left + 1] * right_share
-            for row in (top, top + 1)
-        )
-        return np.where(inside, upper * (1.0 - low_share) + lower * low_share, np.nan)
+        y, x = np.broadcast_arrays(y, x)
+        found = map_coordinates(self.heights_m, [y.ravel(), x.ravel()], order=1, cval=np.nan)
+        return np.asarray(found).reshape(x.shape)
+
+    def normals(self, east_m: ArrayLike, north_m: ArrayLike) -> FloatArray:
+        """Unit normals (east, north, up) by the differences over one cell, (..., 3); NaN where unknown."""
+        east, north, half = np.asarray(east_m), np.asarray(north_m), 0.5 * self.cell_m
+        rise_east = self.at(east + half, north) - self.at(east - half, north)
+        rise_north = self.at(east, north + half) - self.at(east, north - half)
+        across = np.stack([-rise_east, -rise_north, np.full(rise_east.shape, self.cell_m)], axis=-1)
+        return np.asarray(across / np.linalg.norm(across, axis=-1, keepdims=True))
 
 
 def distances_to_plane_m(camera: Camera, height_m: float) -> FloatArray:
@@ -294,18 +296,18 @@ def is_hidden(ground: Heights, eye_m: ArrayLike, points_m: FloatArray, slack_m: 
 
 
 def horizon_of_ground(
-    ground: Heights, east_m: float, north_m: float, azimuths_deg: FloatArray, nearest_m: float
+    ground: Heights, east_m: ArrayLike, north_m: ArrayLike, azimuths_deg: FloatArray, nearest_m: float
 ) -> FloatArray:
-    """Elevation of the ground's skyline from a point on it.
+    """Elevation of the ground's skyline from points on it.
 
     In steps of half a cell, and without the Earth's curvature: it lowers a ridge at 20 km by 0.1 degrees.
 
     Parameters
     ----------
     ground
-        Heights around the point.
+        Heights around the points.
     east_m, north_m
-        The point, within the grid. [m]
+        The points, within the grid, shapes that broadcast to (...). [m]
     azimuths_deg
         Directions from the grid's north, clockwise, shape (n,). [degrees]
     nearest_m
@@ -313,15 +315,16 @@ def horizon_of_ground(
 
     Returns
     -------
-    Shape (n,); NaN where no ground is known. [degrees]
+    Shape (..., n); NaN where no ground is known. [degrees]
     """
     rows, cols = ground.heights_m.shape
     step = 0.5 * ground.cell_m
     away = np.arange(max(nearest_m, step), ground.cell_m * float(np.hypot(rows, cols)), step)
-    eye = float(ground.at(east_m, north_m))
-    found = np.full(azimuths_deg.shape, np.nan)
+    east, north = (one[..., np.newaxis] for one in np.broadcast_arrays(east_m, north_m))
+    eye = ground.at(east, north)
+    found = np.empty((*eye.shape[:-1], azimuths_deg.size))
     for place, azimuth in enumerate(np.radians(azimuths_deg)):
-        over = ground.at(east_m + away * np.sin(azimuth), north_m + away * np.cos(azimuth)) - eye
-        if np.isfinite(over).any():
-            found[place] = float(np.degrees(np.arctan(np.nanmax(over / away))))
+        over = ground.at(east + away * np.sin(azimuth), north + away * np.cos(azimuth)) - eye
+        steepest = np.fmax.reduce(over / away, axis=-1)
+        found[..., place] = np.degrees(np.arctan(steepest))
     return found

@@ -20,6 +20,8 @@ _ANGLES = (np.arange(12) + 0.5) * np.pi / 6.0
 _DISC = np.concatenate([np.sqrt(part / 3.0) * np.exp(1j * _ANGLES) for part in (1, 2, 3)])
 """Points of a disc of radius 1, each for an equal share of it: across and up."""
 _AZIMUTHS = 3600
+_STEP_WIDTH_DEG = 0.005
+"""How far on both sides of a corner a horizon is given: a step of it is then as wide as rounding makes it."""
 
 
 def horizon_elevation(horizon: Horizon, azimuth_deg: ArrayLike) -> FloatArray:
@@ -67,6 +69,59 @@ def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIU
     across = within_deg * _DISC.real / np.maximum(np.sin(np.radians(zenith)), 0.01)[..., np.newaxis]
     visible = up > horizon_elevation(horizon, azimuth[..., np.newaxis] + across)
     return np.asarray(visible.mean(axis=-1))
+
+
+def horizon_of_neighbours(bed_m: ArrayLike, others_m: Sequence[ArrayLike]) -> Horizon:
+    """How high plane beds stand above a bed, seen from the part of it where they are highest.
+
+    At every degree, and on both sides of each corner, where the outline may step. Between a bed's outline and
+    another's there is a straight line for every pair of their points; of those at one azimuth the steepest lies
+    on an edge between two corners' differences, so the elevations are exact for convex outlines. An outline
+    that is not convex counts as its hull.
+
+    Parameters
+    ----------
+    bed_m
+        Corners of the bed (east, north, up), shape (n, 3). [m]
+    others_m
+        Corners of the others, shape (k, 3) each, none of which overlaps the bed in plan. [m]
+
+    Returns
+    -------
+    Pairs in order of azimuth; level, 0, where nothing stands above the bed. [degrees]
+    """
+    bed = np.asarray(bed_m, np.float64)
+    apart = [np.subtract(other, bed[:, np.newaxis]).reshape(-1, 3) for other in others_m]
+    corners = np.concatenate([tilt_azimuth(one)[1] for one in apart]) if apart else np.empty(0)
+    beside = np.concatenate([corners - _STEP_WIDTH_DEG, corners + _STEP_WIDTH_DEG]) % 360.0
+    azimuths = np.unique(np.concatenate([np.arange(360.0), beside]))
+    elevations = np.zeros_like(azimuths)
+    for points in apart:
+        first, last = np.triu_indices(len(points), 1)
+        elevations = np.maximum(elevations, _elevation_of_lines(points[first], points[last], azimuths))
+    return list(zip(azimuths.tolist(), elevations.tolist(), strict=True))
+
+
+def _elevation_of_lines(begin: FloatArray, end: FloatArray, azimuth_deg: FloatArray) -> FloatArray:
+    """Highest elevation of straight lines (n, 3) to (n, 3) at azimuths (m,), from the origin; else -90."""
+    ahead = np.stack([np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg))])
+    left = np.stack([-ahead[1], ahead[0]])
+    aside, aside_at_end = begin[:, :2] @ left, end[:, :2] @ left  # (n, m): the line crosses where it is 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = aside / (aside - aside_at_end)
+        away = begin[:, :2] @ ahead * (1.0 - share) + end[:, :2] @ ahead * share
+        up = begin[:, 2:] * (1.0 - share) + end[:, 2:] * share
+        crosses = (share >= 0.0) & (share <= 1.0) & (away > 0.0)
+    return np.asarray(np.degrees(np.arctan2(up, away)).max(axis=0, where=crosses, initial=-90.0))
+
+
+def higher_horizon(one: Horizon, other: Horizon) -> Horizon:
+    """The higher of two horizons at the azimuths of both; a horizon without pairs hides nothing."""
+    if not len(one) or not len(other):
+        return one or other
+    azimuths = sorted({azimuth % 360.0 for azimuth, _ in (*one, *other)})
+    elevations = np.maximum(horizon_elevation(one, azimuths), horizon_elevation(other, azimuths))
+    return list(zip(azimuths, elevations.tolist(), strict=True))
 
 
 def sky_view_factor(horizon: Horizon) -> float:

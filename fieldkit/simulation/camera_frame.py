@@ -41,10 +41,13 @@ class Correction:
 
 
 class CameraModel:
-    """Draws frames of these facets; `seed` fixes the camera's own errors."""
+    """Draws frames of these facets; `seed` fixes the camera's own errors.
 
-    def __init__(self, facets: Sequence[Facet], seed: int) -> None:
-        self._seed = seed
+    Where `is_raked`, the ground is as smooth as a bed: its relief is in its temperatures.
+    """
+
+    def __init__(self, facets: Sequence[Facet], seed: int, *, is_raked: bool = False) -> None:
+        self._seed, self._ground_texture = seed, _BED_TEXTURE if is_raked else 1.0
         self._shares = pixel_shares(facets)
         self._still, self._texture = self._static_pattern()
         self._pattern = lru_cache(maxsize=4)(self._draw_pattern)
@@ -56,16 +59,19 @@ class CameraModel:
         number: int,
         correction: Correction,
         homography: FloatArray | None = None,
+        ground_k: FrameK | None = None,
     ) -> FrameK:
         """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K.
 
-        `homography` (3, 3) is where content lies once the camera has moved; its own errors stay.
+        Ground in relief has one in every pixel, `ground_k` (pixels,). `homography` (3, 3) is where content lies once the camera has moved; its own errors stay.
         """
         pattern, level_k, drift_k_s = self._pattern(correction.number)
         age_s = (time_ns - correction.ended_ns) * 1e-9
         level = np.float32(level_k + drift_k_s * age_s + correction.step_k)
         noise = np.random.Generator(np.random.SFC64([self._seed, number, 1]))
         frame = brightness_k.astype(np.float32) @ self._shares
+        if ground_k is not None:
+            frame += self._shares[-1] * (ground_k - np.float32(brightness_k[-1]))
         if homography is not None:
             frame = moved((frame + self._texture).reshape(FRAME_SHAPE), homography).ravel() - self._texture
         frame += self._still
@@ -79,8 +85,9 @@ class CameraModel:
         random = np.random.default_rng([self._seed, 2])
         shading = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 40.0, mode="nearest"))
         texture = _unit(gaussian_filter(random.standard_normal(FRAME_SHAPE), 3.0, mode="nearest"))
-        on_bed = 1.0 - (1.0 - _BED_TEXTURE) * (1.0 - self._shares[-1].reshape(FRAME_SHAPE))
-        ground = _TEXTURE_K * on_bed * texture
+        of_ground = self._shares[-1].reshape(FRAME_SHAPE)
+        roughness = self._ground_texture * of_ground + _BED_TEXTURE * (1.0 - of_ground)
+        ground = _TEXTURE_K * roughness * texture
         still: FrameK = (_SHADING_K * shading + ground).astype(np.float32)
         return still.ravel(), ground.astype(np.float32).ravel()
 

@@ -156,6 +156,7 @@ def drawn_scene(scene: Scene) -> Scene:
         scene,
         sky=drawn.sky(scene.sky),
         facets=tuple(drawn.bed(facet) for facet in scene.facets),
+        ground=scene.ground if scene.terrain is None else drawn.bed(scene.ground),
         exchange=drawn.exchange,
         circumsolar_share=drawn.circumsolar_share,
         light_factor=drawn.light_factor,

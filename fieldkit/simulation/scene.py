@@ -30,6 +30,7 @@ from fieldkit.simulation.faults import (
 from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene_series import EXCHANGE, Exchange, SceneModel, SceneSeries, SceneState
 from fieldkit.simulation.sky import MeasuredSky, Sky
+from fieldkit.simulation.terrain import Terrain, TerrainSeries
 from fieldkit.weather import packaged
 
 LEAD_S = 3 * 3600.0
@@ -60,7 +61,7 @@ class Scene:
     Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
     `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers,
     `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth, `motion`
-    the camera's. Every value follows from time and `seed` alone.
+    the camera's. With `terrain` the ground between the facets is in relief. Every value follows from time and `seed` alone.
     """
 
     site: Site
@@ -77,6 +78,7 @@ class Scene:
     circumsolar_share: float = 1.0
     light_factor: float = 1.0
     motion: Motion | None = None
+    terrain: Terrain | None = None
 
     @property
     def end_ns(self) -> int:
@@ -98,7 +100,8 @@ class Scene:
         """Frame `number` as brightness temperatures, shape (120, 160), K."""
         last = correction or Correction(ended_ns=self.start_ns)
         brightness_k = self.at(time_ns).brightness_k + self._warmed_k(time_ns)
-        return self._camera.draw(brightness_k, time_ns, number, last, self._homography(time_ns))
+        ground_k = None if self._terrain_series is None else self._terrain_series.at(time_ns)
+        return self._camera.draw(brightness_k, time_ns, number, last, self._homography(time_ns), ground_k)
 
     def _homography(self, time_ns: int) -> FloatArray | None:
         """Where the content of the frame lies, None where it was at the start."""
@@ -157,8 +160,8 @@ class Scene:
     # --- computed once
 
     @cached_property
-    def _series(self) -> SceneSeries:
-        model = SceneModel(
+    def _model(self) -> SceneModel:
+        return SceneModel(
             self.site,
             self.sky,
             self.facets,
@@ -169,11 +172,21 @@ class Scene:
             self.circumsolar_share,
             self._boards(),
         )
-        return model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
+
+    @cached_property
+    def _series(self) -> SceneSeries:
+        return self._model.series(self._origin_ns, LEAD_S + self.duration_s + AFTER_S)
+
+    @cached_property
+    def _terrain_series(self) -> TerrainSeries | None:
+        if self.terrain is None:
+            return None
+        length_s = LEAD_S + self.duration_s + AFTER_S
+        return self._model.terrain_series(self.terrain, self._origin_ns, length_s)
 
     @cached_property
     def _camera(self) -> CameraModel:
-        return CameraModel(self.facets, self.seed)
+        return CameraModel(self.facets, self.seed, is_raked=self.terrain is not None)
 
     @property
     def _origin_ns(self) -> int:

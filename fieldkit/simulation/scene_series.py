@@ -28,8 +28,11 @@ from fieldkit.simulation.boards import Board
 from fieldkit.simulation.facets import Facet
 from fieldkit.simulation.faults import CloudTransmission
 from fieldkit.simulation.sky import Sky, SkyState
+from fieldkit.simulation.terrain import Terrain, TerrainSeries
 
 STEP_S = 10.0
+TERRAIN_STEP_S = 30.0
+"""Of terrain, which has a surface in every pixel; `SlabStep` is accurate to about that."""
 # dense enough to resolve the response of a thin foil to a step of the light: 20 ms, each step 10 % longer
 _AFTER_BREAK_S = np.append(0.0, np.cumsum(0.02 * 1.1 ** np.arange(60)))
 
@@ -128,15 +131,48 @@ class SceneModel:
         steps = [transmission.time_s for transmission in self.transmissions]
         edges = [np.array([board.begin_s, board.end_s]) for board in self.boards]
         time_s = fine_times(0.0, length_s, np.concatenate([np.empty(0), *steps, *edges]))
-        time_ns = origin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
-        sun = sun_vectors(time_ns, self.site, refraction=True)
-        sky = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
-        surface = self._surfaces(time_s, time_ns, sun, sky)
+        radiation = self._radiation(origin_ns, time_s)
+        sun, sky = radiation.sun, radiation.sky
+        surface = self._surfaces(time_s, radiation)
         brightness = self._brightness(surface, sky)
         contact = lagged(surface, time_s, self.response_s)
         scalars = (sky.dni_w_m2, sky.dhi_w_m2, sky.longwave_down_w_m2, sky.air_temperature_k, sky.wind_m_s)
         lux = illuminance_lx(sky, sun[:, 2])
         return SceneSeries(origin_ns, time_s, np.vstack([*scalars, lux, surface, brightness, contact]))
+
+    def terrain_series(self, terrain: Terrain, origin_ns: int, length_s: float) -> TerrainSeries:
+        """What the camera sees of terrain of the ground's material, lit and shaded by its own relief.
+
+        Parameters
+        ----------
+        terrain
+            Slope and horizon of every pixel.
+        origin_ns
+            Start, UTC nanoseconds since 1970.
+        length_s
+            Length. [s]
+        """
+        time_s = np.arange(0.0, length_s + TERRAIN_STEP_S, TERRAIN_STEP_S)
+        radiation = self._radiation(origin_ns, time_s)
+        level_k, longwave_up = self._ground(time_s, radiation)
+        exchange, air = self.exchange.at(radiation.sky.wind_m_s), radiation.sky.air_temperature_k
+        from_sky, from_ground = self._incident(level_k, radiation.sky)
+        brightness = np.empty((time_s.size, len(terrain.normals)), np.float32)
+        for piece in terrain.pieces():
+            lit, view = terrain.sunlit_share(radiation.sun, piece), terrain.sky_view[piece, np.newaxis]
+            normals = terrain.normals[piece]
+            absorbed = radiation.absorbed_by_w_m2(self.ground, normals, lit, view, longwave_up)
+            surface = surface_temperatures([self.ground] * len(normals), time_s, absorbed, exchange, air)
+            seen = _brightness_k(self.ground.emissivity, surface, normals[:, 2:], from_sky, from_ground)
+            brightness[:, piece] = seen.T
+        return TerrainSeries(origin_ns, time_s, brightness)
+
+    def _radiation(self, origin_ns: int, time_s: FloatArray) -> FacetRadiation:
+        time_ns = origin_ns + np.round(time_s * SECOND_NS).astype(np.int64)
+        sun = sun_vectors(time_ns, self.site, refraction=True)
+        sky = self._behind_clouds(self.sky.sky_state(time_ns, sun[:, 2], self.site), time_s)
+        outside = daylight.extraterrestrial(time_ns, body_of(self.site))
+        return FacetRadiation(sky, sun, outside, self.ground.albedo, self.circumsolar_share)
 
     def _behind_clouds(self, sky: SkyState, time_s: FloatArray) -> SkyState:
         """Sky and air below the clouds and light steps of the scene."""
@@ -153,40 +189,54 @@ class SceneModel:
                 sky = board.over(sky, time_s)
         return sky
 
-    def _surfaces(
-        self, time_s: FloatArray, time_ns: NDArray[np.int64], sun: FloatArray, sky: SkyState
-    ) -> FloatArray:
+    def _surfaces(self, time_s: FloatArray, radiation: FacetRadiation) -> FloatArray:
         """Surface temperatures (beds + 1, m), the ground last: it heats the beds, they do not heat it."""
-        exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
-        radiation = FacetRadiation(
-            sky,
-            sun,
-            daylight.extraterrestrial(time_ns, body_of(self.site)),
-            self.ground.albedo,
-            self.circumsolar_share,
-        )
-        on_ground = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
-        ground = surface_temperatures([self.ground], time_s, on_ground, exchange, air)
-        longwave_up = longwave_leaving_ground(ground[0], self.ground, sky)
+        sky = radiation.sky
+        ground, longwave_up = self._ground(time_s, radiation)
         on_beds = [
             replace(radiation, sky=self._under_boards(bed, sky, time_s)).absorbed_w_m2(bed, longwave_up)
             for bed in self.beds
         ]
         absorbed = np.array(on_beds).reshape(-1, time_s.size)
+        exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
         return np.vstack([surface_temperatures(self.beds, time_s, absorbed, exchange, air), ground])
+
+    def _ground(self, time_s: FloatArray, radiation: FacetRadiation) -> tuple[FloatArray, FloatArray]:
+        """Surface temperature of the level ground (1, m), and the longwave that leaves it (m,)."""
+        sky = radiation.sky
+        absorbed = radiation.absorbed_w_m2(self.ground, np.zeros_like(time_s))[np.newaxis]
+        exchange, air = self.exchange.at(sky.wind_m_s), sky.air_temperature_k
+        ground = surface_temperatures([self.ground], time_s, absorbed, exchange, air)
+        return ground, longwave_leaving_ground(ground[0], self.ground, sky)
+
+    def _incident(self, ground_k: FloatArray, sky: SkyState) -> tuple[FloatArray, FloatArray]:
+        """Exitances of sky and level ground in the camera's band, (m,) each."""
+        from_sky = band_radiance(sky.window_temperature_k())
+        grey = self.ground.emissivity
+        return from_sky, grey * band_radiance(ground_k.reshape(-1)) + (1.0 - grey) * from_sky
 
     def _brightness(self, surface: FloatArray, sky: SkyState) -> FloatArray:
         """Brightness temperatures (beds + 1, m): emitted radiance, and reflected from sky and ground."""
-        from_sky = band_radiance(sky.window_temperature_k())
-        grey = self.ground.emissivity
-        from_ground = grey * band_radiance(surface[-1]) + (1.0 - grey) * from_sky
-        brightness = []
-        for facet, temperature in zip((*self.beds, self.ground), surface, strict=True):
-            cos_tilt = float(normal(facet.tilt_deg, facet.azimuth_deg)[2])
-            incident = daylight.sky_view(cos_tilt) * from_sky + daylight.ground_view(cos_tilt) * from_ground
-            emitted = facet.emissivity * band_radiance(temperature)
-            brightness.append(band_temperature(emitted + (1.0 - facet.emissivity) * incident))
-        return np.array(brightness)
+        from_sky, from_ground = self._incident(surface[-1], sky)
+        return np.array(
+            [
+                _brightness_k(
+                    facet.emissivity,
+                    temperature,
+                    normal(facet.tilt_deg, facet.azimuth_deg)[2:],
+                    from_sky,
+                    from_ground,
+                )
+                for facet, temperature in zip((*self.beds, self.ground), surface, strict=True)
+            ]
+        )
+
+
+def _brightness_k(
+    grey: float, surface_k: FloatArray, cos_tilt: FloatArray, from_sky: FloatArray, from_ground: FloatArray
+) -> FloatArray:
+    incident = daylight.sky_view(cos_tilt) * from_sky + daylight.ground_view(cos_tilt) * from_ground
+    return band_temperature(grey * band_radiance(surface_k) + (1.0 - grey) * incident)
 
 
 def fine_times(begin_s: float, end_s: float, breaks_s: FloatArray) -> FloatArray:
@@ -234,9 +284,36 @@ class FacetRadiation:
         Shape (m,). [W/m2]
         """
         up = normal(facet.tilt_deg, facet.azimuth_deg)
-        cos_i, cos_z, cos_tilt = cos_incidence(up, self.sun), self.sun[:, 2], float(up[2])
-        dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
         lit, view = sunlit_share(facet.horizon, self.sun), sky_view_factor(facet.horizon)
+        return self.absorbed_by_w_m2(facet, up, lit, np.asarray(view), ground_longwave_w_m2)
+
+    def absorbed_by_w_m2(
+        self,
+        facet: Facet,
+        normals: FloatArray,
+        lit: FloatArray,
+        view: FloatArray,
+        ground_longwave_w_m2: FloatArray,
+    ) -> FloatArray:
+        """Radiation absorbed by surfaces of a facet's material.
+
+        Parameters
+        ----------
+        facet
+            The material.
+        normals
+            Unit normals, shape (..., 3). [-]
+        lit, view
+            Shares of the sun, (..., m), and of the sky, (..., 1) or a scalar, that the horizon leaves. [-]
+        ground_longwave_w_m2
+            Longwave exitance of the ground, shape (m,). [W/m2]
+
+        Returns
+        -------
+        Shape (..., m). [W/m2]
+        """
+        cos_i, cos_z, cos_tilt = cos_incidence(normals, self.sun), self.sun[:, 2], normals[..., 2:]
+        dni, dhi = np.where(cos_z > 0.0, self.sky.dni_w_m2, 0.0), self.sky.dhi_w_m2
         direct = lit * dni * np.maximum(cos_i, 0.0)
         # the circumsolar part of that sky is proportional to the beam that it is given
         around_sun = self.circumsolar_share * dni

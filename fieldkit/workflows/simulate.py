@@ -26,6 +26,9 @@ from fieldkit.model.errors import ConfigError
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.model.units import SECOND_NS
 from fieldkit.physics.bodies import EARTH, Body, body_of
+from fieldkit.physics.camera_geometry import horizon_of_ground
+from fieldkit.physics.facet import VERTICAL, normal, tilt_azimuth
+from fieldkit.sessions.formats.geotiff import read_heights
 from fieldkit.simulation import ClearSky, Facet, Fault, FaultKind, MeasuredSky, Scene, Sky
 from fieldkit.simulation.drawn_field import drawn_scene
 from fieldkit.simulation.facets import FRAME_SHAPE, GROUND
@@ -33,10 +36,12 @@ from fieldkit.simulation.motion import Motion
 from fieldkit.simulation.scene import ALAMOSA_NOON_NS, BEDS
 from fieldkit.simulation.scene_series import Exchange
 from fieldkit.simulation.simulated_clock import SimulatedClock
+from fieldkit.simulation.terrain import Terrain
 from fieldkit.views.report.assessment import mean_error, truths_held
 from fieldkit.views.report.series import series
 from fieldkit.weather import Weather, packaged, read_station_file
 from fieldkit.workflows.campaign import create_campaign
+from fieldkit.workflows.on_ground import ground_view, load_pose
 from fieldkit.workflows.record import record
 from fieldkit.workflows.session import Session
 
@@ -44,6 +49,8 @@ PACKAGED_DAY = "alamosa-2016-01-01"
 FOIL_ALBEDO, FOIL_EMISSIVITY = 0.80, 0.04
 """Crumpled aluminium: it reflects the sky into the camera."""
 NEAR_DEG = 0.2
+HORIZON_STEP_DEG = 10.0
+"""Of the skyline that terrain casts its shadows by."""
 BED_OVER_REGION = 1.18
 """Beds are this much larger than the regions drawn on them."""
 
@@ -150,7 +157,7 @@ def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[Simulat
 def scene_of(config: Config, duration_s: float) -> Scene:
     """The configured scene, with a bed of sand under every region, of its tilt and azimuth.
 
-    Where no region is drawn yet, the usual beds are there too, so that a user can see where to draw.
+    On terrain a target region of unknown tilt has no bed. On level ground, where no region is drawn yet, the usual beds are there too, so that a user can see where to draw.
     Raises `ConfigError` if the configuration does not describe a scene.
     """
     simulation = config.simulation
@@ -162,8 +169,7 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     start_ns = ALAMOSA_NOON_NS
     if simulation.start is not None:
         start_ns = round(simulation.start.timestamp()) * SECOND_NS
-    drawn = tuple(_bed(config, region) for region in config.regions)
-    facets = (*drawn, *_undrawn(simulation, drawn))
+    facets = _facets(config, simulation)
     faults = tuple(_fault(name) for name in simulation.faults)
     sky = _sky(config, simulation.weather)
     scene = Scene(
@@ -172,7 +178,47 @@ def scene_of(config: Config, duration_s: float) -> Scene:
     if (body := body_of(config.site)) is not EARTH:
         still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
         scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
+    if simulation.terrain:
+        scene = _in_relief(scene, terrain_of(config.directory / simulation.terrain, start_ns), simulation)
     return drawn_scene(scene) if simulation.drawn else scene
+
+
+def terrain_of(pose_file: Path, time_ns: int) -> Terrain:
+    """The ground of a pose's DEM as the camera sees it at a time; level where a pixel meets none.
+
+    Raises `ConfigError`, or `NoAnswerError` if the camera sees nothing of it.
+    """
+    pose = load_pose(pose_file, time_ns)
+    if pose.dem is None:
+        raise ConfigError(f"{pose_file} has no dem", fix=f"name a GeoTIFF of heights as dem in {pose_file}")
+    view = ground_view(pose, FRAME_SHAPE)
+    ground = read_heights(Path(pose.dem), view.crs)
+    east, north = np.moveaxis(view.points_m[..., :2].reshape(-1, 2), -1, 0)
+    tilt, azimuth = tilt_azimuth(ground.normals(east, north))
+    normals = normal(tilt, azimuth - view.true_north_deg)
+    azimuths = np.arange(0.0, 360.0, HORIZON_STEP_DEG) + view.true_north_deg
+    pieces = np.array_split(np.arange(len(east)), len(east) // 1000 + 1)
+    horizon = [horizon_of_ground(ground, east[piece], north[piece], azimuths, 0.0) for piece in pieces]
+    is_known = np.isfinite(normals).all(axis=1, keepdims=True)
+    return Terrain(np.where(is_known, normals, VERTICAL), np.nan_to_num(np.concatenate(horizon)))
+
+
+def _in_relief(scene: Scene, terrain: Terrain, simulation: SimulationTable) -> Scene:
+    """The scene with sand in relief in place of level ground, whose skyline the beds see too."""
+    beds = tuple(replace(bed, horizon=terrain.horizon_at(_middle_pixel(bed))) for bed in scene.facets)
+    return replace(scene, terrain=terrain, facets=beds, ground=_of_sand(scene.ground, simulation))
+
+
+def _middle_pixel(bed: Facet) -> int:
+    x, y = np.mean(bed.vertices, axis=0)
+    return round(float(y)) * FRAME_SHAPE[1] + round(float(x))
+
+
+def _facets(config: Config, simulation: SimulationTable) -> tuple[Facet, ...]:
+    if simulation.terrain:
+        return tuple(_bed(config, one) for one in config.regions if math.isfinite(one.tilt_deg))
+    drawn = tuple(_bed(config, region) for region in config.regions)
+    return (*drawn, *_undrawn(simulation, drawn))
 
 
 def _bed(config: Config, region: Region) -> Facet:

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from fieldkit.physics.facet import normal
-from fieldkit.physics.horizon import SUN_RADIUS_DEG, horizon_elevation, sky_view_factor, sunlit_share
+from fieldkit.physics.horizon import (
+    SUN_RADIUS_DEG,
+    higher_horizon,
+    horizon_elevation,
+    horizon_of_neighbours,
+    sky_view_factor,
+    sunlit_share,
+)
 
 
 def test_elevation_is_linear_and_goes_on_across_north() -> None:
@@ -42,3 +49,47 @@ def test_an_endless_ridge_leaves_the_sky_of_a_tilted_plane(elevation: float) -> 
 
 def test_what_lies_lower_than_level_hides_nothing() -> None:
     assert sky_view_factor([(0.0, -20.0)]) == 1.0
+
+
+BED = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def test_a_step_beside_a_bed_is_as_high_as_its_triangle() -> None:
+    """Level, half a metre higher, from one to two metres east of the bed: its near edge, then its corners."""
+    horizon = horizon_of_neighbours(BED, [BED + [2.0, 0.0, 0.5]])
+    found = horizon_elevation(horizon, [90.0, 60.0, 120.0, 46.0, 44.9, 270.0])
+    expected = [0.5, *[0.5 * np.sin(np.radians(azimuth)) for azimuth in (60.0, 120.0, 46.0)], 0.0, 0.0]
+    np.testing.assert_allclose(found, np.degrees(np.arctan(expected)), atol=1e-9)
+
+
+def test_the_highest_edge_of_a_tilted_bed_counts() -> None:
+    """One that rises from the bed's level, 1 m east, to 0.6 m over it, 2 m east: 0.6 / 2 beats 0 / 1."""
+    risen = BED + [2.0, 0.0, 0.0]
+    risen[1:3, 2] = 0.6
+    horizon = horizon_of_neighbours(BED, [risen])
+    assert horizon_elevation(horizon, 90.0) == pytest.approx(np.degrees(np.arctan(0.6 / 2.0)))
+
+
+def test_a_narrow_neighbour_shades_the_middle_of_a_long_bed() -> None:
+    """A post 1 m north of a bed of 10 m, at azimuths where a line from neither end meets it."""
+    long_bed = BED * [10.0, 1.0, 1.0]
+    post = BED * [0.2, 0.2, 0.0] + [5.0, 2.0, 0.5]
+    assert horizon_elevation(horizon_of_neighbours(long_bed, [post]), [0.0, 180.0]) == pytest.approx(
+        [np.degrees(np.arctan(0.5)), 0.0]
+    )
+
+
+def test_lower_neighbours_hide_nothing() -> None:
+    assert {up for _, up in horizon_of_neighbours(BED, [BED + [2.0, 0.0, -0.5]])} == {0.0}
+    assert {up for _, up in horizon_of_neighbours(BED, [])} == {0.0}
+
+
+def test_of_two_horizons_the_higher_one_counts_at_every_azimuth() -> None:
+    ridge, bank = (
+        [(0.0, 10.0), (180.0, 0.0)],
+        [(90.0, 20.0), (90.1, 0.0), (270.0, 0.0), (269.9, 0.0), (89.9, 0.0)],
+    )
+    found = higher_horizon(ridge, bank)
+    assert horizon_elevation(found, [0.0, 90.0, 180.0]).tolist() == pytest.approx([10.0, 20.0, 0.0])
+    assert higher_horizon(ridge, ()) == ridge
+    assert higher_horizon((), ridge) == ridge
