@@ -517,10 +517,9 @@ class SimulationTable(Table):
     jitter_px: float = Field(
         default=0.0, ge=0, le=20, description="shake of the camera, at most, in x and in y"
     )
-    terrain: str = Field(
-        default="",
-        examples=["pose.toml"],
-        description="pose file with a dem: its ground fills the frame instead of a level one",
+    terrain: bool = Field(
+        default=False,
+        description="sand in the relief of camera.pose's dem instead of level ground",
     )
     foil: str = Field(
         default="", description="region covered with crumpled aluminium foil, for an emissivity day"

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fieldkit.physics.facet import FloatArray
 
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-def heights_from_normals(normals: FloatArray, cell_m: float) -> tuple[FloatArray, FloatArray]:
+def heights_from_normals(
+    normals: FloatArray, cell_m: float, about_m: ArrayLike = 0.0
+) -> tuple[FloatArray, FloatArray]:
     """Heights of a surface with these normals, and how far its slopes are from theirs.
 
     Parameters
@@ -32,12 +34,14 @@ def heights_from_normals(normals: FloatArray, cell_m: float) -> tuple[FloatArray
         where there is none.
     cell_m
         Side of a cell. [m]
+    about_m
+        Heights, shape (rows, cols) or a scalar, whose mean over each connected area that of the found ones
+        is. [m]
 
     Returns
     -------
     heights_m
-        Shape (rows, cols), mean 0 over each connected area; NaN without a normal or a neighbour that has
-        one. [m]
+        Shape (rows, cols); NaN without a normal or a neighbour that has one. [m]
     misclosure_deg
         Root mean square difference between the surface's slopes from a cell to its neighbours and those of
         the normals. [degrees]
@@ -46,7 +50,8 @@ def heights_from_normals(normals: FloatArray, cell_m: float) -> tuple[FloatArray
     ends, steps = _steps(rise)
     number = normals[..., 0].size
     differences = _differences(ends, number)
-    heights = _least_squares(differences, steps)
+    about = np.broadcast_to(about_m, rise.shape[1:]).ravel()
+    heights = _least_squares(differences, steps, about)
     off = differences @ heights - steps
     count = np.bincount(ends.ravel(), minlength=number)
     with np.errstate(invalid="ignore"):
@@ -77,8 +82,8 @@ def _differences(ends: NDArray[np.intp], count: int) -> csr_array:
     return csr_array((signs, (np.tile(np.arange(steps), 2), ends.ravel())), shape=(steps, count))
 
 
-def _least_squares(differences: csr_array, steps: FloatArray) -> FloatArray:
-    """Heights whose steps are nearest, mean 0 over each connected area, of which one cell is held."""
+def _least_squares(differences: csr_array, steps: FloatArray, about: FloatArray) -> FloatArray:
+    """Heights whose steps are nearest, of the mean of others over each connected area: one cell is held."""
     from scipy.sparse import csc_array
     from scipy.sparse.csgraph import connected_components
     from scipy.sparse.linalg import spsolve
@@ -90,5 +95,5 @@ def _least_squares(differences: csr_array, steps: FloatArray) -> FloatArray:
     heights = np.zeros(area.size)
     if free.size:
         heights[free] = spsolve(equations[free][:, free], wanted[free])
-    means = np.bincount(area, heights) / np.bincount(area)
-    return np.asarray(heights - means[area])
+    above = np.bincount(area, about - heights) / np.bincount(area)
+    return np.asarray(heights + above[area])

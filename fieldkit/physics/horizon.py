@@ -74,10 +74,9 @@ def sunlit_share(horizon: Horizon, sun: ArrayLike, within_deg: float = SUN_RADIU
 def horizon_of_neighbours(bed_m: ArrayLike, others_m: Sequence[ArrayLike]) -> Horizon:
     """How high plane beds stand above a bed, seen from the part of it where they are highest.
 
-    At every degree, and on both sides of each corner, where the outline may step. Between a bed's outline and
-    another's there is a straight line for every pair of their points; of those at one azimuth the steepest lies
-    on an edge between two corners' differences, so the elevations are exact for convex outlines. An outline
-    that is not convex counts as its hull.
+    Exact at every degree and on both sides of each corner, where the outline may step. The differences of
+    points of two convex outlines fill the hull of their corners' differences, and what is steepest at an
+    azimuth lies on an edge of it. An outline that is not convex counts as its hull.
 
     Parameters
     ----------

@@ -63,7 +63,8 @@ class CameraModel:
     ) -> FrameK:
         """Frame `number` of facets and ground at these brightness temperatures (k + 1,), in K.
 
-        Ground in relief has one in every pixel, `ground_k` (pixels,). `homography` (3, 3) is where content lies once the camera has moved; its own errors stay.
+        Ground in relief has one in every pixel, `ground_k` (pixels,). `homography` (3, 3) is where content
+        lies once the camera has moved; its own errors stay.
         """
         pattern, level_k, drift_k_s = self._pattern(correction.number)
         age_s = (time_ns - correction.ended_ns) * 1e-9

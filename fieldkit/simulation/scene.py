@@ -61,7 +61,8 @@ class Scene:
     Starts at `start_ns` (UTC) and lasts `duration_s`; the sand begins to store heat `LEAD_S` earlier.
     `facets` carry the true slopes. `response_s` is the time constant of the contact thermometers,
     `circumsolar_share` as in `SceneModel`, `light_factor` the light meter's reading over the truth, `motion`
-    the camera's. With `terrain` the ground between the facets is in relief. Every value follows from time and `seed` alone.
+    the camera's. With `terrain` the ground between the facets is in relief. Every value follows from time
+    and `seed` alone.
     """
 
     site: Site

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fieldkit.model.site import Site
 from fieldkit.model.units import SECOND_NS

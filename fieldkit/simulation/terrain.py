@@ -66,7 +66,7 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class TerrainSeries:
-    """Brightness temperatures (m, pixels) at times (m,) in seconds after `origin_ns`, evenly spaced. [K]"""
+    """Brightness temperatures (m, pixels) in kelvin, at even times (m,) in seconds after `origin_ns`."""
 
     origin_ns: int
     time_s: FloatArray

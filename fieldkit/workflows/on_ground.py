@@ -1,7 +1,7 @@
 """Products of a map on the ground: orthorectified as GeoTIFF and as ROS 2 grids, and as points.
 
-A cell takes the value of the pixel that sees its centre. Over level ground the slopes also give the relief:
-the heights of the surface that has them.
+A cell takes the value of the pixel that sees its centre. The slopes also give the relief: the heights of
+the surface that has them.
 """
 
 from __future__ import annotations
@@ -55,8 +55,6 @@ class GroundView:
         Heights of the ground on the cells of the output.
     true_north_deg
         Direction of true north on the grid, clockwise from the grid's own. [degrees]
-    is_level
-        Whether the ground was taken as level, not from a DEM.
     distances_m
         From the camera along each pixel's ray, (rows, cols); NaN where it meets no ground within range. [m]
     """
@@ -65,7 +63,6 @@ class GroundView:
     crs: CRS
     ground: Heights
     true_north_deg: float
-    is_level: bool
     distances_m: FloatArray
 
     @property
@@ -79,14 +76,13 @@ class GroundView:
         return np.where(seen, values[row, col], np.float32(np.nan))
 
     def relief(self, slopes: SlopeMap) -> tuple[FloatArray, FloatArray]:
-        """Heights in metres that have these slopes, about the ground's, and their misclosure in degrees.
+        """Heights in metres that have these slopes, of the ground's mean, and their misclosure in degrees.
 
         See `heights_from_normals`; on the cells of the ground.
         """
         tilt_deg, azimuth_deg = self.on_cells(slopes.tilt_deg), self.on_cells(slopes.azimuth_deg)
         normals = normal(tilt_deg, azimuth_deg + self.true_north_deg)
-        heights, misclosure = heights_from_normals(normals, self.ground.cell_m)
-        return self.ground.heights_m + heights, misclosure
+        return heights_from_normals(normals, self.ground.cell_m, self.ground.heights_m)
 
     def _seen(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
         rows, cols = self.ground.heights_m.shape
@@ -149,7 +145,7 @@ def ground_view(pose: Pose, shape: tuple[int, int], cell_m: float | None = None)
             fix="check position, pitch_deg and range_m of the pose, and the place of the DEM",
         )
     points = np.asarray(camera.position_m) + away[..., np.newaxis] * rays(camera)
-    return GroundView(camera, crs, _cells(points, table, dem, cell_m), true_north_deg, dem is None, away)
+    return GroundView(camera, crs, _cells(points, table, dem, cell_m), true_north_deg, away)
 
 
 def on_frame(
@@ -213,7 +209,7 @@ def write_on_ground(
 ) -> list[Path]:
     """Write layers on the ground: ``BASE.tif``, ``BASE.ply`` and ``BASE.mcap``; the files.
 
-    Each holds the layers, their uncertainties and the state; grids of level ground also the relief. Raises
+    Each holds the layers, their uncertainties and the state; grids also the relief. Raises
     `StorageError`.
 
     Parameters
@@ -231,9 +227,8 @@ def write_on_ground(
     planes += [(f"{one.name}_sd", one.units, one.sd) for one in layers if one.sd is not None]
     planes.append(("state", "1", slopes.state.astype(np.float32)))
     on_cells = [(name, units, view.on_cells(values)) for name, units, values in planes]
-    if view.is_level:
-        height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))
-        on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
+    height, misclosure = (one.astype(np.float32) for one in view.relief(slopes))
+    on_cells += [("height", "m", height), ("misclosure", "degree", misclosure)]
     ground = view.ground
     risk = next((layer.name for layer in layers if layer.name == "ptilt"), None)
     try:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldkit.config import FILE_NAME, Config, load_config
+from fieldkit.config.pose import Pose
 from fieldkit.config.template import SIMULATED
 from fieldkit.config.toml_schema import SimulationTable
 from fieldkit.drivers.simulated import SimulatedField
@@ -41,7 +42,7 @@ from fieldkit.views.report.assessment import mean_error, truths_held
 from fieldkit.views.report.series import series
 from fieldkit.weather import Weather, packaged, read_station_file
 from fieldkit.workflows.campaign import create_campaign
-from fieldkit.workflows.on_ground import ground_view, load_pose
+from fieldkit.workflows.on_ground import ground_view
 from fieldkit.workflows.record import record
 from fieldkit.workflows.session import Session
 
@@ -157,7 +158,8 @@ def simulated_field(config: Config, duration_s: float) -> Iterator[tuple[Simulat
 def scene_of(config: Config, duration_s: float) -> Scene:
     """The configured scene, with a bed of sand under every region, of its tilt and azimuth.
 
-    On terrain a target region of unknown tilt has no bed. On level ground, where no region is drawn yet, the usual beds are there too, so that a user can see where to draw.
+    On terrain a target region of unknown tilt has no bed. On level ground, where no region is drawn yet,
+    the usual beds are there too, so that a user can see where to draw.
     Raises `ConfigError` if the configuration does not describe a scene.
     """
     simulation = config.simulation
@@ -179,20 +181,21 @@ def scene_of(config: Config, duration_s: float) -> Scene:
         still_air = Exchange(body.exchange_w_m2_k, per_wind=0.0)
         scene = replace(scene, ground=_ground_of(body, GROUND), exchange=still_air)
     if simulation.terrain:
-        scene = _in_relief(scene, terrain_of(config.directory / simulation.terrain, start_ns), simulation)
+        if config.pose is None:
+            raise ConfigError("simulated terrain needs camera.pose", fix="give [camera] a pose with a dem")
+        scene = _in_relief(scene, terrain_of(config.pose.at(start_ns)), simulation)
     return drawn_scene(scene) if simulation.drawn else scene
 
 
-def terrain_of(pose_file: Path, time_ns: int) -> Terrain:
-    """The ground of a pose's DEM as the camera sees it at a time; level where a pixel meets none.
+def terrain_of(pose: Pose) -> Terrain:
+    """The ground of a pose's DEM as the camera sees it; level where a pixel meets none.
 
     Raises `ConfigError`, or `NoAnswerError` if the camera sees nothing of it.
     """
-    pose = load_pose(pose_file, time_ns)
     if pose.dem is None:
-        raise ConfigError(f"{pose_file} has no dem", fix=f"name a GeoTIFF of heights as dem in {pose_file}")
+        raise ConfigError("simulated terrain needs heights", fix="give camera.pose a dem, a GeoTIFF")
     view = ground_view(pose, FRAME_SHAPE)
-    ground = read_heights(Path(pose.dem), view.crs)
+    ground = read_heights(pose.dem, view.crs)
     east, north = np.moveaxis(view.points_m[..., :2].reshape(-1, 2), -1, 0)
     tilt, azimuth = tilt_azimuth(ground.normals(east, north))
     normals = normal(tilt, azimuth - view.true_north_deg)

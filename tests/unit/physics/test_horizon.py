@@ -56,7 +56,7 @@ BED = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.
 
 def test_a_step_beside_a_bed_is_as_high_as_its_triangle() -> None:
     """Level, half a metre higher, from one to two metres east of the bed: its near edge, then its corners."""
-    horizon = horizon_of_neighbours(BED, [BED + [2.0, 0.0, 0.5]])
+    horizon = horizon_of_neighbours(BED, [BED + np.array([2.0, 0.0, 0.5])])
     found = horizon_elevation(horizon, [90.0, 60.0, 120.0, 46.0, 44.9, 270.0])
     expected = [0.5, *[0.5 * np.sin(np.radians(azimuth)) for azimuth in (60.0, 120.0, 46.0)], 0.0, 0.0]
     np.testing.assert_allclose(found, np.degrees(np.arctan(expected)), atol=1e-9)
@@ -64,7 +64,7 @@ def test_a_step_beside_a_bed_is_as_high_as_its_triangle() -> None:
 
 def test_the_highest_edge_of_a_tilted_bed_counts() -> None:
     """One that rises from the bed's level, 1 m east, to 0.6 m over it, 2 m east: 0.6 / 2 beats 0 / 1."""
-    risen = BED + [2.0, 0.0, 0.0]
+    risen = BED + np.array([2.0, 0.0, 0.0])
     risen[1:3, 2] = 0.6
     horizon = horizon_of_neighbours(BED, [risen])
     assert horizon_elevation(horizon, 90.0) == pytest.approx(np.degrees(np.arctan(0.6 / 2.0)))
@@ -73,14 +73,14 @@ def test_the_highest_edge_of_a_tilted_bed_counts() -> None:
 def test_a_narrow_neighbour_shades_the_middle_of_a_long_bed() -> None:
     """A post 1 m north of a bed of 10 m, at azimuths where a line from neither end meets it."""
     long_bed = BED * [10.0, 1.0, 1.0]
-    post = BED * [0.2, 0.2, 0.0] + [5.0, 2.0, 0.5]
+    post = BED * [0.2, 0.2, 0.0] + np.array([5.0, 2.0, 0.5])
     assert horizon_elevation(horizon_of_neighbours(long_bed, [post]), [0.0, 180.0]) == pytest.approx(
         [np.degrees(np.arctan(0.5)), 0.0]
     )
 
 
 def test_lower_neighbours_hide_nothing() -> None:
-    assert {up for _, up in horizon_of_neighbours(BED, [BED + [2.0, 0.0, -0.5]])} == {0.0}
+    assert {up for _, up in horizon_of_neighbours(BED, [BED + np.array([2.0, 0.0, -0.5])])} == {0.0}
     assert {up for _, up in horizon_of_neighbours(BED, [])} == {0.0}
 
 

@@ -71,7 +71,7 @@ def test_cells_hold_what_lies_on_them(tmp_path, dem):
     assert maps.stat().st_size > 1000
     with rasterio.open(tif) as file:
         assert file.crs == rasterio.crs.CRS.from_epsg(32654)
-        assert file.descriptions == ("east", "north", "state")
+        assert file.descriptions == ("east", "north", "state", "height", "misclosure")
         assert file.transform.e == -1.0
         found = file.read()
         at_east = file.bounds.left + 0.5 + np.arange(file.width)
