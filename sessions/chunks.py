@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +28,7 @@ from fieldkit.sessions.layout import Column
 _LEVEL = 1
 _WORTH_IT = 0.95
 _TAIL = 256
+_ROWS_WAITING = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,26 +197,45 @@ class _ColumnWriter:
             self.is_dirty = False
 
 
+def as_column(values: Sequence[Any], column: Column) -> NDArray[Any]:
+    """The values of some rows as a column stores them."""
+    return np.array(values, column.dtype).reshape(len(values), *column.shape)
+
+
 class TableWriter:
-    """The datasets of one group that grow together."""
+    """The datasets of one group that grow together; rows wait until `write`, or until they fill a chunk.
 
-    def __init__(self, group: h5py.Group, columns: Iterable[Column]) -> None:
+    `as_column` makes an array of the values that some rows have for a column.
+    """
+
+    def __init__(
+        self,
+        group: h5py.Group,
+        columns: Iterable[Column],
+        as_column: Callable[[Sequence[Any], Column], NDArray[Any]] = as_column,
+    ) -> None:
         ordered = sorted(columns, key=lambda column: column.name == "time")  # time last: it declares the row
-        self._writers = {column.name: _ColumnWriter(group[column.name], column) for column in ordered}
-        self._types = {column.name: (column.dtype, column.shape) for column in ordered}
-
-    @property
-    def length(self) -> int:
+        self._writers = [(column, _ColumnWriter(group[column.name], column)) for column in ordered]
+        self._as_column = as_column
+        self._waiting: list[Mapping[str, Any]] = []
+        self.length: int = 0
         """Rows so far."""
-        return self._writers["time"].length
 
     def append(self, *rows: Mapping[str, Any]) -> None:
         """Take rows, each with a value for every column."""
-        for name, writer in self._writers.items():
-            dtype, shape = self._types[name]
-            writer.append(np.array([row[name] for row in rows], dtype).reshape(len(rows), *shape))
+        self._waiting += rows
+        self.length += len(rows)
+        if len(self._waiting) >= _ROWS_WAITING:
+            self._pass_on()
 
     def write(self) -> None:
         """Write everything to the file."""
-        for writer in self._writers.values():
+        self._pass_on()
+        for _, writer in self._writers:
             writer.write()
+
+    def _pass_on(self) -> None:
+        """Column by column: making an array costs as much for one value as for hundreds."""
+        rows, self._waiting = self._waiting, []
+        for column, writer in self._writers if rows else ():
+            writer.append(self._as_column([row[column.name] for row in rows], column))

@@ -7,7 +7,7 @@ cut stands whole among its details; details that do not fit are omitted, and the
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from fieldkit.model.learnt import Learnt, LearntParameter
 from fieldkit.model.samples import Event, EventKind, Health, Quality, Severity, StreamHealth
 from fieldkit.model.site import Region, RegionKind
 from fieldkit.model.slope import SlopeEstimate, SlopeState
+from fieldkit.sessions.chunks import as_column
 from fieldkit.sessions.layout import (
     ESTIMATE_ANGLES,
     LEARNT_NUMBERS,
@@ -28,7 +29,6 @@ from fieldkit.sessions.layout import (
     SessionHeader,
     decode_text,
     encode_text,
-    entry_columns,
 )
 from fieldkit.sessions.records import Entry, MinuteRecord, RegionRecord
 
@@ -47,25 +47,13 @@ class EntryRows:
     def __init__(self, header: SessionHeader, anchor_ns: int) -> None:
         self._regions = {name: number for number, name in enumerate(header.region_names)}
         self._streams = {info.name: number for number, info in enumerate(header.streams)}
-        self._columns = {
-            name: {column.name: column for column in columns}
-            for name, columns in entry_columns(header).items()
-        }
         self._drawn_before = frozenset(self._regions)
         self._places = max(1, len(self._regions))
         self._versions: dict[str, int] = {}
         self._anchor_ns = anchor_ns
 
     def rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
-        """The rows of an entry, each with its table; numbers that do not fit are cut to what does.
-
-        A journal may hold any number, and one entry must not keep all the rest from being stored.
-        """
-        for table, row in self._rows(entry):
-            columns = self._columns[table]
-            yield table, {name: _fitting(value, columns[name]) for name, value in row.items()}
-
-    def _rows(self, entry: Entry) -> Iterable[tuple[str, Row]]:
+        """The rows of an entry, each with its table; their numbers may not fit: see `fitting_column`."""
         if isinstance(entry, MinuteRecord):
             yield "irradiance", _irradiance_row(entry)
             yield "estimates", self._estimates_row(entry)
@@ -148,14 +136,17 @@ class EntryRows:
         }  # fmt: skip
 
 
-def _fitting(value: Any, column: Column) -> Any:
-    """The value, numbers too large or too small for a column of integers as the outermost it holds."""
+def fitting_column(values: Sequence[Any], column: Column) -> NDArray[Any]:
+    """The values of some rows; numbers too large or small for a column of integers as the outermost it holds.
+
+    A journal may hold any number, and one entry must not keep all the rest from being stored.
+    """
     kind = np.dtype(column.dtype)
     if kind.kind not in "iu":
-        return value
+        return as_column(values, column)
     per = 1000 if column.attributes.get("units") == TIME_UNITS else 1  # read as nanoseconds
     lowest, highest = -(-np.iinfo(kind).min // per), np.iinfo(kind).max // per
-    return np.asarray(np.clip(np.array(value, object), lowest, highest), kind)
+    return as_column(np.clip(np.array(values, object), lowest, highest), column)
 
 
 def _estimate_row(estimate: SlopeEstimate) -> Row:

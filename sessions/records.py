@@ -11,7 +11,7 @@ import json
 import struct
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,14 @@ _NAMES = {kind: name for name, kind in _KINDS.items()}
 
 def encode_entry(entry: Entry) -> tuple[str, str]:
     """Kind and JSON of an entry."""
-    return _NAMES[type(entry)], json.dumps(asdict(entry), default=str)
+    return _NAMES[type(entry)], json.dumps(entry, default=_as_json)
+
+
+def _as_json(value: Any) -> Any:
+    """A dataclass as its fields by name, anything else that JSON does not know as text."""
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return str(value)
 
 
 def decode_entry(kind: str, body: str) -> Entry:

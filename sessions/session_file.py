@@ -7,9 +7,9 @@ read what `flush` has written.
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -23,7 +23,7 @@ from fieldkit.disk import sync
 from fieldkit.model.errors import message_of
 from fieldkit.model.samples import Frame, Reading, Sample
 from fieldkit.sessions.chunks import FrameWriter, PackedBlock, TableWriter
-from fieldkit.sessions.entry_rows import EntryRows
+from fieldkit.sessions.entry_rows import EntryRows, fitting_column
 from fieldkit.sessions.file_tree import ISO_WIDTH, file_image, iso_utc
 from fieldkit.sessions.guarded_file import GuardedFile, write_in_place, write_new
 from fieldkit.sessions.journal import Chunk, Journal, RetainedPart, SessionIdentity
@@ -59,7 +59,7 @@ class SessionFile:
             info.name: _Stream(self._file[info.name], info, pool) for info in self._header.streams
         }
         self._tables = {
-            name: TableWriter(self._file[name], columns)
+            name: TableWriter(self._file[name], columns, fitting_column)
             for name, columns in entry_columns(self._header).items()
         }
         self._latest = {region.name: region for region in self._header.regions}
@@ -185,8 +185,7 @@ class _Stream:
         }  # fmt: skip
         if isinstance(sample, Frame):
             return {**row, "fpa_temperature": sample.fpa_temperature_k}
-        raw = np.zeros(self._raw_width, np.uint8)
-        raw[: len(sample.raw)] = np.frombuffer(sample.raw, np.uint8)
+        raw = np.frombuffer(sample.raw.ljust(self._raw_width, b"\0"), np.uint8)
         return {**row, "value": sample.values, "raw": raw, "raw_length": len(sample.raw)}
 
 
@@ -197,6 +196,9 @@ log: logging.Logger = logging.getLogger(__name__)
 HANDOVER_BYTES = 64_000_000
 
 JOURNAL_BYTES = 750_000_000
+
+TOGETHER_S, TOGETHER_BYTES = 0.05, 1_000_000
+"""How long records wait to be taken together, and how many bytes of them at most."""
 
 FLUSH_EVERY_S = 1.0
 
@@ -224,7 +226,9 @@ class FileThread(threading.Thread):
         self._retained = RetainedPart(journal.folder, identity)
         self.file: SessionFile = SessionFile(path, identity, self._pool)
         self.error: Exception | None = None
-        self._offers: queue.SimpleQueue[tuple[int, Record, int | None] | None] = queue.SimpleQueue()
+        self._offers: deque[tuple[int, Record, int | None]] = deque()
+        self._wake = threading.Event()
+        self._stopping = False
         self._handed_bytes = 0
         self._taken_bytes = 0
         self._next_id = 0
@@ -238,7 +242,9 @@ class FileThread(threading.Thread):
         """
         if self.error is None and not self.is_behind():
             self._handed_bytes += _size(record)
-            self._offers.put((number, record, crc32))
+            self._offers.append((number, record, crc32))
+            if self._handed_bytes - self._taken_bytes > TOGETHER_BYTES and not self._wake.is_set():
+                self._wake.set()
 
     def is_behind(self) -> bool:
         """Whether as much is waiting as may wait; after a failure nothing is."""
@@ -252,8 +258,8 @@ class FileThread(threading.Thread):
 
     def stop(self, *, at_once: bool = False) -> None:
         """Let the thread take everything up to now from queue and journal (or leave that), and end."""
-        self._at_once = at_once
-        self._offers.put(None)
+        self._at_once, self._stopping = at_once, True
+        self._wake.set()
 
     def run(self) -> None:
         """Until `stop`: take, write, flush each second, sync each ten seconds."""
@@ -284,21 +290,23 @@ class FileThread(threading.Thread):
         self._retained.close()
 
     def _step(self) -> bool:
-        due = self._flushed_at + FLUSH_EVERY_S - time.monotonic()
-        try:
-            offer = self._offers.get(timeout=max(0.0, due))
-        except queue.Empty:
-            self._flush()
-            return True
-        if offer is None or self._at_once:
-            return False
-        number, record, crc32 = offer
+        """Take what was offered meanwhile; False at the end.
+
+        Records are taken together: to be woken for each would cost more than all that is done with it.
+        """
+        self._wake.wait(TOGETHER_S)
+        self._wake.clear()
+        is_last = self._stopping
+        while self._offers and not self._at_once:
+            self._take(*self._offers.popleft())
+        self._flush_if_due()
+        return not is_last
+
+    def _take(self, number: int, record: Record, crc32: int | None) -> None:
         self._catch_up(number)
         self._put(record, crc32)
         self._taken_bytes += _size(record)
-        if time.monotonic() - self._flushed_at >= FLUSH_EVERY_S:
-            self._flush()
-        return True
+        self._flush_if_due()
 
     def _catch_up(self, number: int) -> None:
         """Read from the journal what was not queued."""
@@ -322,7 +330,9 @@ class FileThread(threading.Thread):
         if chunks:
             self._note(chunks + self.file.flush())
 
-    def _flush(self) -> None:
+    def _flush_if_due(self) -> None:
+        if time.monotonic() - self._flushed_at < FLUSH_EVERY_S:
+            return
         self._flushed_at = time.monotonic()
         self._note(self.file.flush())
         if self._flushed_at - self._synced_at >= SYNC_EVERY_S:

@@ -50,6 +50,8 @@ class FlagMonitor:
     def update(self, sample: Sample) -> Iterator[Event]:
         """Events for flags of this sample that the stream's previous sample did not have."""
         before = self._flags.get(sample.stream, Quality.GOOD)
+        if sample.quality == before:
+            return
         self._flags[sample.stream] = sample.quality
         begun = sample.quality & ~before & _REPORTED_FLAGS
         if not begun:

@@ -8,6 +8,7 @@ the session that answers has ``data["request"]``, the id, and says what was done
 from __future__ import annotations
 
 import json
+import os
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -184,7 +185,9 @@ def _closed(folder: Path) -> Path:
 
 def _oldest_first(folder: Path) -> list[Path]:
     try:
-        return sorted(folder.glob("*.json"), key=lambda file: file.stat().st_mtime_ns)
+        names = os.listdir(folder) if folder.exists() else []
+        files = [folder / name for name in names if name.endswith(".json")]
+        return sorted(files, key=lambda file: file.stat().st_mtime_ns)
     except OSError as error:
         raise StorageError(
             f"the marks in {folder} cannot be read: {error.strerror or error}",
