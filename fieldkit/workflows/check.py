@@ -23,7 +23,8 @@ from fieldkit.workflows.sources import SessionOrFile, config_for, path_of
 if TYPE_CHECKING:
     import pandas as pd
 
-SAME_DEG = 1e-9
+SAME_DEG = 1e-6
+"""Difference that another processor's rounding can make; nobody could tell it from none."""
 
 
 @dataclass(frozen=True)

@@ -76,6 +76,30 @@ class Innovations:
     kelvin: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class _Terms:
+    """Mean temperature and net flux of each region as ``row . state + constant``.
+
+    Rows (p, regions, n), constants (p, regions).
+    """
+
+    temperature: FloatArray
+    constant: FloatArray
+    flux: FloatArray
+    flux_constant: FloatArray
+
+    def temperature_k(self, state: FloatArray) -> FloatArray:
+        return _along(self.temperature, state) + self.constant
+
+    def inflow(self, state: FloatArray) -> FloatArray:
+        return _along(self.flux, state) + self.flux_constant
+
+
+def _along(rows: FloatArray, state: FloatArray) -> FloatArray:
+    """``row . state`` of rows (p, r, n) and states (p, n)."""
+    return np.asarray(np.matmul(rows, state[..., np.newaxis])[..., 0])
+
+
 class Filters:
     """A bank of filters, `mean` (p, n) and `covariance` (p, n, n), with `log_likelihood` (p,).
 
@@ -106,6 +130,12 @@ class Filters:
         self.mean: FloatArray = np.tile(prior_mean, (count, 1))
         self._taken_k = np.tile(first.temperature_k, (count, 1))
         self.covariance: FloatArray = _prior_covariance(layout, settings, hypotheses, logged)
+        # kept: large arrays that are allocated every minute cost as much as what is computed in them
+        self._product = np.empty_like(self.covariance[:PASSED])
+        flows = self._filled.shape[1]
+        self._left = np.empty((count, layout.regions + 2 * flows, layout.size))
+        self._right = np.empty_like(self._left)
+        self._left[:, layout.regions : layout.regions + flows] = self._right[:, -flows:] = self._filled.T
 
     @cached_property
     def _decay(self) -> FloatArray:
@@ -129,14 +159,15 @@ class Filters:
     def step(self, minute: MinuteInputs) -> Innovations:
         """One minute: its noise enters, its measurements correct, its fluxes fill the stores."""
         self._shake(minute)
-        light = self._all_light(minute)
-        temperature, at_zero, _, _ = self._terms(minute, light, self._taken_k)
-        # once more at the prediction, which knows of a cloud, and unlike the measurement nothing of its noise
-        predicted_k = np.einsum("prn,pn->pr", temperature, self.mean) + at_zero
-        temperature, at_zero, flux, flux_at_zero = self._terms(minute, light, predicted_k)
-        seen = self._correct(minute, temperature, at_zero)
-        self._taken_k = np.einsum("prn,pn->pr", temperature, self.mean) + at_zero
-        self._fill(flux, flux_at_zero)
+        sources = self._sources(minute)
+        # first at the last prediction, then at this one, which knows of a cloud, and unlike the measurement
+        # nothing of its noise
+        for _ in range(2):
+            terms = self._terms(minute, sources, self._taken_k)
+            self._taken_k = terms.temperature_k(self.mean)
+        seen, gain, crossed = self._correct(minute, terms)
+        self._taken_k = terms.temperature_k(self.mean)
+        self._fill(terms, gain, crossed)
         return seen
 
     def _shake(self, minute: MinuteInputs) -> None:
@@ -158,39 +189,40 @@ class Filters:
             self.covariance[:, board] = self.covariance[:, :, board] = 0.0
             self.covariance[:, board, board] = BOARD_SD_W_M2**2
 
-    def _all_light(self, minute: MinuteInputs) -> tuple[FloatArray, FloatArray]:
-        """Absorbed sunlight of each region as ``row . state + constant``."""
-        count = self.hypotheses.exchange.size
-        flux = np.zeros((count, self.layout.regions, self.layout.size))
-        at_zero = np.zeros((count, self.layout.regions))
-        for region in range(self.layout.regions):
-            self._light(minute, region, flux[:, region], at_zero[:, region])
-        return flux, at_zero
-
     def _terms(
-        self, minute: MinuteInputs, light: tuple[FloatArray, FloatArray], taken_k: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Mean temperature and net flux of each region as ``row . state + constant``.
+        self, minute: MinuteInputs, sources: tuple[FloatArray, FloatArray], taken_k: FloatArray
+    ) -> _Terms:
+        """Mean temperature and net flux of each region under each hypothesis.
 
         The flux is taken at `taken_k` (p, regions) and corrected to first order.
         """
-        layout = self.layout
-        flux, at_zero = light[0].copy(), light[1].copy()
-        for region in range(layout.regions):
-            self._heat(minute, region, taken_k[:, region], flux[:, region], at_zero[:, region])
+        flux, at_zero = self._fluxes(minute, sources, taken_k)
         steepness = self._steepness(taken_k)
         quick = (self._resistance + self._weights @ MEAN_FILL)[:, np.newaxis]
         damping = 1.0 / (1.0 + quick * steepness)
         temperature = quick[..., np.newaxis] * flux
-        beam, moment = layout.shared("beam"), layout.shared("moment")
+        beam, moment = self.layout.shared("beam"), self.layout.shared("moment")
         temperature[:, :, moment] = quick * flux[:, :, beam]
-        for region in range(layout.regions):
-            temperature[:, region, layout.stores(region)] += self._weights * MEAN
+        for region in range(self.layout.regions):
+            temperature[:, region, self.layout.stores(region)] += self._weights * MEAN
         temperature *= damping[..., np.newaxis]
         constant = damping * quick * (at_zero + steepness * taken_k)
         flux -= steepness[..., np.newaxis] * temperature
-        at_zero += steepness * (taken_k - constant)
-        return temperature, constant, flux, at_zero
+        return _Terms(temperature, constant, flux, at_zero + steepness * (taken_k - constant))
+
+    def _fluxes(
+        self, minute: MinuteInputs, sources: tuple[FloatArray, FloatArray], taken_k: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Net flux of each region at temperatures `taken_k`: rows (p, regions, n), constants (p, regions)."""
+        place = self.layout.shared
+        flux = np.tile(sources[0], (len(self.mean), 1, 1))
+        over_air, exchange = taken_k - minute.air_k, self.hypotheses.exchange[:, np.newaxis]
+        for name in (*GUSTS, "slow_gust"):
+            flux[:, :, place(name)] -= over_air
+        for name in ("air", "air_change"):
+            flux[:, :, place(name)] += exchange
+        emitted = self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**4
+        return flux, sources[1] - emitted - exchange * over_air
 
     def _views(self) -> tuple[FloatArray, FloatArray]:
         """Rows (regions, n, 3) and (regions, n): normals times the gain, and their vertical components."""
@@ -202,23 +234,32 @@ class Filters:
             normals[layout.references + target, layout.normal(target)] = axes.T
         return normals, normals[..., 2]
 
-    def _light(self, minute: MinuteInputs, region: int, row: FloatArray, constant: FloatArray) -> None:
-        """Absorbed sunlight, (p, n) row and (p,) constant, added in place."""
-        place, now = self.layout.shared, self._around
-        sunlit, view = minute.sunlit[region], self.layout.sky_views[region]
-        lit, sky = sunlit * (1.0 - minute.shaded[region]), 1.0 - HIDDEN * minute.shaded[region]
-        towards, upwards = self._normals[region] @ minute.sun, self._upwards[region]
-        towards_now, upwards_now = now @ towards, now @ upwards
+    def _sources(self, minute: MinuteInputs) -> tuple[FloatArray, FloatArray]:
+        """Fluxes into each region that are the same under all hypotheses, ``row . state + constant``.
+
+        Absorbed sunlight, longwave and fluxes without a cause: rows (regions, n), constants (regions,).
+        """
+        layout, place, now = self.layout, self.layout.shared, self._around
+        view, shaded, upwards = layout.sky_views, minute.shaded, self._upwards
+        lit, sky = minute.sunlit * (1.0 - shaded), 1.0 - HIDDEN * shaded
+        towards = self._normals @ minute.sun
+        towards_now, upwards_now = towards @ now, upwards @ now
         beam = lit * (towards_now > 0.0) * (minute.sun[2] > 0.0)
         height = max(minute.sun[2], LOWEST_SUN)
         share = now[place("circumsolar")] * minute.circumsolar
         diffuse = sky * minute.diffuse * (1.0 + now[place("diffuse")])
         dome = view * diffuse * (1.0 - share) / 2.0
         # the ground around a region is in the same shadow of the horizon
-        hidden = (1.0 - sunlit) * (minute.reflected - self.settings.ground_albedo * minute.diffuse)
+        hidden = (1.0 - minute.sunlit) * (minute.reflected - self.settings.ground_albedo * minute.diffuse)
         reflected = sky * (minute.reflected - hidden) / 2.0
-        row += (minute.direct + diffuse * share / height) * beam * towards + (dome - reflected) * upwards
-        row[:, place("gain")] += dome + reflected
+        # what hides the sky is taken to be as warm as the ground
+        grey = self.settings.surface.emissivity_broadband
+        down = view * minute.longwave_down + (1.0 - view) * minute.longwave_ground
+        tilted = grey * (down - minute.longwave_ground) / 2.0 / now[place("gain")]
+        rows = ((minute.direct + diffuse * share / height) * beam)[:, np.newaxis] * towards
+        rows += (dome - reflected + tilted)[:, np.newaxis] * upwards
+        rows[:, place("gain")] += dome + reflected
+        constant = grey * (down + minute.longwave_ground) / 2.0
         # products of two unknowns, to first order around what was known at the last draw
         around, above = beam * towards_now / height, view * (now[place("gain")] + upwards_now) / 2.0
         by_name = {
@@ -226,34 +267,16 @@ class Filters:
             "circumsolar": diffuse * minute.circumsolar * (around - above),
         }
         for name, slope in by_name.items():
-            row[:, place(name)] += slope
+            rows[:, place(name)] += slope
             constant -= slope * now[place(name)]
-        row[:, place("beam")] += beam * max(towards_now, 0.0)
-        if minute.is_edge[region]:
-            row[:, place("edge")] += max(towards_now, 0.0)
-
-    def _heat(
-        self, minute: MinuteInputs, region: int, taken_k: FloatArray, row: FloatArray, constant: FloatArray
-    ) -> None:
-        """Longwave, exchange with the air and the fluxes without a cause, added in place."""
-        layout, grey = self.layout, self.settings.surface.emissivity_broadband
-        exchange, over_air = self.hypotheses.exchange, taken_k - minute.air_k
-        view = layout.sky_views[region]
-        # what hides the sky is taken to be as warm as the ground
-        down = view * minute.longwave_down + (1.0 - view) * minute.longwave_ground
-        constant += grey * (down + minute.longwave_ground) / 2.0
-        constant -= grey * STEFAN_BOLTZMANN * taken_k**4 + exchange * over_air
-        tilted = grey * (down - minute.longwave_ground) / 2.0
-        row += tilted / self._around[layout.shared("gain")] * self._upwards[region]
-        for name in (*GUSTS, "slow_gust"):
-            row[:, layout.shared(name)] -= over_air
-        for name in ("air", "air_change"):
-            row[:, layout.shared(name)] += exchange
-        row[:, layout.shared("common_flux")] += 1.0
-        row[:, layout.shared("longwave")] += grey * view
-        row[:, layout.shared("board")] += minute.shaded[region]
-        if region >= layout.references:
-            row[:, layout.bed_flux(region - layout.references)] += 1.0
+        rows[:, place("beam")] += beam * np.maximum(towards_now, 0.0)
+        rows[:, place("edge")] += minute.is_edge * np.maximum(towards_now, 0.0)
+        rows[:, place("common_flux")] += 1.0
+        rows[:, place("longwave")] += grey * view
+        rows[:, place("board")] += shaded
+        for target in range(layout.targets):
+            rows[layout.references + target, layout.bed_flux(target)] += 1.0
+        return rows, constant
 
     def _steepness(self, taken_k: FloatArray) -> FloatArray:
         """Loss of heat per kelvin (p, regions), W m-2 K-1."""
@@ -261,46 +284,71 @@ class Filters:
         radiated = 4.0 * self.settings.surface.emissivity_broadband * STEFAN_BOLTZMANN * taken_k**3
         return np.asarray(radiated + np.maximum(self.hypotheses.exchange + gusts, 0.0)[:, np.newaxis])
 
-    def _correct(self, minute: MinuteInputs, temperature: FloatArray, at_zero: FloatArray) -> Innovations:
-        """Update by the measured temperatures of the regions."""
+    def _correct(self, minute: MinuteInputs, terms: _Terms) -> tuple[Innovations, FloatArray, FloatArray]:
+        """Update the mean by the measured temperatures of the regions.
+
+        The covariance waits for `_fill`, so that it passes through memory once a minute: returned are the
+        root (p, s, n) of what the measurements take from it, and its product with the fluxes
+        (p, regions, n) after them.
+        """
         layout = self.layout
         seen = np.flatnonzero(minute.measured)
-        standardised, kelvin = np.full((2, *at_zero.shape), np.nan)
-        rows = temperature.copy()
+        standardised, kelvin = np.full((2, *terms.constant.shape), np.nan)
+        rows = terms.temperature.copy()
         rows[:, :, layout.shared("camera")] += 1.0
         for region in range(1, layout.regions):
             rows[:, region, layout.offset(region)] += 1.0
             rows[:, region, layout.drift(region)] += minute.hours
         rows = rows[:, seen]
-        innovation = minute.temperature_k[seen] - at_zero[:, seen] - np.einsum("prn,pn->pr", rows, self.mean)
-        shared = rows @ self.covariance
+        innovation = minute.temperature_k[seen] - terms.constant[:, seen] - _along(rows, self.mean)
+        both = np.concatenate([rows, terms.flux], axis=1) @ self.covariance
+        shared, crossed = both[:, : seen.size], both[:, seen.size :]
         spread = shared @ rows.transpose(0, 2, 1) + self.settings.noise_k**2 * np.eye(seen.size)
         root = np.linalg.cholesky(spread)
-        white = np.linalg.solve(root, innovation[..., np.newaxis])[..., 0]
-        half_gain = np.linalg.solve(root, shared)
+        whitening = np.linalg.inv(root)
+        white, half_gain = _along(whitening, innovation), whitening @ shared
         self.mean += np.einsum("prn,pr->pn", half_gain, white)
-        self.covariance -= half_gain.transpose(0, 2, 1) @ half_gain
         determinant = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
         self.log_likelihood += -0.5 * (white**2).sum(axis=1) - determinant - 0.5 * seen.size * LOG_TWO_PI
         standardised[:, seen], kelvin[:, seen] = white, innovation
-        return Innovations(standardised, kelvin)
+        crossed = crossed - (terms.flux @ half_gain.transpose(0, 2, 1)) @ half_gain
+        return Innovations(standardised, kelvin), half_gain, crossed
 
-    def _fill(self, flux: FloatArray, at_zero: FloatArray) -> None:
+    def _fill(self, terms: _Terms, half_gain: FloatArray, crossed: FloatArray) -> None:
         """Into the next minute: stores fade and take the minute's flux, processes relax."""
         drive = list(self.layout.smooth.values())
         targets, decay = self._filled, self._decay
-        crossed = np.concatenate([flux @ self.covariance, self.covariance[:, drive]], axis=1)
-        among = np.concatenate([crossed @ flux.transpose(0, 2, 1), crossed[:, :, drive]], axis=2)
-        inflow = np.einsum("prn,pn->pr", flux, self.mean) + at_zero
-        moved = np.concatenate([inflow, self.mean[:, drive]], axis=1)
+        driven = self.covariance[:, drive] - half_gain[:, :, drive].transpose(0, 2, 1) @ half_gain
+        crossed = np.concatenate([crossed, driven], axis=1)
+        among = np.concatenate([crossed @ terms.flux.transpose(0, 2, 1), crossed[:, :, drive]], axis=2)
+        moved = np.concatenate([terms.inflow(self.mean), self.mean[:, drive]], axis=1)
         self.mean *= decay
         self.mean += moved @ targets.T
-        added = targets @ (crossed * decay + 0.5 * among @ targets.T)
-        self.covariance *= np.multiply.outer(decay, decay)
-        self.covariance += added
-        self.covariance += added.transpose(0, 2, 1)
+        self._pass_covariance(half_gain * decay, crossed * decay, among)
         for place, variance in self._fresh.items():
             self.covariance[:, place, place] += variance
+
+    def _pass_covariance(self, taken: FloatArray, crossed: FloatArray, among: FloatArray) -> None:
+        """Covariance a minute later: faded, less what was measured, plus what flowed in.
+
+        ``taken' taken`` is subtracted, ``targets added`` and its transpose are added, in one product.
+        """
+        first = self.layout.regions - taken.shape[1]
+        left, right = self._left[:, first:], self._right[:, first:]
+        added = slice(taken.shape[1], taken.shape[1] + crossed.shape[1])
+        right[:, : added.start] = taken
+        np.negative(taken, out=left[:, : added.start])
+        np.matmul(0.5 * among, self._filled.T, out=right[:, added])
+        right[:, added] += crossed
+        left[:, added.stop :] = right[:, added]
+        fading = np.multiply.outer(self._decay, self._decay)
+        for begin in range(0, len(taken), PASSED):
+            part = slice(begin, begin + PASSED)
+            changed = np.matmul(
+                left[part].transpose(0, 2, 1), right[part], out=self._product[: len(left[part])]
+            )
+            self.covariance[part] *= fading
+            self.covariance[part] += changed
 
     @cached_property
     def _filled(self) -> FloatArray:
@@ -334,6 +382,8 @@ BOARD_SD_W_M2 = 60.0
 HIDDEN = 0.7
 """Share of the sky that a board hides."""
 LOWEST_SUN = 0.05
+PASSED = 16
+"""Covariances that pass through memory together: they and their change stay in the processor's cache."""
 
 
 def _processes(

@@ -79,7 +79,7 @@ class Layout:
         """Number of targets."""
         return len(self.facing)
 
-    @property
+    @cached_property
     def regions(self) -> int:
         """Number of regions."""
         return self.columns.size
@@ -90,7 +90,11 @@ class Layout:
 
     def shared(self, name: str) -> int:
         """Place of something shared."""
-        return self.regions * STORES + SHARED.index(name)
+        return self._shared[name]
+
+    @cached_property
+    def _shared(self) -> dict[str, int]:
+        return {name: place for place, name in enumerate(SHARED, start=self.regions * STORES)}
 
     def bed_flux(self, target: int) -> int:
         """Place of a target's own flux."""

@@ -22,6 +22,9 @@ LONGEST = 0.25
 LEAST_GAIN = 0.3
 CONVERGED = 1e-7
 """Step of the gain or of a turn in radians below which another one would change nothing."""
+NO_WORSE = 1e-8
+"""Growth of the misfit that is rounding: it must not decide whether a last small step is taken, else results
+would differ between processors."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +111,7 @@ def unit_normals(filters: Filters, starts: tuple[FloatArray, ...], steps: int) -
         if np.abs(step).max() < CONVERGED:
             break
         trial = _Fit.at(mean, information, *fit.stepped(step))
-        better = trial.misfit <= fit.misfit
+        better = trial.misfit <= fit.misfit + NO_WORSE
         damping = np.where(better, 0.2 * damping, 10.0 * damping + 1e-3)
         fit = trial if better.all() else _either(mean, information, better, trial, fit)
     weighted = np.matmul(information, fit.jacobian)

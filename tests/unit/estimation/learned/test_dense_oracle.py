@@ -34,19 +34,17 @@ class FrozenFilters(Filters):
 
     fixed: np.ndarray
 
-    def _terms(self, minute, light, taken_k):
+    def _terms(self, minute, sources, taken_k):
         mean, self.mean = self.mean, self.fixed
         try:
-            return super()._terms(minute, light, minute.temperature_k + np.zeros_like(taken_k))
+            return super()._terms(minute, sources, minute.temperature_k + np.zeros_like(taken_k))
         finally:
             self.mean = mean
 
     def flux(self, minute, region):
         """Net flux of a region as a row (n,) and a constant, at its measured temperature."""
-        row, constant = np.zeros((1, self.layout.size)), np.zeros(1)
-        self._light(minute, region, row, constant)
-        self._heat(minute, region, minute.temperature_k[np.newaxis, region], row, constant)
-        return row[0], constant[0]
+        rows, constants = self._fluxes(minute, self._sources(minute), minute.temperature_k[np.newaxis])
+        return rows[0, region], constants[0, region]
 
 
 def response(modes, time_s):
