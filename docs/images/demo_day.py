@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).resolve().parent
 COLUMNS = 100
-SHADES = 96
-"""Colours of an image file: enough for a thermal palette, and a fifth of the bytes."""
+SHADES = 256
+"""Colours of an image file, which needs a third of the bytes of true colour."""
 
 
 @dataclass
@@ -49,12 +49,12 @@ class DemoDay:
 
     @cached_property
     def sandslope(self) -> Path:
-        """A campaign on simulated devices with two short sessions; the camera fails in the second."""
+        """A campaign on simulated devices: an hour, and twenty minutes in which the camera is unplugged."""
         folder = self.folder / "sandslope"
         self.run("init", "--simulated", "sandslope", "-q")
-        for name, fault in (("clear", []), ("cable", ["cable"])):
-            record = ("record", "-C", str(folder), "--for", "20m", "--name", name, "-q")
-            self.run(*record, "--set", "simulation.speed=max", "--set", f"simulation.faults={fault}")
+        for name, length, fault in (("clear", "1h", "[]"), ("cable", "20m", '["cable"]')):
+            record = ("record", "--for", length, "--name", name, "--set", "simulation.speed=max")
+            self.run(*record, "--set", f"simulation.faults={fault}", within=folder)
         return folder
 
     def run(self, *words: str, within: Path | None = None) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from demo_day import DemoDay, write_png
 
 IMAGES = ("frame.png", "slope-map.png", "risk-map.png")
-WIDTH = 900
+WIDTH = 720
 
 
 def main(day: DemoDay) -> None:
@@ -14,6 +14,7 @@ def main(day: DemoDay) -> None:
     day.run("live", "-C", str(day.sandslope), "--png", str(frame), "--set", "simulation.speed=max")
     write_png(frame, "frame", WIDTH)
     maps = day.folder / "maps/beds"
-    day.run("map", str(day.session), "-o", str(maps), "--products", "ptilt", "--limit-deg", "20")
+    hour = next((day.sandslope / "recordings").glob("*clear.h5"))
+    day.run("map", str(hour), "-o", str(maps), "--products", "ptilt", "--limit-deg", "10")
     write_png(maps.with_suffix(".png"), "slope-map", WIDTH)
     write_png(maps.with_name("beds-ptilt.png"), "risk-map", WIDTH)

@@ -13,18 +13,18 @@ OF_THE_DEMO = {
     "regions": "roi check --on recordings/*.h5",
     "estimate": "estimate recordings/*.h5",
 }
-OF_TWENTY_MINUTES = {
+OF_THE_CAMPAIGN = {
     "check": "check recordings/*cable.h5",
     "sweep": "sweep recordings/*clear.h5 -o results/sweep --set estimator.model=full "
     "--set surface.albedo=0.15:0.25:0.05",
 }
 """Commands by the name of their image, as typed in the campaign's folder."""
-IMAGES = tuple(f"terminal-{name}.svg" for name in (*OF_THE_DEMO, *OF_TWENTY_MINUTES))
+IMAGES = tuple(f"terminal-{name}.svg" for name in (*OF_THE_DEMO, *OF_THE_CAMPAIGN))
 
 
 def main(day: DemoDay) -> None:
     """Run each in its campaign."""
-    for campaign, commands in ((day.demo, OF_THE_DEMO), (day.sandslope, OF_TWENTY_MINUTES)):
+    for campaign, commands in ((day.demo, OF_THE_DEMO), (day.sandslope, OF_THE_CAMPAIGN)):
         for name, command in commands.items():
             printed = day.run(*words_of(command, campaign), within=campaign).replace(f"{campaign}/", "")
             svg = command_svg(f"fieldkit {command}", printed)

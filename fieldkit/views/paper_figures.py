@@ -128,6 +128,7 @@ def measured_against_modelled(
             markeredgewidth=0,
             color=plotting.colour(index),
             label=name,
+            rasterized=True,
         )
     values = np.concatenate(everything)
     ends = [float(np.min(values)) - 1.0, float(np.max(values)) + 1.0]
