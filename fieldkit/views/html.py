@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import base64
 import functools
+import itertools
 import re
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from fieldkit.views.formatting import UNKNOWN
-
-NUMBER = re.compile(r"[-+−±>]? ?\d[\d.,\s]*[%°]?( ?± ?\d[\d.]*°?)?")
+NUMBER = re.compile(r"(?<![\w.,])[(±<>]*[+\-−]?\d+(?: \d{3}(?!\d))*(?:\.\d+)?")
+AROUND_NUMBERS = re.compile(r"(?:[\s±)°%/–]|given|min|K|W/m²)*")
+"""What may stand between the numbers of a cell whose decimal points are aligned."""
+FIGURE_SPACE, PUNCTUATION_SPACE = "\u2007", "\u2008"
+"""Spaces as wide as a digit and as a point."""
+PARTS = 16
+"""Parts of a figure that the style sheet can hide, at most."""
 SHORT = 24
 """Cells with fewer characters (numbers, names) are kept on one line; longer text may wrap."""
 
@@ -37,34 +43,102 @@ class Table:
 
     @property
     def numeric(self) -> Sequence[bool]:
-        """Which columns hold numbers, to be aligned at their right."""
-        return [
-            any(map(_is_number, column)) and all(map(_is_number_or_absent, column))
-            for column in zip(*self.rows, strict=True)
-        ] or [False] * len(self.columns)
+        """Which columns hold one number in each cell, to be aligned at their right."""
+        return [_is_numeric(column) and _widest(column) == 1 for column in self._by_column]
+
+    @property
+    def aligned(self) -> Sequence[Sequence[object]]:
+        """The rows, the decimal points of numbers in a column one below the other."""
+        columns = [_aligned(column) if _is_numeric(column) else column for column in self._by_column]
+        return list(zip(*columns, strict=True)) if self.rows else []
+
+    @property
+    def _by_column(self) -> Sequence[Sequence[object]]:
+        return list(zip(*self.rows, strict=True)) or [()] * len(self.columns)
+
+
+def _is_numeric(column: Sequence[object]) -> bool:
+    """Whether cells hold numbers and units; some may hold a dash or a word instead."""
+    known = [str(cell) for cell in column if NUMBER.search(str(cell))]
+    others = [str(cell) for cell in column if str(cell) not in known]
+    return (
+        bool(known)
+        and all(AROUND_NUMBERS.fullmatch(NUMBER.sub("", cell)) for cell in known)
+        and not any(character.isdigit() for cell in others for character in cell)
+    )
+
+
+def _widest(column: Sequence[object]) -> int:
+    """The largest count of numbers in a cell."""
+    return max((len(NUMBER.findall(str(cell))) for cell in column), default=0)
+
+
+def _aligned(column: Sequence[object]) -> list[object]:
+    """The cells with each number padded to the digits before and after the point that its column needs.
+
+    Before the point only where several numbers share a cell: others stand at the right of the column.
+    """
+    found = [[number.partition(".") for number in NUMBER.findall(str(cell))] for cell in column]
+    widths = [
+        (max(len(whole) for whole, _, _ in numbers), max(len(decimals) for *_, decimals in numbers))
+        for numbers in itertools.zip_longest(*found, fillvalue=("", "", ""))
+    ]
+
+    if len(widths) == 1:
+        widths = [(0, widths[0][1])]
+
+    def padded(cell: object) -> object:
+        if not NUMBER.search(str(cell)):
+            return cell
+        each = iter(widths)
+        return NUMBER.sub(lambda number: _padded(number[0], *next(each)), str(cell))
+
+    return [padded(cell) for cell in column]
+
+
+def _padded(number: str, before: int, after: int) -> str:
+    whole, point, decimals = number.partition(".")
+    left = FIGURE_SPACE * (before - len(whole)) + whole.replace("-", "−")
+    right = (point or PUNCTUATION_SPACE) + decimals + FIGURE_SPACE * (after - len(decimals))
+    return left + right if after else left
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a figure over time shows at one minute: a strip of its width in per cent, and the values."""
+
+    left: float
+    width: float
+    words: str
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A figure as SVG text with its caption, and `alt` in words; a `wide` one fills the page."""
+    """A figure as SVG text with its caption, and `alt` in words; a `wide` one fills the page.
+
+    `readings` are shown under the pointer. `parts` are names of what the reader may hide; the ids of their
+    SVG elements end in ``part-0``, ``part-1`` … in the same order.
+    """
 
     svg: str
     caption: str
     alt: str
     wide: bool = False
+    readings: Sequence[Reading] = ()
+    parts: Sequence[str] = ()
 
     @property
-    def data_uri(self) -> str:
-        """The figure as the address of an image."""
-        return data_uri("image/svg+xml", self.svg.encode())
+    def key(self) -> str:
+        """A short name, different for each figure of a page."""
+        return f"f{zlib.crc32((self.alt + self.svg).encode()):08x}"
 
-
-def _is_number(cell: object) -> bool:
-    return NUMBER.fullmatch(str(cell)) is not None
-
-
-def _is_number_or_absent(cell: object) -> bool:
-    return _is_number(cell) or str(cell) in ("", UNKNOWN)
+    @property
+    def inline(self) -> Markup:
+        """The drawing as an element of the page, its ids different from those of other figures."""
+        element = self.svg[self.svg.index("<svg") :]
+        unique = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{self.key}-", element)
+        opening = Markup('<svg role="img" aria-label="{}"').format(self.alt)
+        return Markup(unique.replace("<svg", opening, 1))  # matplotlib escapes its texts
 
 
 def strong(text: str) -> Markup:
@@ -108,6 +182,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
+    made.globals["hideable_parts"] = PARTS
     made.tests["short"] = lambda cell: len(escape(cell)) < SHORT
     made.filters["number"] = lambda value: f"{value:g}"
     return made

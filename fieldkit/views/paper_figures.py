@@ -33,7 +33,7 @@ def contour_on_table(table: FloatArray, tilts: FloatArray, azimuths: FloatArray,
     figure, axes = _figure()
     _table(figure, axes, table, tilts, azimuths)
     axes.contour(azimuths, tilts, table, levels=[measured], colors="black", linewidths=2)
-    axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=9)
+    axes.set_title(f"contour of {measured:.1f} W/m²", fontsize=plotting.FONT_PT)
     return plotting.svg(figure)
 
 
@@ -56,7 +56,7 @@ def contours(
         axes.plot(
             [truth[1]], [truth[0]], marker="+", markersize=14, color="black", linestyle="none", label="truth"
         )
-    axes.legend(frameon=False)
+    axes.legend(**plotting.LEGEND)
     _slope_axes(axes)
     return plotting.svg(figure)
 
@@ -65,7 +65,8 @@ def scores(score_map: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> st
     """Fig. 8: contour score of each slope."""
     figure, axes = _figure()
     mesh = axes.pcolormesh(azimuths, tilts, score_map, cmap="viridis", rasterized=True)
-    figure.colorbar(mesh, label="score")
+    with plotting.styled():
+        figure.colorbar(mesh, label="score")
     _slope_axes(axes)
     return plotting.svg(figure)
 
@@ -82,16 +83,15 @@ def cumulative(errors: Mapping[str, FloatArray]) -> str:
     axes.axhline(0.9, color="0.6", linestyle=":")
     axes.set_xlabel("absolute tilt error, degrees")
     axes.set_ylabel("cumulative probability")
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(loc="lower right", **plotting.LEGEND)
     return plotting.svg(figure)
 
 
 def directions(errors: Mapping[str, tuple[FloatArray, FloatArray]]) -> str:
     """Fig. 10: mean absolute tilt error by direction of the slope, north up, clockwise."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(plotting.STYLE):
+    with plotting.styled():
         figure = Figure(figsize=(5.4, 4.8), layout="constrained")
         axes: Any = figure.add_subplot(projection="polar")
     axes.set_theta_zero_location("N")
@@ -104,7 +104,7 @@ def directions(errors: Mapping[str, tuple[FloatArray, FloatArray]]) -> str:
             color=plotting.colour(index),
             label=name,
         )
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.95, 1.1))
+    axes.legend(loc="upper left", bbox_to_anchor=(0.95, 1.1), **plotting.LEGEND)
     return plotting.svg(figure)
 
 
@@ -118,7 +118,7 @@ def measured_against_modelled(
         x, y = modelled_k[name] - CELSIUS_ZERO_K, measured - CELSIUS_ZERO_K
         both = np.isfinite(x) & np.isfinite(y)
         everything += [x[both], y[both]]
-        axes.plot(
+        points = axes.plot(
             x[both],
             y[both],
             linestyle="none",
@@ -130,6 +130,7 @@ def measured_against_modelled(
             label=name,
             rasterized=True,
         )
+        plotting.mark_part(index, points)
     values = np.concatenate(everything)
     ends = [float(np.min(values)) - 1.0, float(np.max(values)) + 1.0]
     axes.plot(ends, ends, color="black", linewidth=1)
@@ -151,7 +152,7 @@ def errors_over_local_time(errors: Mapping[str, Sequence[ErrorSpan]], zone: str)
     figure, (axes,) = plotting.panels(1, 3.4)
     for index, (name, spans) in enumerate(errors.items()):
         aside_h = (index - (len(errors) - 1) / 2) / 60  # a minute apart: bars do not hide each other
-        axes.errorbar(
+        bars = axes.errorbar(
             [span.middle_ns / 3.6e12 + aside_h for span in spans],
             [span.mean for span in spans],
             yerr=[span.sd for span in spans],
@@ -162,12 +163,13 @@ def errors_over_local_time(errors: Mapping[str, Sequence[ErrorSpan]], zone: str)
             color=plotting.colour(index),
             label=name,
         )
+        plotting.mark_part(index, bars.get_children())
     axes.set_ylabel("absolute tilt error, °")
     axes.set_ylim(bottom=0)
     first, last = axes.get_xlim()
     step_h = 0.25 if last - first < 1.5 else 1.0 if last - first < 6 else 2.0
     axes.xaxis.set_major_locator(MultipleLocator(step_h))
-    axes.xaxis.set_major_formatter(lambda hour, _position: f"{int(hour):02d}:{round(hour % 1 * 60):02d}")
+    plotting.clock_ticks(axes)
     axes.set_xlabel(f"local time ({zone})")
     plotting.legend(axes)
     return plotting.svg(figure)
@@ -181,7 +183,8 @@ def _figure() -> tuple[Figure, Axes]:
 
 def _table(figure: Figure, axes: Axes, table: FloatArray, tilts: FloatArray, azimuths: FloatArray) -> None:
     mesh = axes.pcolormesh(azimuths, tilts, table, cmap="coolwarm", rasterized=True)
-    figure.colorbar(mesh, label="difference to flat ground, W/m²")
+    with plotting.styled():
+        figure.colorbar(mesh, label="difference to flat ground, W/m²")
     _slope_axes(axes)
 
 

@@ -14,7 +14,7 @@ from fieldkit.estimation.day_plan import RISING_DEG, WEAK_K_PER_DEG, DayPlan, la
 from fieldkit.model.site import Site
 from fieldkit.model.units import MINUTE_NS
 from fieldkit.views import formatting, plotting
-from fieldkit.views.html import Figure, Table, render
+from fieldkit.views.html import Figure, Table, render, strong
 
 FREE, KNOWN = "tilt ±°", "tilt ±°, azimuth known"
 COLUMNS = ("at", "sun", "azimuth", "W/m² per °", "K per °", FREE, KNOWN, "verdict")
@@ -68,7 +68,7 @@ def _beside(values: Sequence[float] | np.ndarray, digits: int) -> str:
     return "  ".join(formatting.number(float(value), digits) for value in values)
 
 
-def _deviations(tilt_sd_deg: np.ndarray) -> str:
+def _deviations(tilt_sd_deg: Sequence[float] | np.ndarray) -> str:
     return "  ".join(
         f">{MEANINGLESS_SD_DEG:g}" if sd > MEANINGLESS_SD_DEG else formatting.number(float(sd), 1)
         for sd in tilt_sd_deg
@@ -147,34 +147,67 @@ def summary(plan: DayPlan, site: Site) -> list[str]:
     if plan.best_row is None:
         return []
     found, settings = plan.bounds[plan.best_row], plan.settings
-    start = int(plan.time_ns[plan.rows[plan.best_row]])
-    window = (start, start + settings.window_min * MINUTE_NS)
-    between = "–".join(formatting.clock_time(end, site) for end in window)
     budget = ", ".join(
         f"{formatting.number(float(kelvin), 2)} K at {label(facet)}"
         for facet, kelvin in zip(plan.facets, plan.bias_budget_k(), strict=True)
     )
-    needed = plan.minutes_for_azimuth()
     return [
-        f"best {settings.window_min} min: {between}, tilt ±{_deviations(found.tilt_deg)}° with azimuth free, "
+        f"{_best_window(plan, site)}, tilt ±{_deviations(found.tilt_deg)}° with azimuth free, "
         f"±{_deviations(found.known_azimuth_deg)}° known (1 sd, {settings.noise_k:g} K a minute and region)",
         f"camera bias budget for {settings.bias_deg:g}° of tilt then: {budget}",
-        f"azimuth to ±10° needs {needed} min around the best window"
-        if needed
-        else "azimuth to ±10° is out of reach within 6 h",
+        _azimuth_words(plan),
     ]
 
 
+def _best_window(plan: DayPlan, site: Site) -> str:
+    assert plan.best_row is not None
+    start = int(plan.time_ns[plan.rows[plan.best_row]])
+    window = (start, start + plan.settings.window_min * MINUTE_NS)
+    between = "–".join(formatting.clock_time(end, site) for end in window)
+    return f"best {plan.settings.window_min} min: {between}"
+
+
+def _azimuth_words(plan: DayPlan) -> str:
+    needed = plan.minutes_for_azimuth()
+    if not needed:
+        return "azimuth to ±10° is out of reach within 6 h"
+    return f"azimuth to ±10° needs {needed} min around the best window"
+
+
+def _best_table(plan: DayPlan) -> Table:
+    """What the best window gives for each bed."""
+    assert plan.best_row is not None
+    found, settings = plan.bounds[plan.best_row], plan.settings
+    columns = zip(
+        map(label, plan.facets),
+        found.tilt_deg,
+        found.known_azimuth_deg,
+        plan.sensitivity.temperature_k[:, plan.rows[plan.best_row]],
+        plan.bias_budget_k(),
+        strict=True,
+    )
+    rows = [
+        (strong(bed), _deviations([free]), _deviations([known]), *(formatting.number(k, 2) for k in kelvins))
+        for bed, free, known, *kelvins in columns
+    ]
+    caption = (
+        f"± is one standard deviation with noise of {settings.noise_k:g} K a minute and region. Bias budget: "
+        f"error of the camera between bed and reference that costs {settings.bias_deg:g}° of tilt."
+    )
+    return Table(("bed", FREE, KNOWN, "K per °", "bias budget K"), rows, caption)
+
+
 def page(plan: DayPlan, site: Site, title: str, light: str, experiments: Table | None = None) -> str:
-    """The whole page: where and when, in short, warnings, chart, table, experiments if given, checklist."""
-    beds = ", ".join(label(facet) for facet in plan.facets)
+    """The whole page: where and when, the best window, warnings, chart, table, experiments, checklist."""
+    beds, found = ", ".join(label(facet) for facet in plan.facets), plan.best_row is not None
     return render(
         "plan.html",
         title=title,
         heading=heading(plan, site, light),
-        summary=summary(plan, site),
+        best=f"{_best_window(plan, site)}; {_azimuth_words(plan)}." if found else None,
+        beds=_best_table(plan) if found else None,
         warnings=warnings(plan, site),
-        chart=_chart(plan, site) if plotting.available() else None,
+        charts=[_chart(plan, site)] if plotting.available() else None,
         over_day=Table(COLUMNS, rows(plan, site), f"Beds side by side: {beds}."),
         experiments=experiments,
     )
@@ -183,7 +216,8 @@ def page(plan: DayPlan, site: Site, title: str, light: str, experiments: Table |
 def _chart(plan: DayPlan, site: Site) -> Figure:
     return Figure(
         _drawn(plan, site),
-        "Above, what one degree of tilt is worth; below, the best one can do with one window.",
+        "Above, what one degree of tilt is worth; below, the best one can do with one window and the "
+        "azimuth free.",
         "kelvin per degree and Cramér–Rao bound of the tilt over the day, one line per bed",
         wide=True,
     )
@@ -204,7 +238,10 @@ def _drawn(plan: DayPlan, site: Site) -> str:
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")
-    lower.set_xlabel(f"local time, hours ({formatting.zone_name(int(plan.time_ns[0]), site)})")
+    lower.xaxis.set_major_formatter(
+        lambda hour, _position: f"{int(hour) % 24:02d}:{round(hour % 1 * 60):02d}"
+    )
+    lower.set_xlabel(f"local time ({formatting.zone_name(int(plan.time_ns[0]), site)})")
     plotting.legend(upper)
     return plotting.svg(figure)
 

@@ -10,19 +10,23 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.views.report.series import FloatArray
+from fieldkit.physics.facet import FloatArray
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH_IN, WIDE_IN = 4.8, 9.6
+FONT_PT = 9.5
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F6000", "#6A3D9A")
 DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (6, 2, 1.5, 2)))
 MARKERS = "osD^vPX*"
@@ -30,14 +34,22 @@ STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",  # letters stay letters: small, searchable, in the reader's own font
     "svg.hashsalt": "fieldkit",  # the same session gives the same bytes
     "font.family": "sans-serif",
-    "font.size": 9,
+    "font.size": FONT_PT,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "grid.color": "#E4E4E4",
 }
 
-LEGEND: dict[str, Any] = {"frameon": False, "fontsize": 9, "handlelength": 1.8, "handletextpad": 0.5}
+LEGEND: dict[str, Any] = {"frameon": False, "fontsize": FONT_PT, "handlelength": 1.8, "handletextpad": 0.5}
+
+
+@dataclass(frozen=True, slots=True)
+class OverTime:
+    """A figure over time as SVG text, and where in its width each time lies, from 0 (left) to 1 (right)."""
+
+    svg: str
+    share_of_width: FloatArray
 
 
 def available() -> bool:
@@ -62,23 +74,41 @@ def marker(index: int) -> str:
 
 def panels(count: int, height_in: float, width_in: float = WIDTH_IN) -> tuple[Figure, list[Axes]]:
     """An empty figure of some panels one above the other."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
     return figure, list(axes)
 
 
-def svg(figure: Figure) -> str:
-    """A figure as SVG text."""
+def styled() -> AbstractContextManager[None]:
+    """The context in which texts get the common size: matplotlib sets it when they are made."""
     from matplotlib import rc_context
 
+    return rc_context(STYLE)
+
+
+def svg(figure: Figure) -> str:
+    """A figure as SVG text."""
     buffer = io.StringIO()
-    with rc_context(STYLE):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    with styled():
+        figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return buffer.getvalue()
+
+
+def over_time(figure: Figure, axes: Axes, time_ns: NDArray[np.int64]) -> OverTime:
+    """A figure whose `axes` run over dates, with the places of these times."""
+    figure.align_ylabels()
+    drawn = svg(figure)  # which lays out the axes
+    points = np.column_stack([days(time_ns), np.zeros(time_ns.size)])
+    return OverTime(drawn, axes.transData.transform(points)[:, 0] / figure.bbox.width)
+
+
+def mark_part(index: int, artists: Iterable[Artist]) -> None:
+    """Mark what is drawn of part number `index` of a figure (`fieldkit.views.html.Figure.parts`)."""
+    for number, artist in enumerate(artists):
+        artist.set_gid(f"{number}-part-{index}")
 
 
 def plain_log_ticks(axes: Axes) -> None:
@@ -90,19 +120,24 @@ def plain_log_ticks(axes: Axes) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
+def clock_ticks(axes: Axes) -> None:
+    """Write the ticks of a horizontal axis in hours since midnight as 09:30."""
+    axes.xaxis.set_major_formatter(lambda hour, _position: f"{int(hour) % 24:02d}:{round(hour % 1 * 60):02d}")
+
+
 def days(time_ns: NDArray[np.int64]) -> FloatArray:
     """Days since 1970, which is how matplotlib counts dates."""
     return time_ns / 86_400e9
 
 
 def legend(axes: Axes) -> None:
-    """A legend above the axes, where it hides nothing; none where nothing is drawn."""
+    """A legend above the axes, at their left for phones; none where nothing is drawn."""
     labels = axes.get_legend_handles_labels()[1]
     if labels:
-        columns = _columns(labels)
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0, **LEGEND)
+        columns = _columns(labels, axes.bbox.width / axes.figure.dpi)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, columnspacing=1.0, **LEGEND)
 
 
-def _columns(labels: Sequence[str]) -> int:
+def _columns(labels: Sequence[str], width_in: float) -> int:
     """As many columns as fit the width at the longest label."""
-    return max(1, min(4, 44 // (max(map(len, labels)) + 4)))
+    return max(1, int(10 * width_in / (max(map(len, labels)) + 4)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fieldkit.views import formatting
 from fieldkit.views.html import Figure, Table, render
 
 CAPTIONS = {
@@ -19,8 +20,8 @@ CAPTIONS = {
     "figure-14": "Fig. 14: a cloud at 13:00 that the table does not contain: no common point.",
 }
 TITLES = {
-    "table-2": "Table 2: incidence angles, degrees, computed and printed",
     "errors": "Errors by start and estimator, degrees",
+    "table-2": "Table 2: incidence angles, degrees, computed and printed",
     "sensitivity": "90th percentile of the tilt error by assumptions that the paper does not state",
     "field": "Field experiment",
 }
@@ -37,7 +38,7 @@ def page(
         "study.html",
         conditions=conditions,
         tables=[(TITLES[name], _table(tables[name])) for name in TITLES if tables.get(name)],
-        drawn=[Figure(svg, _caption(name), _caption(name)) for name, svg in figures.items()],
+        drawn=[Figure(svg, _caption(name), _caption(name)) for name, svg in sorted(figures.items())],
     )
 
 
@@ -53,5 +54,11 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _cell(value: object) -> str:
     if isinstance(value, float):
-        return "–" if value != value else f"{value:.4g}"
+        return (
+            formatting.UNKNOWN
+            if value != value
+            else "<0.001"
+            if 0 < value < 0.001
+            else f"{round(value, 3):g}"
+        )
     return str(value)

@@ -17,7 +17,9 @@ from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.views.report import Part, write_campaign_report, write_report
+from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.pdf import require_weasyprint, write_pdf
+from fieldkit.views.report.recording import is_simulated
 from fieldkit.views.report.series import series
 from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.provenance import command_line
@@ -195,7 +197,8 @@ def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
         config = config_for(session, options.settings, present=options.present)
         estimator = estimator_for(session, config, present=options.present)
         columns = series(list(minutes_of(session, estimator)), estimator.schedule.latest)
-    return Part(path, estimator.site, columns, estimator.settings)
+        warnings = assess(columns, list(session.events()), session.state).warnings
+        return Part(path, estimator.site, columns, estimator.settings, warnings, is_simulated(session))
 
 
 @contextmanager

@@ -22,20 +22,24 @@ from fieldkit.estimation.statistics import (
 from fieldkit.model.site import Site
 from fieldkit.views import formatting, paper_figures, plotting
 from fieldkit.views.html import Figure, Table, code, render, strong
+from fieldkit.views.report import session_figures
 from fieldkit.views.report.error_budget import READING, ErrorBudget, budget, cause_rows, pooled
 from fieldkit.views.report.recording import versions
 from fieldkit.views.report.results import SPAN_S, sd_words
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
+from fieldkit.views.report.session_figures import FinalTilt
 
 
 @dataclass(frozen=True)
 class Part:
-    """One session of a campaign, estimated."""
+    """One session of a campaign, estimated, with the warnings of its own report."""
 
     path: Path
     site: Site
     columns: Series
     settings: EstimatorSettings
+    warnings: Sequence[str] = ()
+    simulated: bool = False
 
     @property
     def day(self) -> str:
@@ -57,6 +61,9 @@ def write_campaign_report(
         title=title,
         session_count=len(parts),
         headline=_headline(parts),
+        simulated=sum(part.simulated for part in parts),
+        warnings=[(part.path.stem, part.warnings) for part in parts if part.warnings],
+        slopes=_slope_figures(parts) if plotting.available() else None,
         beds=_beds(parts, sd),
         comparison=_paper_figures(parts, sd) if plotting.available() else None,
         budget=_error_budget(parts),
@@ -86,10 +93,22 @@ def _truth(bed: TargetSeries) -> FloatArray:
 def _beds(parts: Sequence[Part], sd: SdKind) -> Table:
     rows = [_row(part, bed, sd) for part in parts for bed in part.columns.beds]
     caption = (
-        f"MAE and SD over the n minutes with an estimate; SD {sd_words(sd)}. RMSE: measured surface "
-        "temperature against eq. (7), the reference standing in for air and sky."
+        "Tilt: the final one ± the larger half of its 90 % region. MAE and SD: over the n minutes with an "
+        f"estimate, of which some are uncertain; SD {sd_words(sd)}. RMSE: measured surface temperature "
+        " against eq. (7), the reference standing in for air and sky."
     )
-    columns = ("day", "session", "bed", "given", "MAE ± SD °", "n", "uncertain", "RMSE K", "clouded min")
+    columns = (
+        "day",
+        "session",
+        "bed",
+        "tilt °",
+        "given",
+        "MAE ± SD °",
+        "n",
+        "uncertain",
+        "RMSE K",
+        "clouded min",
+    )
     return Table(columns, rows, caption)
 
 
@@ -102,12 +121,37 @@ def _row(part: Part, bed: TargetSeries, sd: SdKind) -> list[object]:
         part.day,
         part.path.stem,
         strong(bed.region.name),
+        formatting.tilt(bed.final_estimate) if bed.final_estimate else formatting.UNKNOWN,
         formatting.given_slope(bed.region),
         f"{mae:.1f} ± {scatter:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
         int(np.isfinite(bed.estimated_tilt_deg).sum()),
         bed.uncertain,
         formatting.number(rmse, 2),
         int(part.columns.cloudy.sum()),
+    ]
+
+
+def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
+    """The final tilts of all sessions; none where no slope was found."""
+    tilts = [
+        FinalTilt(part.path.stem, bed.region.name, one.tilt_deg, one.tilt_low_deg, one.tilt_high_deg, given)
+        for part in parts
+        for bed in part.columns.beds
+        for one, given in [(bed.final_estimate, bed.region.tilt_deg)]
+        if one
+    ]
+    if not tilts:
+        return []
+    words = "; ".join(f"{one.session} {one.bed} {one.tilt_deg:.1f}°" for one in tilts)
+    beds = list(dict.fromkeys(one.bed for one in tilts))
+    return [
+        Figure(
+            session_figures.final_tilts(tilts),
+            "Final tilt of each bed by session, in order of time. Bars: 90 % region; lines across: the given.",
+            f"Final tilts: {words}.",
+            wide=True,
+            parts=beds,
+        )
     ]
 
 

@@ -1,4 +1,4 @@
-"""Figures of what the data taught, as SVG text: prior against posterior, and learning over the session."""
+"""Figures of what the data taught: prior against posterior, and learning over the session."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def prior_and_posterior(learnt: Learnt) -> str:
     return plotting.svg(figure)
 
 
-def over_time(columns: Series, site: Site) -> str:
+def over_time(columns: Series, site: Site) -> plotting.OverTime:
     """The main parameters by minute with their intervals, a panel each; `columns` must have some."""
     final = columns.final_learnt
     names = [one.name for one in learnt_words.main(final)] if final else []

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fieldkit.views import learnt_words
 from fieldkit.views.html import Figure, Table, bar
 from fieldkit.views.report import learnt_figures
+from fieldkit.views.report.readings import readings
 from fieldkit.views.report.report_data import ReportData
 
 
@@ -45,8 +46,15 @@ def _figures(data: ReportData) -> Iterator[Figure]:
         f"Parameters before and after the data: {words}.",
     )
     if learnt_words.main(learnt):
+        drawn = learnt_figures.over_time(data.columns, data.site)
         yield Figure(
-            learnt_figures.over_time(data.columns, data.site),
+            drawn.svg,
             "What was known by each minute, with 90 % intervals; grey: the prior.",
             "Parameters against local time, their intervals narrowing from the prior's.",
+            readings=readings(drawn, data.columns, data.site, lambda minute: _learnt_at(data, minute)),
         )
+
+
+def _learnt_at(data: ReportData, minute: int) -> Iterator[str]:
+    for one in learnt_words.main(learnt) if (learnt := data.columns.learnt[minute]) else ():
+        yield f"{learnt_words.short(one)}: {learnt_words.found(one)}"

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import metadata
+from typing import TYPE_CHECKING
 
 from fieldkit.disk import sha256
 from fieldkit.model.device import StreamInfo
@@ -18,6 +19,9 @@ from fieldkit.views import formatting
 from fieldkit.views import frame_image as image
 from fieldkit.views.html import Table, code, data_uri, strong
 from fieldkit.views.report.report_data import ReportData
+
+if TYPE_CHECKING:
+    from fieldkit.sessions.reader import SessionReader
 
 PACKAGES = ("fieldkit", "numpy", "scipy", "astropy", "h5py", "matplotlib")
 SHOWN_EVENTS, UNFOLDED_EVENTS = 200, 12
@@ -95,10 +99,7 @@ def _frame_caption(data: ReportData, frame: Frame, scale: image.Scale) -> str:
     when = data.clock_time(frame.time_ns, seconds=True)
     zone = formatting.zone_name(frame.time_ns, data.site)
     kind = "Brightness temperature" if scale.unit == "°C" else "Counts"
-    return (
-        f"{kind} at {when} ({zone}), as the camera saw it, with the regions. "
-        f"The axes count its {cols} x {rows} pixels, as fieldkit roi does."
-    )
+    return f"{kind} at {when} ({zone}), as the camera saw it, with the regions; axes: {cols} x {rows} pixels."
 
 
 def _outline(region: Region) -> Outline:
@@ -126,12 +127,12 @@ def _pixels(region: Region, frame: Frame | None) -> str:
     return formatting.UNKNOWN if frame is None else str(int(region.mask(frame.counts.shape).sum()))
 
 
-def is_simulated(data: ReportData) -> bool:
+def is_simulated(session: SessionReader) -> bool:
     """Whether any instrument of the session was simulated, by the configuration that recorded it."""
-    if any(info.port == SIMULATED for info in data.session.streams.values()):
+    if any(info.port == SIMULATED for info in session.streams.values()):
         return True
     try:
-        return _names_simulated(tomllib.loads(data.session.config_toml))
+        return _names_simulated(tomllib.loads(session.config_toml))
     except tomllib.TOMLDecodeError:  # a damaged configuration is no reason to have no report
         return False
 

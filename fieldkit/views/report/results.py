@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +16,12 @@ from fieldkit.estimation.statistics import (
     root_mean_square_error,
     sd_of_absolute_error,
 )
+from fieldkit.model.air import is_air_temperature
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.views import formatting, paper_figures
 from fieldkit.views.html import Figure, Table, strong
 from fieldkit.views.report import session_figures
+from fieldkit.views.report.readings import readings
 from fieldkit.views.report.report_data import ReportData
 from fieldkit.views.report.series import FloatArray, Series, TargetSeries, modelled_temperature
 
@@ -27,28 +30,32 @@ SPAN_S = 1200.0
 
 
 def slopes(data: ReportData) -> Table:
-    """The final table: each bed with its slope, the uncertainty, and the error against the given slope."""
-    columns = (
-        "bed",
-        "given",
-        "tilt °",
-        "noise",
-        "azimuth °",
-        "also fits",
-        "K per °",
-        "last error °",
-        "mean |error| ± SD °",
-        "n",
-        "state",
-    )
+    """Each bed with its final slope and the slope that was given."""
+    caption = "±: the larger half of the 90 % region."
+    columns = ("bed", "tilt °", "azimuth °", "given", "state")
+    return Table(columns, list(map(_slope_row, data.columns.beds)), caption)
+
+
+def accuracy(data: ReportData) -> Table:
+    """Each bed with the parts of its uncertainty, and its error against the given slope."""
+    columns = {
+        "bed": "",
+        "noise": "Noise: what noise alone contributes to the ± of the tilt.",
+        "also fits": "Also fits: another slope, tilt/azimuth, that explains the same minutes.",
+        "K per °": "K per °: change of the temperature difference with tilt.",
+        "last error °": "Last error: final tilt less given tilt.",
+        "mean |error| ± SD °": "Mean |error|: absolute difference to the given tilt, over all n minutes with "
+        f"an estimate; slopes held over a cloud are excluded. SD {sd_words(data.sd)}.",
+        "n": "",
+    }
+    rows = [_accuracy_row(bed, data.sd) for bed in data.columns.beds]
+    known = [any(row[index] != formatting.UNKNOWN for row in rows) for index in range(len(columns))]
     caption = (
-        "Tilt and azimuth are the last ones worked out, ± the larger half of their 90 % likelihood "
-        f"region ({likelihood_words(data.settings)}); noise is the same by noise alone. Uncertain: "
-        f"{formatting.UNCERTAIN_MEANS}. Last error: the tilt shown less the given "
-        "tilt. Mean |error| and SD: over all n minutes with an estimate; slopes held over a cloud are "
-        f"excluded. SD {sd_words(data.sd)}."
+        f"The 90 % region {likelihood_words(data.settings)}. Uncertain: {formatting.UNCERTAIN_MEANS}. "
+        f"{' '.join(filter(None, itertools.compress(columns.values(), known)))}"
     )
-    return Table(columns, [_slope_row(bed, data.sd) for bed in data.columns.beds], caption)
+    shown = [list(itertools.compress(row, known)) for row in rows]
+    return Table(list(itertools.compress(columns, known)), shown, caption)
 
 
 def caveat(settings: EstimatorSettings) -> str:
@@ -91,7 +98,18 @@ def sd_words(sd: SdKind) -> str:
     return "the ordinary standard deviation of the absolute error"
 
 
-def _slope_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
+def _slope_row(bed: TargetSeries) -> list[object]:
+    final = bed.final_estimate
+    return [
+        strong(bed.region.name),
+        formatting.tilt(final) if final else formatting.UNKNOWN,
+        formatting.azimuth(final) if final else formatting.UNKNOWN,
+        formatting.given_slope(bed.region),
+        _state(final, bed.last),
+    ]
+
+
+def _accuracy_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
     final = bed.final_estimate
     truth = np.full(bed.tilt_deg.shape, bed.region.tilt_deg)
     mae = mean_absolute_error(bed.estimated_tilt_deg, truth)
@@ -99,12 +117,12 @@ def _slope_row(bed: TargetSeries, sd_kind: SdKind) -> list[object]:
     error = final.tilt_deg - bed.region.tilt_deg if final else float("nan")
     return [
         strong(bed.region.name),
-        formatting.given_slope(bed.region),
-        *(_slope_cells(final) if final else [formatting.UNKNOWN] * 5),
+        formatting.noise(final) if final else formatting.UNKNOWN,
+        (final and formatting.second_branch(final)) or formatting.UNKNOWN,
+        formatting.number(final.kelvin_per_degree, 2) if final else formatting.UNKNOWN,
         f"{error:+.1f}" if np.isfinite(error) else formatting.UNKNOWN,
         f"{mae:.1f} ± {sd:.2f}" if np.isfinite(mae) else formatting.UNKNOWN,
         int(np.isfinite(bed.estimated_tilt_deg).sum()),
-        _state(final, bed.last),
     ]
 
 
@@ -117,16 +135,6 @@ def _state(final: SlopeEstimate | None, last: SlopeEstimate | None) -> str:
     return shown if shown == ended else f"{shown}; ended as: {ended}"
 
 
-def _slope_cells(estimate: SlopeEstimate) -> list[object]:
-    return [
-        formatting.tilt(estimate),
-        formatting.noise(estimate),
-        formatting.azimuth(estimate),
-        formatting.second_branch(estimate) or formatting.UNKNOWN,
-        formatting.number(estimate.kelvin_per_degree, 2),
-    ]
-
-
 # ---------------------------------------------------------------------- over time
 
 
@@ -134,13 +142,21 @@ def slope_figures(data: ReportData) -> Iterator[Figure]:
     """The tilts of the beds over the session; nothing where no slope was found."""
     columns = data.columns
     if _has_slopes(columns):
+        drawn = session_figures.tilts(columns, data.site)
         yield Figure(
-            session_figures.tilts(columns, data.site),
+            drawn.svg,
             "Tilt of each bed. Shaded: 90 % likelihood region; dashed: the given tilt; crosses: not to be "
             f"relied on (held, shaded, no intersection); ticks at the foot: no slope.{_clouds(columns)}",
             f"Tilt against local time. {_final_tilts(columns)}",
             wide=True,
+            readings=readings(drawn, columns, data.site, lambda minute: _tilts_at(columns, minute)),
         )
+
+
+def _tilts_at(columns: Series, minute: int) -> Iterator[str]:
+    for bed in columns.beds:
+        if estimate := bed.estimates[minute]:
+            yield f"{bed.region.name} {formatting.tilt(estimate)}°, {formatting.state(estimate)}"
 
 
 def time_figures(data: ReportData) -> Iterator[Figure]:
@@ -148,28 +164,72 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
     columns, site = data.columns, data.site
     clouds = _clouds(columns)
     if data.settings.azimuth == "free" and _has_slopes(columns):
+        drawn = session_figures.azimuths(columns, site)
         yield Figure(
-            session_figures.azimuths(columns, site),
+            drawn.svg,
             "Azimuth of each bed's normal with its likelihood region; a region over all 360° means that "
             "the data do not determine it. Dashed: the given azimuth.",
             "Azimuth of each bed against local time.",
             wide=True,
+            readings=readings(drawn, columns, site, lambda minute: _azimuths_at(columns, minute)),
         )
     if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
+        drawn = session_figures.temperatures(columns, data.channels, site)
         yield Figure(
-            session_figures.temperatures(columns, data.channels, site),
-            f"Surface temperature of the regions (camera) and contact probes (marks).{clouds}",
-            f"Surface temperatures against local time of {', '.join(r.name for r in columns.regions)}.",
+            drawn.svg,
+            f"Surface temperature: {_temperature_words(columns)}.{clouds}",
+            f"Surface temperatures against local time of {', '.join(_measured(data))}.",
             wide=True,
+            readings=readings(drawn, columns, site, lambda minute: _temperatures_at(data, minute)),
+            parts=[region.name for region in columns.regions],
         )
     if np.isfinite(columns.illuminance_lx).any() or np.isfinite(columns.irradiance_w_m2).any():
+        drawn = session_figures.irradiance(columns, site)
         yield Figure(
-            session_figures.irradiance(columns, site),
+            drawn.svg,
             "Illuminance as measured, and direct normal irradiance by the model "
             f"“{columns.irradiance_model}”.{clouds}",
             "Illuminance and derived direct normal irradiance against local time.",
             wide=True,
+            readings=readings(drawn, columns, site, lambda minute: _irradiance_at(columns, minute)),
         )
+
+
+def _azimuths_at(columns: Series, minute: int) -> Iterator[str]:
+    for bed in columns.beds:
+        if estimate := bed.estimates[minute]:
+            yield f"{bed.region.name} {formatting.azimuth(estimate)}°"
+
+
+def _measured(data: ReportData) -> Mapping[str, FloatArray]:
+    """Surface temperatures that were measured, by region and probe, kelvin."""
+    columns = data.columns
+    probes = {
+        f"probe {name}": columns.contact_k[:, index]
+        for index, name in enumerate(data.channels[: columns.contact_k.shape[1]])
+        if not is_air_temperature(name)
+    }
+    return {
+        name: kelvin
+        for name, kelvin in {**columns.temperature_k, **probes}.items()
+        if np.isfinite(kelvin).any()
+    }
+
+
+def _temperature_words(columns: Series) -> str:
+    return "regions by the camera (lines), contact probes (marks)" if columns.regions else "contact probes"
+
+
+def _temperatures_at(data: ReportData, minute: int) -> Iterator[str]:
+    for name, kelvin in _measured(data).items():
+        yield f"{name} {formatting.celsius(kelvin[minute], 1)} °C"
+
+
+def _irradiance_at(columns: Series, minute: int) -> Iterable[str]:
+    return (
+        f"measured {formatting.number(columns.illuminance_lx[minute] / 1000.0, 1)} klx",
+        f"derived DNI {formatting.number(columns.irradiance_w_m2[minute])} W/m²",
+    )
 
 
 def _has_slopes(columns: Series) -> bool:
@@ -231,6 +291,7 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
             f"parameters. RMSE {rmse_k:.2f} K. Air temperature and long wave are not measured; the reference "
             "stands in for them through eq. (7), so it is not among the points.",
             f"Measured against modelled surface temperature, RMSE {rmse_k:.2f} kelvin.",
+            parts=list(modelled),
         )
     errors = {
         bed.region.name: errors_over_time(
@@ -249,4 +310,5 @@ def _paper_figures(data: ReportData, modelled: Mapping[str, FloatArray], rmse_k:
             f"As the paper's Fig. 13: absolute tilt error over local time, means over {SPAN_S / 60:.0f} min. "
             f"Bars: one SD, {sd_words(data.sd)}.",
             "Absolute tilt error of each bed against local time.",
+            parts=list(errors),
         )

@@ -1,8 +1,9 @@
-"""Figures of a session over local time, as SVG text: temperatures, irradiance, slopes."""
+"""Figures of a session over local time: temperatures, irradiance, slopes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,16 +22,17 @@ if TYPE_CHECKING:
 CLOUD_COLOUR = "#B0B0B0"
 
 
-def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
+def temperatures(columns: Series, channels: Sequence[str], site: Site) -> plotting.OverTime:
     """Surface temperature of each region, and the contact probes, over local time."""
     figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
     for index, region in enumerate(columns.regions):
-        axes.plot(
+        lines = axes.plot(
             plotting.days(columns.time_ns),
             columns.temperature_k[region.name] - CELSIUS_ZERO_K,
             **_line(index, region.kind),
             label=region.name,
         )
+        plotting.mark_part(index, lines)
     for channel in np.flatnonzero(np.isfinite(columns.contact_k).any(axis=0)).tolist():
         if is_air_temperature(channels[channel]):
             continue
@@ -49,7 +51,7 @@ def temperatures(columns: Series, channels: Sequence[str], site: Site) -> str:
     return over_time(figure, [axes], columns, site)
 
 
-def irradiance(columns: Series, site: Site) -> str:
+def irradiance(columns: Series, site: Site) -> plotting.OverTime:
     """Measured illuminance and the direct normal irradiance derived from it, each where there is any."""
     lines = [
         ("measured, klx", columns.illuminance_lx / 1000.0, plotting.colour(4)),
@@ -63,7 +65,7 @@ def irradiance(columns: Series, site: Site) -> str:
     return over_time(figure, panels, columns, site, legend=False)
 
 
-def tilts(columns: Series, site: Site) -> str:
+def tilts(columns: Series, site: Site) -> plotting.OverTime:
     """Tilt of each bed with its likelihood region, the given tilt dashed; a panel per bed."""
     figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
     for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
@@ -82,7 +84,7 @@ def tilts(columns: Series, site: Site) -> str:
     return over_time(figure, panels, columns, site, legend=False)
 
 
-def azimuths(columns: Series, site: Site) -> str:
+def azimuths(columns: Series, site: Site) -> plotting.OverTime:
     """Azimuth of each bed with its likelihood region, unwound about the given or median azimuth."""
     figure, panels = plotting.panels(len(columns.beds), 0.6 + 1.2 * len(columns.beds), plotting.WIDE_IN)
     for index, (axes, bed) in enumerate(zip(panels, columns.beds, strict=True)):
@@ -100,6 +102,44 @@ def azimuths(columns: Series, site: Site) -> str:
         axes.yaxis.set_major_formatter(lambda value, _position: f"{value % 360:.0f}")
         axes.set_ylabel(f"{bed.region.name} azim., °")
     return over_time(figure, panels, columns, site, legend=False)
+
+
+@dataclass(frozen=True, slots=True)
+class FinalTilt:
+    """The final tilt of a bed in a session, with its 90 % region and the given tilt, degrees."""
+
+    session: str
+    bed: str
+    tilt_deg: float
+    low_deg: float
+    high_deg: float
+    given_deg: float
+
+
+def final_tilts(tilts: Sequence[FinalTilt]) -> str:
+    """Final tilts of several sessions side by side, as SVG text."""
+    figure, (axes,) = plotting.panels(1, 3.0, plotting.WIDE_IN)
+    sessions = list(dict.fromkeys(one.session for one in tilts))
+    beds = list(dict.fromkeys(one.bed for one in tilts))
+    for index, bed in enumerate(beds):
+        of_bed = [one for one in tilts if one.bed == bed]
+        aside = 0.6 * ((index + 0.5) / len(beds) - 0.5)  # bars beside each other
+        at = np.array([sessions.index(one.session) for one in of_bed]) + aside
+        middle, low, high, given = np.transpose(
+            [(one.tilt_deg, one.low_deg, one.high_deg, one.given_deg) for one in of_bed]
+        )
+        bars = axes.errorbar(
+            at, middle, yerr=[middle - low, high - middle], linestyle="none", capsize=3,
+            marker=plotting.marker(index), color=plotting.colour(index), label=bed,
+        )  # fmt: skip
+        truths = axes.hlines(given, at - 0.1, at + 0.1, color="black", linewidth=1.8, zorder=3)
+        plotting.mark_part(index, [*bars.get_children(), truths])
+    axes.set_xticks(range(len(sessions)), [name if len(sessions) < 6 else name[:8] for name in sessions])
+    axes.set_xlim(-0.5, len(sessions) - 0.5)
+    axes.grid(visible=False, axis="x")
+    axes.set_ylabel("tilt, °")
+    plotting.legend(axes)
+    return plotting.svg(figure)
 
 
 def _line(index: int, kind: RegionKind) -> dict[str, Any]:
@@ -139,15 +179,15 @@ def _unreliable(axes: Axes, columns: Series, bed: TargetSeries, values: FloatArr
 
 def over_time(
     figure: Figure, panels: Sequence[Axes], columns: Series, site: Site, *, legend: bool = True
-) -> str:
-    """Panels over local time as SVG text, cloudy minutes shaded."""
+) -> plotting.OverTime:
+    """Panels over local time, cloudy minutes shaded."""
     for axes in panels:
         _shade_clouds(axes, columns)
         axes.margins(x=0.01)
         if legend:
             plotting.legend(axes)
     _local_axis(panels[-1], site, columns.time_ns.tolist())
-    return plotting.svg(figure)
+    return plotting.over_time(figure, panels[-1], columns.time_ns)
 
 
 def _shade_clouds(axes: Axes, columns: Series) -> None:

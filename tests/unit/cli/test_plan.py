@@ -163,8 +163,8 @@ def test_page_is_one_file_that_asks_for_nothing(tmp_path):
     out = tmp_path / "plans" / "plan.html"
     run(*AUGUST, "--out", str(out))
     page = out.read_text(encoding="utf-8")
-    assert "data:image/svg+xml;base64," in page
-    assert not re.findall(r'(?:src|href)\s*=\s*"(?!data:)', page)
+    assert '<svg role="img"' in page
+    assert not re.findall(r'(?:src|href)\s*=\s*"(?!data:|#)', page)
     assert "after 14:00" in page
 
 

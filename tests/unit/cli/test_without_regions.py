@@ -100,7 +100,7 @@ def test_from_a_recording_without_regions_to_slopes_as_the_tutorial_says(undrawn
     reported = fieldkit("report", path)
     assert reported.exit_code == 0, reported.output
     page = (undrawn / "reports" / f"{path.stem}.html").read_text(encoding="utf-8")
-    assert "The axes count its 160 x 120 pixels" in page
+    assert "axes: 160 x 120 pixels" in page
     for tick in range(0, 160, 20):
         assert f">{tick}</text>" in page
     draw(undrawn)

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
-import base64
 import re
 
 import pytest
 from jinja2 import UndefinedError
 from markupsafe import Markup
 
-from fieldkit.views.html import Figure, Table, code, environment, render, strong
+from fieldkit.views.html import Figure, Reading, Table, code, environment, render, strong
 
 
 def block(name: str, *given: object) -> str:
@@ -23,7 +22,7 @@ def test_text_is_escaped_and_markup_is_not_escaped_twice():
 
 
 def test_attributes_are_escaped():
-    assert 'alt="a&#34;b &lt;"' in block("figure", Figure("<svg/>", "caption", 'a"b <'))
+    assert 'aria-label="a&#34;b &lt;"' in block("figure", Figure("<svg/>", "caption", 'a"b <'))
 
 
 def test_table_cells_are_escaped_in_every_place():
@@ -43,11 +42,51 @@ def test_short_cells_do_not_wrap():
     assert '<td class="n">12.3</td><td>a sentence' in made
 
 
-def test_figure_travels_inside_the_page_with_words_for_those_who_cannot_see_it():
-    made = block("figure", Figure("<svg>°</svg>", "caption", "tilt"))
-    data = re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', made).group(1)
-    assert base64.b64decode(data).decode() == "<svg>°</svg>"
-    assert 'alt="tilt"' in made
+def test_figure_is_an_element_of_the_page_with_words_for_those_who_cannot_see_it():
+    made = block("figure", Figure("<?xml?><svg>°</svg>", "caption", "tilt"))
+    assert '<svg role="img" aria-label="tilt">°</svg>' in made
+    assert "xml" not in made
+
+
+def test_two_figures_of_a_page_share_no_id():
+    drawing = '<svg><defs><path id="a"/></defs><use href="#a" clip-path="url(#a)"/></svg>'
+    one, other = (Figure(drawing, "", words) for words in ("tilt", "azimuth"))
+    assert one.key != other.key
+    assert one.inline.count(f'id="{one.key}-a"') == 1
+    assert f'href="#{one.key}-a" clip-path="url(#{one.key}-a)"' in one.inline
+
+
+def test_values_by_minute_are_reached_without_a_script():
+    made = block("figure", Figure("<svg/>", "", "", readings=[Reading(12.5, 0.6, "12:04\nb15 <1°")]))
+    assert 'style="--left:12.5%;--width:0.6%"' in made
+    assert re.search(r'<input type="radio" name="f[0-9a-f]{8}"><span>12:04\nb15 &lt;1°</span></label>', made)
+
+
+def test_parts_of_a_figure_can_be_hidden_if_there_are_several():
+    made = block("figure", Figure("<svg/>", "", "", parts=["flat", "b15"]))
+    assert re.findall(r'class="(part-\d)" checked>(\w+)', made) == [("part-0", "flat"), ("part-1", "b15")]
+    for part in ("part-0", "part-1"):
+        assert f'figure:has(.{part}:not(:checked)) [id$="{part}"]' in render("page.css")
+    assert "checkbox" not in block("figure", Figure("<svg/>", "", "", parts=["flat"]))
+
+
+@pytest.mark.parametrize(
+    ("cells", "aligned"),
+    [
+        (("3.5", "12.25", "–"), ("3.5_", "12.25", "–")),
+        (("5", "0.44"), ("5'__", "0.44")),
+        (("-0.2", "+10.0"), ("−0.2", "+10.0")),
+        (("4.9 ±1.1", "30.8 ±16.3"), ("_4.9 _±1.1", "30.8 ±16.3")),
+        (("+0.6° (+9 W/m²)", "+2.1° (+25 W/m²)"), ("+0.6° _(+9 W/m²)", "+2.1° (+25 W/m²)")),
+        (("10 800", "540"), ("10 800", "540")),
+        (("12:04", "9:30"), ("12:04", "9:30")),
+        (("v1", "12"), ("v1", "12")),
+    ],
+)
+def test_decimal_points_stand_below_each_other(cells, aligned):
+    """Here _ is a space as wide as a digit, and ' one as wide as a point."""
+    made = [str(row[0]) for row in Table(("",), [(cell,) for cell in cells]).aligned]
+    assert made == [cell.replace("_", "\u2007").replace("'", "\u2008") for cell in aligned]
 
 
 def test_page_is_a_whole_document():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -46,10 +47,21 @@ def test_eq_9_as_printed_is_smaller_by_the_root_of_ten(written):
     assert "2.0 ± 0.32" in written(sd="paper")
 
 
-def test_both_figures_of_the_paper_are_there_and_nothing_is_fetched(written):
+def test_slopes_and_both_figures_of_the_paper_are_there_and_nothing_is_fetched(written):
     text = written()
-    assert text.count('src="data:image/svg+xml') == 2
-    assert "http" not in text
+    words = re.findall(r'<svg role="img" aria-label="([^"]*)"', text)
+    assert re.findall(r"b\d\d [\d.]+°", words[0]) == ["b15 12.0°", "b25 24.0°", "b15 17.0°", "b25 24.0°"]
+    assert len(words) == 3
+    assert re.findall(r'(?:src|href)="(?!#)', text) == []
+
+
+def test_a_session_that_was_simulated_and_its_warnings_are_named(tmp_path, parts):
+    parts[1] = replace(parts[1], simulated=True, warnings=["1 gap while recording; see Events."])
+    write_campaign_report(tmp_path / "campaign.html", "sand", parts)
+    text = (tmp_path / "campaign.html").read_text(encoding="utf-8")
+    assert "The instruments of 1 of 2 sessions were simulated." in text
+    assert "<li>1 gap while recording; see Events.</li>" in text
+    assert 'class="verdict doubt"' in text
 
 
 def test_without_matplotlib_the_table_stays(written, monkeypatch):

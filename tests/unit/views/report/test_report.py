@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
 import re
 from dataclasses import replace
@@ -24,7 +23,7 @@ from tests.harness.learnt import learnt
 class Page(HTMLParser):
     """Words, headings, addresses and unclosed elements of a page."""
 
-    VOID = frozenset({"meta", "img", "rect", "image", "polygon"})
+    VOID = frozenset({"meta", "input"})
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -38,10 +37,14 @@ class Page(HTMLParser):
     def handle_starttag(self, tag, attrs):
         given = dict(attrs)
         self.addresses += [given[name] for name in ("src", "href", "xlink:href") if name in given]
-        if tag == "img":
-            self.alternatives.append(given["alt"])
+        if tag == "svg" and not given["aria-label"].startswith("Thermal image"):
+            self.alternatives.append(given["aria-label"])
         if tag not in self.VOID:
             self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
 
     def handle_endtag(self, tag):
         if tag not in self.VOID:
@@ -70,13 +73,10 @@ def test_report_is_one_whole_file_that_asks_for_nothing_outside(written):
     page = Page(text)
     assert page.open == []
     assert page.addresses
-    assert all(address.startswith("data:") for address in page.addresses)
-    for inner in (base64.b64decode(a.split(",", 1)[1]).decode("latin1") for a in page.addresses):
-        fetched = re.findall(r'(?:href|src)="(?!#)([^"]*)"|url\((?!#)', inner)
-        assert fetched == []
+    assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
+    assert re.findall(r"url\((?!#)", text) == []
     assert "<script" not in text
     assert "@import" not in text
-    assert "url(" not in text
 
 
 def test_report_tells_what_where_when_and_how_good(written):

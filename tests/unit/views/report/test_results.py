@@ -9,17 +9,19 @@ from fieldkit.model.slope import SlopeState
 from fieldkit.views.report import results
 from fieldkit.views.report.series import series
 
-COLUMNS = {"given": 1, "tilt": 2, "error": 7, "mae": 8, "n": 9, "state": 10}
+SLOPES, ACCURACY = {"tilt": 1, "given": 3, "state": 4}, {"error": 4, "mae": 5, "n": 6}
 
 
 @pytest.fixture
 def cell(regions):
-    """A cell of the first bed's row; the bed was given as 15 degrees."""
+    """A cell of the first bed's row in either table; the bed was given as 15 degrees."""
 
     def of(minutes, name: str, sd: str = "usual") -> object:
         bed = series(minutes, regions).beds[0]
         assert bed.region.tilt_deg == 15.0
-        return results._slope_row(bed, sd)[COLUMNS[name]]
+        if name in SLOPES:
+            return results._slope_row(bed)[SLOPES[name]]
+        return results._accuracy_row(bed, sd)[ACCURACY[name]]
 
     return of
 
