@@ -23,10 +23,9 @@ BEGIN, END = "<!-- generated -->\n", "<!-- end -->"
 def configuration() -> str:
     """A table of keys for each table of ``fieldkit.toml``."""
     parts = []
-    for name in toml_schema.known_keys(()):
-        if name == "schema":
-            continue
-        heading, path = _heading(name)
+    headings = [_heading(name) for name in toml_schema.known_keys(()) if name != "schema"]
+    headings.insert(1 + headings.index(_heading("camera")), ("[camera.pose]", ("camera", "pose")))
+    for heading, path in headings:
         node = toml_schema.node_at(path) or {}
         rows = [_key_row(key, toml_schema.resolve(field)) for key, field in node["properties"].items()]
         about = node["description"]

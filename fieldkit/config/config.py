@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from fieldkit.estimation.settings import EstimatorSettings
     from fieldkit.physics.energy_balance import SurfaceParameters
     from fieldkit.physics.irradiance import IrradianceModel
+    from fieldkit.physics.trajectory import CameraPath
 
 NAN = float("nan")
 KINDS = {"reference": RegionKind.REFERENCE, "target": RegionKind.TARGET}
@@ -165,8 +166,17 @@ class Config:
             slab=Slab(**slab),
             prior=Prior(**self.tables.prior.model_dump()),
             body=self.tables.site.body,
+            camera_path=self._camera_path(),
             **values,
         )
+
+    def _camera_path(self) -> CameraPath | None:
+        """The camera's pose over time, which only regions on the ground need; raises `ConfigError`."""
+        if self.pose is None or not any(region.points_m for region in self.tables.region):
+            return None
+        from fieldkit.config.ground import camera_path
+
+        return camera_path(self.pose)
 
     def _relative_factor_sd(self) -> float:
         """Relative standard uncertainty of the light meter's factor; zero where another model is used."""

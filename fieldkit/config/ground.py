@@ -53,8 +53,7 @@ class Ground:
     @cached_property
     def path(self) -> CameraPath:
         """The camera over time, in the axes of the grid."""
-        east_m, north_m, _ = self.pose.trajectory.position_m[0]
-        return self.pose.path(geotiff.true_north_deg(self.crs, east_m, north_m))
+        return camera_path(self.pose)
 
     def with_heights(self, points: Sequence[Sequence[float]]) -> list[list[float]]:
         """Points as east, north, height, those without a height on the ground.
@@ -112,6 +111,12 @@ class Ground:
             (round(float(np.clip(right, 0, cols - 1)), 1), round(float(np.clip(down, 0, rows - 1)), 1))
             for right, down in zip(x, y, strict=True)
         ]
+
+
+def camera_path(pose: CameraPose) -> CameraPath:
+    """The camera over time, in the axes of its reference system's grid. Raises `ConfigError`."""
+    east_m, north_m, _ = pose.trajectory.position_m[0]
+    return pose.path(geotiff.true_north_deg(geotiff.projected_crs(pose.table.crs), east_m, north_m))
 
 
 def with_regions(values: dict[str, Any], path: Path) -> list[Mistake]:

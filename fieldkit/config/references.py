@@ -80,6 +80,8 @@ def resolve(document: Mapping[str, Any], path: Path) -> tuple[dict[str, Any], li
 def campaign_folder(path: Path) -> Path:
     """The folder of the campaign that a configuration or a session belongs to, or the one it lies in."""
     above = path.resolve().parents
+    if path.name == CAMPAIGN_FILE:
+        return above[0]
     campaigns = (
         folder for folder in above if (folder / CAMPAIGN_FILE).is_file() or (folder / FOLDER).is_dir()
     )

@@ -12,9 +12,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.bins import CameraStream, MinuteBin, OpenBin
+from fieldkit.estimation.bins import CameraStream, Follower, MinuteBin, OpenBin
 from fieldkit.estimation.disturbances import DisturbanceMonitor, end_of
-from fieldkit.estimation.following import RegionFollower
 from fieldkit.estimation.instruments import Instruments, MinuteIrradiance, mean_of
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.air import AIR_TEMPERATURE, WIND_SPEED
@@ -66,7 +65,7 @@ class Binner:
         self._late = 0
         self._sun_was_up = False
         self._disturbances = DisturbanceMonitor()
-        self._follower = RegionFollower()
+        self._follower = Follower(settings.camera_path)
 
     def add(self, sample: Sample | Event | RegionRecord) -> list[Closed]:
         """Take one sample, mark or change of the regions; returns the bins it closed, usually none.
@@ -157,7 +156,7 @@ class Binner:
             means = camera.means(minute.frame_sums)
             for values, found in zip((temperature, spread, jitter), means, strict=True):
                 values[minute.columns] = found
-            pixels[minute.columns] = camera.outline.pixels
+            pixels[minute.columns] = camera.mean_pixels(minute.frame_sums)
         held = [regions[column] for column in minute.columns]
         if (probes := self._instruments.probe_k(minute, held)).size:
             probe[minute.columns] = probes
@@ -179,7 +178,7 @@ class Binner:
             self._instruments.mean(minute, "longwave_down"),
             self._instruments.contact_k(minute),
             flags,
-            (Quality.GOOD,) * count,
+            tuple(Quality.MOVED if column in minute.not_whole else Quality.GOOD for column in range(count)),
             self._instruments.mean(minute, AIR_TEMPERATURE),
             self._instruments.mean(minute, WIND_SPEED),
             probe if probes.size else probes,

@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldkit.estimation.following import RegionFollower
+from fieldkit.estimation.following import GroundFollower, RegionFollower
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import Frame, Quality, Reading, is_usable
 from fieldkit.model.site import Region, RegionKind
@@ -28,6 +29,7 @@ from fieldkit.model.units import MINUTE_NS
 from fieldkit.physics.camera_laws import frame_k
 from fieldkit.physics.facet import FloatArray, normal
 from fieldkit.physics.radiance import surface_temperature_k
+from fieldkit.physics.trajectory import CameraPath
 
 LAW_STEP_K = 0.01
 NEVER = 2**62
@@ -123,17 +125,23 @@ class RegionPixels:
     """Regions flattened once into pixel indices, so that a frame costs one gather."""
 
     def __init__(self, regions: Sequence[Region], shape: tuple[int, int]) -> None:
-        self._hold([np.flatnonzero(region.mask(shape)) for region in regions], shape)
+        self._hold([_pixels_of(region, shape) for region in regions], shape)
 
-    def moved(self, steps: NDArray[np.int64]) -> RegionPixels:
+    def moved(
+        self, steps: NDArray[np.int64], redrawn: Mapping[int, Region] = MappingProxyType({})
+    ) -> RegionPixels:
         """The regions moved by whole pixels to the right and down (n, 2); one that leaves the frame is empty.
 
         They keep their shape and their number of pixels, so regions at rest give the same sums to the bit.
+        Those in `redrawn`, by their place, have new corners; one without corners is empty.
         """
-        if not steps.any():
+        if not (steps.any() or redrawn):
             return self
         other = copy(self)
-        other._hold([self._moved(*one) for one in zip(self._masks, steps, strict=True)], self._shape)
+        masks = [self._moved(*one) for one in zip(self._masks, steps, strict=True)]
+        for place, region in redrawn.items():
+            masks[place] = _pixels_of(region, self._shape)
+        other._hold(masks, self._shape)
         return other
 
     def _moved(self, mask: NDArray[np.intp], step: NDArray[np.int64]) -> NDArray[np.intp]:
@@ -165,31 +173,55 @@ class RegionPixels:
         return [int(total) for total in totals], [int(square) for square in squares]
 
 
+def _pixels_of(region: Region, shape: tuple[int, int]) -> NDArray[np.intp]:
+    """Flat indices of its pixels, in order; none without corners."""
+    if not region.vertices:
+        return np.empty(0, np.intp)
+    box = region.box(shape)
+    rows, cols = np.nonzero(region.mask(shape, box))
+    return np.asarray((rows + box[0].start) * shape[1] + cols + box[1].start, np.intp)
+
+
+MEAN_UNIT = 2**32
+"""Means of frames are summed as whole numbers of counts over this: their order does not matter."""
+
+
 @dataclass(slots=True)
 class RegionSums:
-    """Whole-number sums over the frames of one bin; `seen` are the frames in which a region lay."""
+    """Whole-number sums over the frames of one bin.
+
+    `seen` are the frames in which a region lay, `samples` its pixels in them.
+    """
 
     regions: int
     frames: int = 0
     offset_ns: int = 0
     seen: list[int] = field(init=False)
+    samples: list[int] = field(init=False)
     totals: list[int] = field(init=False)
     squares: list[int] = field(init=False)
-    totals_squared: list[int] = field(init=False)
+    means: list[int] = field(init=False)
+    means_squared: list[int] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.totals, self.squares = [0] * self.regions, [0] * self.regions
-        self.seen, self.totals_squared = [0] * self.regions, [0] * self.regions
+        for name in ("seen", "samples", "totals", "squares", "means", "means_squared"):
+            setattr(self, name, [0] * self.regions)
 
     def add(self, outline: RegionPixels, totals: list[int], squares: list[int], offset_ns: int) -> None:
         """Add one frame's sums over the regions of an outline, taken `offset_ns` after the minute's start."""
         self.frames += 1
         self.offset_ns += offset_ns
         for index, (total, square) in enumerate(zip(totals, squares, strict=True)):
-            self.seen[index] += bool(outline.pixels[index])
+            pixels = int(outline.pixels[index])
+            if not pixels:
+                continue
+            mean = total * MEAN_UNIT // pixels
+            self.seen[index] += 1
+            self.samples[index] += pixels
             self.totals[index] += total
             self.squares[index] += square
-            self.totals_squared[index] += total * total
+            self.means[index] += mean
+            self.means_squared[index] += mean * mean
 
 
 class CameraStream:
@@ -203,6 +235,7 @@ class CameraStream:
         self, info: StreamInfo, regions: Sequence[Region], emissivity: float, reflected_k: float
     ) -> None:
         self.info = info
+        self.regions: tuple[Region, ...] = tuple(regions)
         self.outline: RegionPixels = RegionPixels(regions, (info.shape[0], info.shape[1]))
         given = np.array([region.emissivity for region in regions], np.float64)
         self._emissivity = np.where(np.isnan(given), emissivity, given)
@@ -220,22 +253,59 @@ class CameraStream:
             return None
         return outline.sums(np.rint(np.nan_to_num(kelvin) / LAW_STEP_K).astype(np.int64))
 
+    def mean_pixels(self, sums: RegionSums) -> NDArray[np.int64]:
+        """Pixels of each region in the frames in which it lay, else those of its outline."""
+        seen, samples = np.array(sums.seen, np.int64), np.array(sums.samples, np.int64)
+        return np.where(seen > 0, samples // np.maximum(seen, 1), self.outline.pixels)
+
     def means(self, sums: RegionSums) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Surface temperature, spread over pixels and jitter over frames of each region, kelvin."""
-        samples = self.outline.pixels * sums.seen
-        if sums.frames == 0 or not np.isfinite(self._scale):
-            return tuple(np.full(samples.size, np.nan) for _ in range(3))  # type: ignore[return-value]
-        mean, spread, jitter = np.full((3, samples.size), np.nan)
-        for index in np.flatnonzero(samples):
-            total, n, pixels = sums.totals[index], int(samples[index]), int(self.outline.pixels[index])
+        mean, spread, jitter = np.full((3, sums.regions), np.nan)
+        for index in np.flatnonzero(sums.samples) if np.isfinite(self._scale) else ():
+            total, n = sums.totals[index], sums.samples[index]
             mean[index] = total / n
             # integer numerators: no cancellation in the variance of large counts
             spread[index] = np.sqrt((n * sums.squares[index] - total * total) / (n * n))
             if (frames := sums.seen[index]) > 1:
-                scatter = frames * sums.totals_squared[index] - total * total
-                jitter[index] = np.sqrt(scatter / (frames * (frames - 1))) / pixels
+                scatter = frames * sums.means_squared[index] - sums.means[index] ** 2
+                jitter[index] = np.sqrt(scatter / (frames * (frames - 1))) / MEAN_UNIT
         kelvin = surface_temperature_k(mean * self._scale + self._offset, self._emissivity, self._reflected_k)
         return kelvin, spread * abs(self._scale), jitter * abs(self._scale)
+
+
+class Follower:
+    """Where regions lie in each frame: those on the ground by the camera's pose, the others by the frames."""
+
+    def __init__(self, path: CameraPath | None = None) -> None:
+        self._drawn = RegionFollower()
+        self._ground = None if path is None else GroundFollower(path)
+
+    @property
+    def shift_px(self) -> float:
+        """How far the last frame that was followed lies off the one in which regions were drawn. [pixels]."""
+        return max(self._drawn.shift_px, self._ground.shift_px if self._ground is not None else 0.0)
+
+    @property
+    def loss(self) -> str:
+        """Why the last frame was not followed, if it was not."""
+        no_pose = self._ground is not None and not self._ground.has_pose
+        return "the trajectory ends" if no_pose else "the camera moved too far to be followed"
+
+    def update(self, frame: Frame, camera: CameraStream, columns: NDArray[np.int64]) -> RegionPixels | None:
+        """The pixels of the regions in a frame; None where they cannot be found."""
+        if self._ground is None:
+            steps = self._drawn.update(frame.counts, columns)
+            return None if steps is None else camera.outline.moved(steps)
+        pinned = np.flatnonzero([bool(region.points_m) for region in camera.regions])
+        free = np.setdiff1d(np.arange(columns.size), pinned)
+        chosen = [camera.regions[place] for place in pinned]
+        found = self._ground.update(frame.counts, frame.time_ns, chosen, columns[pinned])
+        steps = np.zeros((columns.size, 2), np.int64)
+        moved = self._drawn.update(frame.counts, columns[free])
+        if found is None or moved is None:
+            return None
+        steps[free] = moved
+        return camera.outline.moved(steps, dict(zip(pinned.tolist(), found, strict=True)))
 
 
 class OpenBin:
@@ -248,10 +318,10 @@ class OpenBin:
         self.flags: Quality = Quality.GOOD
         self.readings: dict[str, list[Reading]] = defaultdict(list)
         self.last_frame: Frame | None = None
-        self.is_lost = False
+        self.loss = ""
         self.shift_px = 0.0
 
-    def add_frame(self, frame: Frame, camera: CameraStream, follower: RegionFollower | None = None) -> None:
+    def add_frame(self, frame: Frame, camera: CameraStream, follower: Follower | None = None) -> None:
         """Sum a frame over the regions where they lie in it, unless its flags or its law exclude it.
 
         One in which they cannot be found is flagged and not summed.
@@ -259,18 +329,24 @@ class OpenBin:
         self.flags |= frame.quality
         if not is_usable(frame.quality):
             return
-        steps = np.zeros((self.columns.size, 2), np.int64)
+        outline = camera.outline
         if follower is not None:
-            found = follower.update(frame.counts, self.columns)
+            found = follower.update(frame, camera, self.columns)
             if self.last_frame is None or frame.time_ns > self.last_frame.time_ns:
-                self.last_frame, self.is_lost, self.shift_px = frame, found is None, follower.shift_px
+                self.last_frame, self.shift_px = frame, follower.shift_px
+                self.loss = follower.loss if found is None else ""
             if found is None:
                 self.flags |= Quality.MOVED
                 return
-            steps = found
-        outline = camera.outline.moved(steps)
+            outline = found
         if (sums := camera.sums(frame, outline)) is not None:
             self.frame_sums.add(outline, *sums, frame.time_ns - self.minute * MINUTE_NS)
+
+    @property
+    def not_whole(self) -> set[int]:
+        """Columns of regions that did not lie wholly in each of the frames used."""
+        seen = zip(self.columns.tolist(), self.frame_sums.seen, strict=True)
+        return {column for column, frames in seen if frames < self.frame_sums.frames}
 
     def add_reading(self, reading: Reading) -> None:
         """Keep a reading until the minute closes."""
@@ -279,7 +355,7 @@ class OpenBin:
     @property
     def time_ns(self) -> int:
         """Mean time of the frames used, else of the last one that was lost, else the middle of the minute."""
-        if self.is_lost and self.last_frame is not None and not self.frame_sums.frames:
+        if self.loss and self.last_frame is not None and not self.frame_sums.frames:
             return self.last_frame.time_ns
         start, frames = self.minute * MINUTE_NS, self.frame_sums.frames
         return start + (self.frame_sums.offset_ns // frames if frames else MINUTE_NS // 2)

@@ -62,6 +62,7 @@ class DisturbanceMonitor:
         self._shaded: set[int] = set()
         self._shift_px = 0.0
         self._is_lost = False
+        self._outside: set[int] = set()
         self._settled_ns = -(2**62)
         self._last_sums: tuple[int, list[int]] | None = None
 
@@ -227,13 +228,26 @@ class DisturbanceMonitor:
         events.extend(self._movement(minute))
         return entry
 
+    def _leaving(self, minute: OpenBin) -> Iterator[Event]:
+        """Events where single regions leave the frame, and where they are back."""
+        before, self._outside = self._outside, minute.not_whole
+        for column in sorted(before ^ self._outside):
+            name = self._schedule.columns[column].name
+            if column in self._outside:
+                text = f"{name} left the frame and is lost"
+                yield _moved(minute, text, Severity.WARNING, {"phase": "lost", "region": name})
+            elif column in minute.columns:
+                text = f"{name} is in the frame again"
+                yield _moved(minute, text, Severity.INFO, {"phase": "back", "region": name})
+
     def _movement(self, minute: OpenBin) -> Iterator[Event]:
         """Events where regions are lost, are found again, or followed by `MOVED_PX` more."""
-        was_lost, self._is_lost = self._is_lost, minute.is_lost
-        if minute.is_lost and not was_lost:
-            text = "the camera moved too far to be followed: regions are lost, such minutes enter no slope"
+        yield from self._leaving(minute)
+        was_lost, self._is_lost = self._is_lost, bool(minute.loss)
+        if minute.loss and not was_lost:
+            text = f"{minute.loss}: regions are lost, such minutes enter no slope"
             yield _moved(minute, text, Severity.WARNING, {"phase": "lost"})
-        if minute.is_lost or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
+        if minute.loss or not (was_lost or minute.shift_px > self._shift_px + MOVED_PX):
             return
         self._shift_px = max(minute.shift_px, self._shift_px)
         text = f"the camera moved: regions corrected by {minute.shift_px:.1f} px"

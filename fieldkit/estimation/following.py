@@ -7,7 +7,8 @@ key, so errors do not add up; only where its edges have faded the last one that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,6 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+
+from fieldkit.model.site import Region
+from fieldkit.physics.camera_geometry import Camera, project
+from fieldkit.physics.facet import FloatArray
+from fieldkit.physics.trajectory import CameraPath, homography_over_level
 
 CLEAR_PEAK = 8.0
 """Height of the correlation peak over the rest that makes a shift credible, in standard deviations."""
@@ -28,6 +34,8 @@ DRAWN_ON = 10
 """Frames whose mean place is that of the regions: a camera that shakes shows each of them elsewhere."""
 SHAKE_PX = 5.0
 """A larger shift among these is a kick."""
+LEAST_OVERLAP = 0.6
+"""Share of a frame that must show the ground of the one it is compared with; else it becomes that one."""
 _BLUR_PX = 1.0  # without it the pattern of the detector, which does not move, holds the shift back
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
@@ -168,3 +176,98 @@ class RegionFollower:
             first.append(now)
         right, down = np.mean(first, axis=0)
         return Shift(float(right), float(down))
+
+
+class GroundFollower:
+    """Where regions on the ground lie in each frame of a camera whose pose is known.
+
+    The pose places them; the frames, as they would look from where the camera was at first, show how far it
+    is wrong, and whether it is right at all. `has_pose` is whether there was one of the last frame.
+    """
+
+    def __init__(self, path: CameraPath) -> None:
+        self._path = path
+        self._view: Camera | None = None
+        self._seen = RegionFollower()
+        self._is_lost = False
+        self._began: FloatArray = np.full(2, np.nan)
+        self.has_pose = True
+        self.shift_px = 0.0
+        """How far the middle of the first region lies off where it was at first. [pixels]"""
+
+    def update(
+        self,
+        counts: NDArray[np.integer[Any]],
+        time_ns: int,
+        regions: Sequence[Region],
+        columns: NDArray[np.int64],
+    ) -> list[Region] | None:
+        """The regions as they lie in a frame (rows, cols), without corners where they are not wholly in it.
+
+        None where the trajectory has no pose, or the frame does not show what the pose says.
+        """
+        camera = self._path.camera(time_ns, (counts.shape[0], counts.shape[1]))
+        self.has_pose = camera is not None
+        if camera is None or not regions:
+            return None if regions else []
+        height_m = float(np.mean([corner[2] for region in regions for corner in region.points_m]))
+        if self._view is None or not (self._is_lost or _overlaps(camera, self._view, height_m)):
+            self._view, self._seen = camera, RegionFollower()
+        back = homography_over_level(camera, self._view, height_m)
+        steps = self._seen.update(_from_there(counts, back), columns)
+        self._is_lost = steps is None
+        if steps is None:
+            return None
+        corners = [_placed(camera, region, back, step) for region, step in zip(regions, steps, strict=True)]
+        self._report(corners[0].mean(axis=0))
+        return [
+            replace(region, vertices=_within(one, camera.shape))
+            for region, one in zip(regions, corners, strict=True)
+        ]
+
+    def _report(self, middle: FloatArray) -> None:
+        if np.isnan(self._began).any():
+            self._began = middle
+        if np.isfinite(middle).all():
+            self.shift_px = float(np.hypot(*(middle - self._began)))
+
+
+def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
+    rows, cols = camera.shape
+    grid = np.meshgrid(np.linspace(0, cols - 1, 9), np.linspace(0, rows - 1, 9))
+    there = _mapped(homography_over_level(camera, view, height_m), np.stack(grid, axis=-1).reshape(-1, 2))
+    inside = (there >= 0.0) & (there <= np.array([cols - 1, rows - 1]))
+    return bool(inside.all(axis=1).mean() >= LEAST_OVERLAP)
+
+
+def _from_there(counts: NDArray[np.integer[Any]], back: FloatArray) -> NDArray[Any]:
+    """A frame as it would look from another pose; beyond its edge it is mirrored, which shows no edge."""
+    if np.allclose(back, np.eye(3), atol=1e-12):
+        return counts
+    size = counts.shape[1], counts.shape[0]
+    return np.asarray(
+        cv2.warpPerspective(counts.astype(np.float32), back, size, borderMode=cv2.BORDER_REFLECT_101)
+    )
+
+
+def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.int64]) -> FloatArray:
+    """Corners (n, 2) by the pose, and by whole pixels from there by what the frames show."""
+    x, y, _ = project(camera, region.points_m)
+    corners: FloatArray = np.column_stack([x, y])
+    middle = corners.mean(axis=0, keepdims=True)
+    shown = _mapped(np.linalg.inv(back), _mapped(back, middle) + step.astype(np.float64)) - middle
+    return np.asarray(corners + np.rint(shown))
+
+
+def _mapped(homography: FloatArray, points: NDArray[np.floating[Any]]) -> FloatArray:
+    """Points (n, 2), NaN where they come to lie behind the camera."""
+    mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    return mapped[:, :2] / np.where(mapped[:, 2:] > 0.0, mapped[:, 2:], np.nan)
+
+
+def _within(corners: FloatArray, shape: tuple[int, int]) -> tuple[tuple[float, float], ...]:
+    """The corners if all lie in a frame of these rows and columns, else none."""
+    x, y = corners.T
+    rows, cols = shape
+    inside = (x >= -0.5) & (x <= cols - 0.5) & (y >= -0.5) & (y <= rows - 0.5)
+    return tuple((float(right), float(down)) for right, down in corners) if inside.all() else ()

@@ -11,6 +11,7 @@ from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.horizon import Horizon
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
+from fieldkit.physics.trajectory import CameraPath
 
 Method = Literal["unit-norm", "contours", "posterior"]
 Model = Literal["paper", "full", "learned"]
@@ -85,6 +86,8 @@ class EstimatorSettings:
         Physical priors of the learned model.
     body
         The world of the site, by its name in `fieldkit.physics.bodies`.
+    camera_path
+        The camera's pose over time, by which regions on the ground are followed; None if it is not known.
     """
 
     surface: SurfaceParameters = field(default_factory=SurfaceParameters)
@@ -125,6 +128,7 @@ class EstimatorSettings:
     diffuse_fraction: float = 0.15
     prior: Prior = field(default_factory=Prior)
     body: str = "earth"
+    camera_path: CameraPath | None = None
 
     def horizon_of(self, region: str) -> Horizon:
         """The horizon of a region by its name: its own, else the site's."""

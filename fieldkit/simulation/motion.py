@@ -1,4 +1,8 @@
-"""How a simulated camera moves: it drifts, pans, shakes and is kicked; what lies before it stays."""
+"""How a simulated camera moves: it drifts, pans, shakes and is kicked; what lies before it stays.
+
+Over level ground that it looks straight down on, `homography` is that of a camera that is displaced and then
+turned.
+"""
 
 from __future__ import annotations
 
@@ -43,4 +47,4 @@ class Motion:
         turn = cv2.Rodrigues(np.array([0.0, np.radians(share * self.pan_deg), 0.0]))[0]
         centre = np.array([[FOCAL_PX, 0.0, 79.5], [0.0, FOCAL_PX, 59.5], [0.0, 0.0, 1.0]])
         moved = np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
-        return np.asarray(moved @ centre @ turn @ np.linalg.inv(centre))
+        return np.asarray(centre @ turn @ np.linalg.inv(centre) @ moved)

@@ -95,8 +95,8 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
     """The settings that the minute bins depend on, everything else at its default.
 
     From counts to surface temperature (emissivity, reflected temperature), from light readings
-    to DNI (streams, irradiance model, refraction), probes, and what flags a minute (low sun, settling,
-    horizons).
+    to DNI (streams, irradiance model, refraction), probes, what flags a minute (low sun, settling,
+    horizons), and the camera's pose.
     """
     return EstimatorSettings(
         surface=SurfaceParameters(emissivity=settings.surface.emissivity),
@@ -110,6 +110,7 @@ def bin_settings(settings: EstimatorSettings) -> EstimatorSettings:
         reflected_temperature_k=settings.reflected_temperature_k,
         low_sun_deg=settings.low_sun_deg,
         settle_s=settings.settle_s,
+        camera_path=settings.camera_path,
     )
 
 
