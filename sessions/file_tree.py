@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import io
 import platform
-import uuid
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -42,12 +42,10 @@ _PACKAGES = ("fieldkit", "h5py", "numpy", "scipy", "astropy", "opencv-python-hea
 
 def file_image(identity: SessionIdentity) -> bytes:
     """The bytes of a session file without samples, made in memory: there no disk can fail."""
-    name = str(uuid.uuid4())  # two files in memory may not have the same one, whichever threads make them
-    with h5py.File(name, "w", libver=LIBVER, track_order=True, driver="core", backing_store=False) as file:
+    memory = io.BytesIO()  # HDF5 1.14's own image of a file in memory fails its checksum
+    with h5py.File(memory, "w", libver=LIBVER, track_order=True) as file:
         _tree(file, identity)
-        file.flush()
-        image: bytes = file.id.get_file_image()
-        return image
+    return memory.getvalue()
 
 
 def _tree(file: h5py.File, identity: SessionIdentity) -> None:

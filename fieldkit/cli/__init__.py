@@ -8,12 +8,15 @@ parses options, calls a workflow, and prints what that returned. The summaries s
 from __future__ import annotations
 
 import importlib
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from fieldkit import __version__
 from fieldkit.cli.failure import explain_failures
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 
 class CommandEntry(NamedTuple):
@@ -150,6 +153,14 @@ class CommandTable(click.Group):
 
         near = get_close_matches(typed, self.entries, n=1)
         return f"; did you mean {near[0]!r}?" if near else ""
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """What completes a word typed in a shell: commands with their summaries, without importing any."""
+        from click.shell_completion import CompletionItem
+
+        names = (name for name in self.entries if name.startswith(incomplete))
+        commands = [CompletionItem(name, help=self.entries[name].summary) for name in names]
+        return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands under their headings, without importing any."""

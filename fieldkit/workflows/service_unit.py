@@ -61,7 +61,7 @@ class Unit:
 
     `owner` is the name of the user whom a system service runs as, None for the user's own service; `groups`
     are those that give it the instruments. `record` begins a recording at boot; `page` are options of
-    ``fieldkit page``, such as ``("--on", "192.168.4.1")``.
+    ``fieldkit page``, such as ``("--on", "192.168.4.1")``. `python` runs the program; `header` is a comment.
     """
 
     campaign: Path
@@ -69,6 +69,8 @@ class Unit:
     groups: Sequence[str] = ()
     record: bool = False
     page: Sequence[str] = ()
+    python: str = sys.executable
+    header: str = WRITTEN
 
     def text(self) -> str:
         """The unit file. Raises `ConfigError` for a folder with a line break in its name."""
@@ -76,7 +78,7 @@ class Unit:
             raise ConfigError(f"{self.campaign!r} has a control character", fix="rename the folder")
         return "\n".join(
             [
-                WRITTEN,
+                self.header,
                 "[Unit]",
                 *self._unit(),
                 "",
@@ -90,6 +92,8 @@ class Unit:
 
     def _unit(self) -> Iterator[str]:
         yield f"Description=fieldkit in {_verbatim(self.campaign)}"
+        yield "# without a campaign it fails at once; otherwise systemd would try again and again"
+        yield f"AssertPathExists={_verbatim(self.campaign)}/fieldkit.toml"
         if self.owner is not None:
             modules = " ".join(f"modprobe@{name}.service" for name in MODULES)
             yield f"Wants={modules}"
@@ -103,8 +107,8 @@ class Unit:
         yield "WatchdogSec=60"
         yield f"WorkingDirectory={_verbatim(self.campaign)}"
         yield "# lost samples are reported by recover and must not keep the next recording from beginning"
-        yield f"ExecStartPre=-{_command('recover')}"
-        yield f"ExecStart={_command('page', *(['--record'] if self.record else []), *self.page)}"
+        yield f"ExecStartPre=-{self._command('recover')}"
+        yield f"ExecStart={self._command('page', *(['--record'] if self.record else []), *self.page)}"
         yield "# long sessions take minutes to recover on a small computer"
         yield "TimeoutStartSec=15min"
         yield "# stopping seals the session"
@@ -117,6 +121,11 @@ class Unit:
         yield from HARDENING.splitlines()
         if self.owner is not None:
             yield from self._system_service(self.owner)
+
+    def _command(self, *words: str) -> str:
+        # -P: the campaign folder must not come before the program's own modules
+        command = " ".join(_word(word) for word in (self.python, "-P", "-m", "fieldkit", *words))
+        return command.replace("$", "$$")  # only commands have variables
 
     def _system_service(self, owner: str) -> Iterator[str]:
         yield f"User={owner}"
@@ -146,12 +155,6 @@ def page_options_of(text: str) -> tuple[str, ...]:
     line = next(line for line in text.splitlines() if line.startswith("ExecStart="))
     words = shlex.split(line.replace("%%", "%").replace("$$", "$"))
     return tuple(word for word in words[words.index("page") + 1 :] if word != "--record")
-
-
-def _command(*words: str) -> str:
-    # -P: the campaign folder must not come before the program's own modules
-    command = " ".join(_word(word) for word in (sys.executable, "-P", "-m", "fieldkit", *words))
-    return command.replace("$", "$$")  # only commands have variables
 
 
 def _verbatim(text: object) -> str:
