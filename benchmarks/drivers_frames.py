@@ -100,6 +100,7 @@ def _lepton() -> list[Result]:
         return []
     ring, bed = [lepton_bytes(seed) for seed in range(FRAMES)], _Bed(160, 120)
     camera = Lepton.__new__(Lepton)
+    camera.conn = None  # no camera is opened; its destructor looks for one
 
     def theirs(data: bytes) -> Any:
         image = np.frombuffer(data, np.uint16).reshape(122, 160)
