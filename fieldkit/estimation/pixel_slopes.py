@@ -177,22 +177,23 @@ class MapSums:
         lowest, middle, highest = values.astype(np.float32)
         x1 = np.clip(y1, -1.0, 1.0)
         room = np.sqrt(1.0 - x1 * x1)
-        x2 = np.clip(y2, -room, room)
+        x2 = np.minimum(np.maximum(y2, -room), room)
         across = np.sqrt(np.maximum(room * room - x2 * x2, 0.0))
         # over hours the sun leaves that plane, which gives information across it as well
         left += (lowest * across - 2.0 * pull) * across
         gain = 4.0 * pull * across  # misfit of the steeper branch less that of the flatter
         # both branches share the components in the plane
         east, north, level = (x1 * e1[i] + x2 * e2[i] for i in range(3))
-        flatter, steeper = level + m[2] * across, level - m[2] * across
+        lift = m[2] * across
+        flatter, steeper = level + lift, level - lift
         is_alone = (steeper < self._limit_cosine) | (across == 0.0)
         swap = ~is_alone & (gain < np.log(_square_sine(flatter) / _square_sine(steeper)))
-        side = np.where(swap, np.float32(-1.0), np.float32(1.0))
-        left += np.where(swap, gain, np.float32(0.0))
-        gain *= side
-        across *= side
+        left += swap * gain
+        side = np.float32(1.0) - np.float32(2.0) * swap
+        for numbers in (gain, across, lift):
+            numbers *= side
         tilt, azimuth, second, chi_square = planes
-        chosen, other = level + m[2] * across, level - m[2] * across
+        chosen, other = level + lift, level - lift
         tilt[:] = _arc_cosine(chosen)
         # accurate to 0.01 degree, and forty times as fast as numpy's
         azimuth[:] = cv2.phase(north + m[1] * across, east + m[0] * across, angleInDegrees=True).ravel()
@@ -200,12 +201,12 @@ class MapSums:
         chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
         self._set_states(chosen, other, chi_square, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
-        state[(y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE] = SlopeState.SHADED
-        state[np.isnan(y1)] = SlopeState.NO_DATA
-        unresolved = state == SlopeState.NOT_RESOLVED
-        second[unresolved] = _arc_cosine(other[unresolved])
-        unknown = state >= SlopeState.NO_INTERSECTION
-        tilt[unknown] = azimuth[unknown] = np.nan
+        _raise_state(state, (y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE, SlopeState.SHADED)
+        _raise_state(state, np.isnan(y1), SlopeState.NO_DATA)
+        second[:] = _arc_cosine(other) + _WITH_SECOND.take(state)
+        unknown = _WITH_TILT.take(state)
+        tilt += unknown
+        azimuth += unknown
 
     def _resolved(
         self, piece: slice, values: FloatArray, vectors: FloatArray
@@ -232,10 +233,27 @@ class MapSums:
         # a misfit beyond noise inflates the variance, and with it the significant difference
         significant = NINETY_PERCENT * np.maximum(chi_square, 1.0)
         state[:] = SlopeState.OK
-        state[~is_alone & (gain < significant)] = SlopeState.NOT_RESOLVED
+        _raise_state(state, ~is_alone & (gain < significant), SlopeState.NOT_RESOLVED)
         limit = self._limit_cosine
         too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
-        state[too_steep | (chi_square > _alarm(self._freedom))] = SlopeState.NO_INTERSECTION
+        _raise_state(state, too_steep | (chi_square > _alarm(self._freedom)), SlopeState.NO_INTERSECTION)
+
+
+def _raise_state(state: NDArray[np.uint8], where: NDArray[np.bool_], value: SlopeState) -> None:
+    """Set the state of some pixels; of two states the one of the larger number stays.
+
+    By arithmetic: where neighbouring pixels differ, a masked assignment takes thirty times as long.
+    """
+    np.maximum(state, where * np.uint8(value), out=state)
+
+
+def _nan_except(states: Container[SlopeState]) -> NDArray[np.float32]:
+    """What to add to an angle, by state: nothing in some states, in the others NaN."""
+    return np.array([0.0 if state in states else np.nan for state in range(len(SlopeState))], np.float32)
+
+
+_WITH_SECOND = _nan_except((SlopeState.NOT_RESOLVED,))
+_WITH_TILT = _nan_except(range(SlopeState.NO_INTERSECTION))
 
 
 def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
