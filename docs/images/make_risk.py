@@ -1,4 +1,4 @@
-"""How often pixels are steeper than a limit, by the stated probability; the table of the page has the numbers."""
+"""How often pixels are steeper than a limit, by the stated probability; the page's table has the numbers."""
 
 from __future__ import annotations
 

@@ -255,7 +255,8 @@ def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.i
     x, y, _ = project(camera, region.points_m)
     corners: FloatArray = np.column_stack([x, y])
     middle = corners.mean(axis=0, keepdims=True)
-    shown = _mapped(np.linalg.inv(back), _mapped(back, middle) + step.astype(np.float64)) - middle
+    forth: FloatArray = np.asarray(np.linalg.inv(back), np.float64)
+    shown = _mapped(forth, _mapped(back, middle) + step) - middle
     return np.asarray(corners + np.rint(shown))
 
 

@@ -147,7 +147,7 @@ def _slope_figures(parts: Sequence[Part]) -> list[Figure]:
     return [
         Figure(
             session_figures.final_tilts(tilts),
-            "Final tilt of each bed by session, in order of time. Bars: 90 % region; lines across: the given.",
+            "Final tilt of each bed by session, in order of time. Bars: 90 % region; lines: the given tilts.",
             f"Final tilts: {words}.",
             wide=True,
             parts=beds,
