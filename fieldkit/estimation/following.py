@@ -34,8 +34,8 @@ DRAWN_ON = 10
 """Frames whose mean place is that of the regions: a camera that shakes shows each of them elsewhere."""
 SHAKE_PX = 5.0
 """A larger shift among these is a kick."""
-LEAST_OVERLAP = 0.6
-"""Share of a frame that must show the ground of the one it is compared with; else it becomes that one."""
+LEAST_OVERLAP = 0.7
+"""Share of the ground in the frame compared with that another must show; else it becomes that frame."""
 _BLUR_PX = 1.0  # without it the pattern of the detector, which does not move, holds the shift back
 Spectrum = NDArray[np.complexfloating[Any, Any]]
 
@@ -233,10 +233,11 @@ class GroundFollower:
 
 
 def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
+    """Whether the camera sees enough of the level ground that a view shows."""
     rows, cols = camera.shape
     grid = np.meshgrid(np.linspace(0, cols - 1, 9), np.linspace(0, rows - 1, 9))
-    there = _mapped(homography_over_level(camera, view, height_m), np.stack(grid, axis=-1).reshape(-1, 2))
-    inside = (there >= 0.0) & (there <= np.array([cols - 1, rows - 1]))
+    here = _mapped(homography_over_level(view, camera, height_m), np.stack(grid, axis=-1).reshape(-1, 2))
+    inside = (here >= 0.0) & (here <= np.array([cols - 1, rows - 1]))
     return bool(inside.all(axis=1).mean() >= LEAST_OVERLAP)
 
 
@@ -260,10 +261,10 @@ def _placed(camera: Camera, region: Region, back: FloatArray, step: NDArray[np.i
     return np.asarray(corners + np.rint(shown))
 
 
-def _mapped(homography: FloatArray, points: NDArray[np.floating[Any]]) -> FloatArray:
+def _mapped(homography: NDArray[np.floating[Any]], points: NDArray[np.floating[Any]]) -> FloatArray:
     """Points (n, 2), NaN where they come to lie behind the camera."""
     mapped = np.column_stack([points, np.ones(len(points))]) @ homography.T
-    return mapped[:, :2] / np.where(mapped[:, 2:] > 0.0, mapped[:, 2:], np.nan)
+    return np.asarray(mapped[:, :2] / np.where(mapped[:, 2:] > 0.0, mapped[:, 2:], np.nan))
 
 
 def _within(corners: FloatArray, shape: tuple[int, int]) -> tuple[tuple[float, float], ...]:

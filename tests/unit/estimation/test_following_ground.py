@@ -1,0 +1,121 @@
+"""Regions on the ground in frames of a camera whose pose is known, against the ground that they show."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from fieldkit.estimation.following import GroundFollower
+from fieldkit.model.site import Region, RegionKind
+from fieldkit.physics.camera_geometry import Camera, project, quaternion_of_angles
+from fieldkit.physics.trajectory import CameraPath, Trajectory, homography_over_level
+from fieldkit.simulation.motion import Motion
+from fieldkit.simulation.scene import sand_slopes
+from tests.harness.nadir_camera import EAST_M, LENS, NORTH_M, on_ground, pose
+
+SECOND_NS = 1_000_000_000
+SHAPE = (120, 160)
+MAP_PX_M = 0.05
+MAP = np.random.default_rng(2)
+GROUND = 30_000.0 + 400.0 * gaussian_filter(MAP.standard_normal((800, 1600)), 6.0) / 0.047
+"""Blotches half a metre wide and some hundredths of a kelvin deep, 80 m to the east and 40 m to the north."""
+
+
+def frame(camera: Camera) -> np.ndarray:
+    """What the camera sees of the map, with a detector's noise."""
+    above = Camera((40.0, 20.0, 1000.0), 0.0, -90.0, 0.0, 90.0, (800, 1600))
+    zoom = 1000.0 / above.focal_px / MAP_PX_M
+    scaled = np.diag([zoom, zoom, 1.0])
+    scaled[:2, 2] = (1.0 - zoom) * np.array([799.5, 399.5])
+    onto = homography_over_level(above, camera, 0.0) @ np.linalg.inv(scaled)
+    seen = cv2.warpPerspective(GROUND.astype(np.float32), onto, SHAPE[::-1])
+    return np.rint(seen + 5.0 * MAP.standard_normal(SHAPE)).astype(np.uint16)
+
+
+def drive(error_deg: float) -> tuple[list[Camera], CameraPath]:
+    """Twelve metres ahead and 15 degrees to the left in 30 frames; and as it is known, wrong by an error."""
+    true = [
+        Camera((10.0 + 12.0 * share, 18.0 + 2.0 * share, 6.0), 90.0 - 15.0 * share, -35.0, 0.0, 50.0, SHAPE)
+        for share in np.linspace(0.0, 1.0, 30)
+    ]
+    known = [
+        Rotation.from_quat(quaternion_of_angles(one.yaw_deg, one.pitch_deg, 0.0))
+        * Rotation.from_rotvec(np.radians(error_deg * MAP.standard_normal(3)))
+        for one in true
+    ]
+    times = tuple(range(0, 30 * SECOND_NS, SECOND_NS))
+    turned = tuple(tuple(one.as_quat().tolist()) for one in known)
+    return true, CameraPath(Trajectory(times, tuple(one.position_m for one in true), turned), 50.0)
+
+
+def region(*corners: tuple[float, float]) -> Region:
+    return Region("bed", RegionKind.TARGET, (), points_m=tuple((*corner, 0.0) for corner in corners))
+
+
+BED = region((27.0, 19.0), (29.0, 19.0), (29.0, 22.0), (27.0, 22.0))
+ONE = np.array([0])
+
+
+@pytest.mark.parametrize(("error_deg", "off_px"), [(0.0, 1e-6), (0.2, 2.0)])
+def test_a_region_on_the_ground_is_followed_through_a_drive(error_deg, off_px):
+    """0.2 degrees are 0.6 px about each axis, one standard deviation."""
+    true, path = drive(error_deg)
+    follower = GroundFollower(path)
+    for number, camera in enumerate(true):
+        found = follower.update(frame(camera), number * SECOND_NS, [BED], ONE)
+        assert found is not None, number
+        x, y, _ = project(camera, BED.points_m)
+        wrong = np.array(found[0].vertices) - np.column_stack([x, y])
+        assert np.abs(wrong.mean(axis=0)).max() < off_px
+    assert follower.shift_px > 25.0
+
+
+def test_a_region_that_is_not_wholly_in_the_frame_has_no_corners_and_a_time_without_pose_is_lost():
+    true, path = drive(0.0)
+    near = region((15.0, 18.0), (16.0, 18.0), (16.0, 19.0))
+    follower = GroundFollower(path)
+    (seen,), (left,) = (follower.update(frame(true[n]), n * SECOND_NS, [near], ONE) or () for n in (0, 12))
+    assert len(seen.vertices) == 3
+    assert left.vertices == ()
+    assert follower.update(frame(true[12]), 31 * SECOND_NS, [near], ONE) is None
+    assert not follower.has_pose
+
+
+def known_pose(motion: Motion) -> tuple[CameraPath, list[Region]]:
+    """The pose of a simulated camera before it moves, and a region of its scene on the ground."""
+    position, quaternion = pose(motion, 0.0, np.zeros(3))
+    corners = [(29, 29), (66, 28), (66, 53), (24, 56)]
+    at = tuple((east, north, 0.0) for east, north in on_ground(corners))
+    assert at[0] == (EAST_M - 5.05, NORTH_M + 3.05, 0.0)
+    trajectory = Trajectory((0,), (tuple(position),), (tuple(quaternion),))
+    return CameraPath(trajectory, LENS["hfov_deg"]), [
+        Region("b15", RegionKind.TARGET, tuple(corners), points_m=at)
+    ]
+
+
+def test_a_kick_of_40_pixels_that_the_pose_does_not_know_of_is_lost_at_once():
+    motion = Motion(jump_px=(32.0, 24.0))
+    scene, (path, regions) = sand_slopes(motion=motion), known_pose(motion)
+    follower, found = GroundFollower(path), []
+    for minute in range(85, 95):
+        time_ns = scene.start_ns + minute * 60 * SECOND_NS
+        counts = np.rint(scene.frame(time_ns, minute) * 100.0).astype(np.uint16)
+        found.append(follower.update(counts, time_ns, regions, ONE))
+    assert [one is None for one in found] == [False] * 5 + [True] * 5
+    assert follower.has_pose
+    assert found[4][0].vertices == pytest.approx(np.array(regions[0].vertices), abs=1e-6)
+
+
+def test_a_drift_that_the_pose_does_not_know_of_is_corrected_by_whole_pixels():
+    motion = Motion((8.0, 6.0))
+    scene, (path, regions) = sand_slopes(motion=motion), known_pose(motion)
+    follower = GroundFollower(path)
+    for minute in range(0, 180, 6):
+        time_ns = scene.start_ns + minute * 60 * SECOND_NS
+        counts = np.rint(scene.frame(time_ns, minute) * 100.0).astype(np.uint16)
+        (found,) = follower.update(counts, time_ns, regions, ONE) or ()
+    # drawn on the mean of the first ten frames, which had drifted by (1.2, 0.9) of them
+    assert np.array(found.vertices) - regions[0].vertices == pytest.approx(
+        np.tile([7.0, 5.0], (4, 1)), abs=1e-6
+    )
