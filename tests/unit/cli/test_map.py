@@ -315,12 +315,15 @@ def test_inertia_of_the_learned_model_with_its_uncertainty(session, tmp_path):
         assert 0.0 < sd < value
 
 
+POSE = (
+    'crs = "EPSG:32613"\neast_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\n'
+    "pitch_deg = -30.0\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n"
+)
+
+
 def test_map_on_the_ground_before_the_camera(session, tmp_path):
     rasterio = pytest.importorskip("rasterio")
-    (tmp_path / "pose.toml").write_text(
-        'crs = "EPSG:32613"\neast_m = 412000.0\nnorth_m = 4172000.0\nheight_m = 2305.0\nyaw_deg = 0.0\n'
-        "pitch_deg = -30.0\nhfov_deg = 50.0\nrange_m = 60.0\nground_m = 2300.0\n"
-    )
+    (tmp_path / "pose.toml").write_text(POSE)
     done = fieldkit("map", session, "-o", tmp_path / "x", "--pose", tmp_path / "pose.toml", "--cell-m", 0.25)
     assert done.exit_code == 0, done.output
     assert (tmp_path / "x.ply").read_bytes().startswith(b"ply\n")
@@ -331,3 +334,26 @@ def test_map_on_the_ground_before_the_camera(session, tmp_path):
         assert file.res == (0.25, 0.25)
         known = np.isfinite(file.read(1))
     assert 0.2 < known.mean() < 0.9  # the trapezoid that the camera sees, in its bounding box
+
+
+def test_map_by_the_pose_of_the_configuration_and_without_ground_where_it_has_none_then(session, tmp_path):
+    pytest.importorskip("rasterio")
+    campaign = session.parents[1]
+    (campaign / "pose.toml").write_text(POSE)
+    done = fieldkit("map", session, "-o", tmp_path / "x", "--set", "camera.pose=pose.toml")
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "x.tif").exists()
+    (campaign / "run.tum").write_text(
+        "1.0 412000 4172000 2305 -0.5 0.5 -0.5 0.5\n2.0 412000 4172000 2305 -0.5 0.5 -0.5 0.5\n"
+    )
+    moving = [
+        line
+        for line in POSE.splitlines()
+        if line.split("_")[0] not in ("east", "north", "height", "yaw", "pitch")
+    ]
+    (campaign / "moving.toml").write_text("\n".join([*moving, 'trajectory = "run.tum"']))
+    done = fieldkit("map", session, "-o", tmp_path / "y", "--set", "camera.pose=moving.toml")
+    assert done.exit_code == 0, done.output
+    assert "not put on the ground: the trajectory holds poses from 1970-01-01T00:00:01Z" in done.stderr
+    assert (tmp_path / "y.png").exists()
+    assert not (tmp_path / "y.tif").exists()

@@ -73,6 +73,23 @@ def test_corners_on_the_ground_are_drawn_where_the_pose_sees_them(roi, tmp_path)
     assert regions(tmp_path)[1].vertices == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
 
 
+def test_a_region_stays_on_the_ground_of_the_campaigns_pose(roi, tmp_path):
+    pytest.importorskip("rasterio")
+    with (tmp_path / "fieldkit.toml").open("a") as file:
+        file.write(f"\n[camera.pose]\n{LOOKING_DOWN}")
+    ground = ("500001,4172001", "500003,4172001", "500003,4171999", "500001,4171999")
+    assert roi("add", "flat", "--reference", "--ground", "--points", *ground).exit_code == 0
+    (flat,) = regions(tmp_path)
+    assert flat.vertices == ((95.5, 43.5), (127.5, 43.5), (127.5, 75.5), (95.5, 75.5))
+    assert flat.points_m[0] == (500001.0, 4172001.0, 2317.0)
+    shrunk = roi("edit", "flat", "--shrink", "2")
+    assert shrunk.exit_code == 0
+    assert regions(tmp_path)[0].points_m == ()
+    wrong = roi("add", "b15", "--ground", "--points", "500001,4172001", "500009,4172001", "500003,4171999")
+    assert wrong.exit_code == 3
+    assert "does not see 500009,4172001" in wrong.stderr
+
+
 def test_a_corner_on_the_ground_that_the_camera_does_not_see_is_named(roi, tmp_path):
     pytest.importorskip("rasterio")
     (tmp_path / "pose.toml").write_text(LOOKING_DOWN)
@@ -97,6 +114,8 @@ def test_the_first_region_may_be_a_target(roi):
         (("b15",), 2, "--points, or a rectangle"),
         (("b15", "--rect", "1,1,9,9", "--points", "1,1"), 2, "--points, or a rectangle"),
         (("b15", "--rect", "1,1,9,1"), 2, "at least 2 pixels"),
+        (("b15", "--rect", "1,1,9,9", "--ground"), 2, "--pose and --ground are for --points"),
+        (("b15", "--ground", "--points", "1,1", "2,2", "3,1"), 3, "need the pose of the camera"),
         (("b15", "--points", "1,1", "2,2"), 3, "at least 3"),
         (("b15", "--points", "1,1", "2,x", "3,3"), 2, "expected X,Y"),
         (("b15", "--rect", "150,100,32,61"), 3, "outside the frame of 160 x 120"),

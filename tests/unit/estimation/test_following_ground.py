@@ -6,8 +6,12 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.following import GroundFollower
-from fieldkit.model.site import Region, RegionKind
+from fieldkit.estimation.settings import EstimatorSettings
+from fieldkit.model.device import StreamInfo
+from fieldkit.model.samples import Frame, Quality
+from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.camera_geometry import Camera, project, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Trajectory, homography_over_level
 from fieldkit.simulation.motion import Motion
@@ -119,3 +123,31 @@ def test_a_drift_that_the_pose_does_not_know_of_is_corrected_by_whole_pixels():
     assert np.array(found.vertices) - regions[0].vertices == pytest.approx(
         np.tile([7.0, 5.0], (4, 1)), abs=1e-6
     )
+
+
+def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_flagged():
+    """A pixel is 0.1 m; the camera goes 0.5 m to the west a minute, for eight minutes."""
+    position, quaternion = pose(Motion(), 0.0, np.zeros(3))
+    there = (position[0] - 4.0, *position[1:])
+    trajectory = Trajectory((0, 480 * SECOND_NS), (tuple(position), there), (tuple(quaternion),) * 2)
+    corners = {"middle": [(70, 40), (90, 40), (90, 60)], "right": [(130, 40), (149, 40), (149, 60)]}
+    regions = [
+        Region(name, RegionKind.TARGET, tuple(at), points_m=tuple((*one, 0.0) for one in on_ground(at)))
+        for name, at in corners.items()
+    ]
+    settings = EstimatorSettings(camera_path=CameraPath(trajectory, LENS["hfov_deg"]))
+    camera = StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01)
+    binner, closed = Binner(Site(0.0, 0.0), regions, (camera,), settings), []
+    for half in range(20):
+        time_ns = (30 * half + 1) * SECOND_NS
+        shown = np.full(SHAPE, 30_000 + half, np.uint16)  # without edges: nothing speaks against the pose
+        closed += binner.add(Frame("camera", time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+    closed += binner.finish()
+    in_frame = [[bool(np.isfinite(k)) for k in entry.temperature_k] for entry, _ in closed]
+    assert in_frame == [[True, True]] * 3 + [[True, False]] * 5 + [[False, False]] * 2
+    flagged = [[bool(flag & Quality.MOVED) for flag in entry.region_flags] for entry, _ in closed]
+    assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[False, False]] * 2
+    assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
+    said = [event.text for _, events in closed for event in events if event.data.get("phase") == "lost"]
+    ends = "the trajectory ends: regions are lost, such minutes enter no slope"
+    assert said == ["right left the frame and is lost", ends]
