@@ -65,7 +65,7 @@ def command(
     common.print_table(("", "pose", "standard uncertainty"), rows)
     click.echo(f"marks off by {max(residuals):.1f} px at most")
     click.echo(f"wrote {out}")
-    common.say(f"next: fieldkit map --pose {out}")
+    common.say(f'next: fieldkit map --pose {out}, or pose = "{out}" under [camera] in fieldkit.toml')
 
 
 def _lens(text: str) -> tuple[float, ...]:

@@ -283,6 +283,7 @@ def _document(region: Region) -> dict[str, Any]:
         "name": region.name,
         "kind": region.kind.name.lower(),
         "points_px": region.vertices,
+        "points_m": region.points_m,
         "tilt_deg": region.tilt_deg,
         "azimuth_deg": region.azimuth_deg,
         "emissivity": region.emissivity,

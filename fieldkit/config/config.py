@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tomlkit
+from tomlkit.items import String, StringType, Trivia
 
 from fieldkit.calibration.calibration_record import CalibrationRecord, from_document
 from fieldkit.config.references import calibration_folder, campaign_folder
@@ -185,12 +187,20 @@ class Config:
 
     def to_toml(self) -> str:
         """All active values as TOML without comments, as a session stores them."""
-        return tomlkit.dumps(self.tables.model_dump(by_alias=True, exclude_none=True))
+        values = self.tables.model_dump(by_alias=True, exclude_none=True)
+        if self.pose is not None and (text := self.pose.table.trajectory) is not None:
+            values["camera"]["pose"]["trajectory"] = _quoted(text)
+        return tomlkit.dumps(values)
 
     def _device_tables(self) -> Iterator[tuple[str, DeviceTable]]:
         named = {"camera": self.tables.camera, "lux": self.tables.lux, "thermometer": self.tables.thermometer}
         yield from ((name, table) for name, table in named.items() if table is not None)
         yield from self.tables.device.items()
+
+
+def _quoted(text: str) -> String:
+    """A long text on one line; tomlkit's own escapes take half a minute for a megabyte."""
+    return String(StringType.SLB, text, json.dumps(text, ensure_ascii=False)[1:-1], Trivia())
 
 
 def _device(name: str, table: DeviceTable) -> DeviceSettings:

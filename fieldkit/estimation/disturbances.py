@@ -230,6 +230,8 @@ class DisturbanceMonitor:
 
     def _leaving(self, minute: OpenBin) -> Iterator[Event]:
         """Events where single regions leave the frame, and where they are back."""
+        if not minute.frame_sums.frames:
+            return
         before, self._outside = self._outside, minute.not_whole
         for column in sorted(before ^ self._outside):
             name = self._schedule.columns[column].name

@@ -206,10 +206,12 @@ class GroundFollower:
 
         None where the trajectory has no pose, or the frame does not show what the pose says.
         """
+        if not regions:
+            return []
         camera = self._path.camera(time_ns, (counts.shape[0], counts.shape[1]))
         self.has_pose = camera is not None
-        if camera is None or not regions:
-            return None if regions else []
+        if camera is None:
+            return None
         height_m = float(np.mean([corner[2] for region in regions for corner in region.points_m]))
         if self._view is None or not (self._is_lost or _overlaps(camera, self._view, height_m)):
             self._view, self._seen = camera, RegionFollower()

@@ -62,9 +62,9 @@ class Camera:
         yaw, pitch, roll = np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg])
         forward = np.array([np.cos(pitch) * np.sin(yaw), np.cos(pitch) * np.cos(yaw), np.sin(pitch)])
         level = np.array([np.cos(yaw), -np.sin(yaw), 0.0])
-        below = np.cross(forward, level)
-        right = np.cos(roll) * level + np.sin(roll) * below
-        return np.array([right, np.cross(forward, right), forward])
+        below = np.array([np.sin(pitch) * np.sin(yaw), np.sin(pitch) * np.cos(yaw), -np.cos(pitch)])
+        right, down = np.cos(roll) * level + np.sin(roll) * below, np.cos(roll) * below - np.sin(roll) * level
+        return np.array([right, down, forward])
 
 
 def rays(camera: Camera) -> FloatArray:

@@ -377,9 +377,7 @@ class _MinuteConditions:
     def _disturbances(self, minute: Minute) -> Iterator[_Found]:
         """Clouds, shade and drift go on until they are reported to be over, or the frame has moved."""
         has_moved = bool(minute.flags & Quality.MOVED)
-        yield _Found(
-            Condition.MOVED, "", has_moved, "the camera moved too far to be followed: regions are lost"
-        )
+        yield _Found(Condition.MOVED, "", has_moved, "the camera cannot be followed: regions are lost")
         for (condition, subject), was_on in self._was.items():
             if condition in (Condition.CLOUD, Condition.SHADE, Condition.DRIFT):
                 yield _Found(condition, subject, was_on and not (has_moved and subject))

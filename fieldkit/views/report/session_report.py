@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from fieldkit.estimation.estimator import Minute
     from fieldkit.sessions.reader import SessionReader
 
+LONGEST_LINE = 500
+"""Of the configuration, in characters."""
+
 
 def write_report(
     path: Path,
@@ -108,8 +111,13 @@ def _page(data: ReportData) -> str:
         streams=recording.streams(data),
         clock=recording.clock(data),
         provenance=recording.provenance(data),
-        config_toml=data.config_toml,
+        config_toml="\n".join(map(_cut, data.config_toml.splitlines())),
     )
+
+
+def _cut(line: str) -> str:
+    """A line of the configuration, without the end of a trajectory."""
+    return line if len(line) <= LONGEST_LINE else f"{line[:LONGEST_LINE]} … ({len(line)} characters)"
 
 
 def _facts(data: ReportData) -> str:

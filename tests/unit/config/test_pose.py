@@ -38,10 +38,12 @@ def test_corners_on_level_ground_are_seen_from_above_where_the_pinhole_shows_the
 
 
 def test_a_session_holds_pose_trajectory_and_corners_itself(tmp_path):
-    file = campaign(tmp_path, LENS + 'trajectory = "run.csv"')
-    (tmp_path / "run.csv").write_text(RUN)
+    file = campaign(tmp_path, LENS + 'trajectory = "run.tum"')
+    remark = '# of the "mast" \\ in TUM\'s format, \t Köln\n'
+    rows = [f"{1451674800 + 3600 * hour} {500000 + 2 * hour} 4172000 2310 1 0 0 0" for hour in range(2)]
+    (tmp_path / "run.tum").write_text(remark + "\n".join(rows), encoding="utf-8")
     config = loaded(file)
-    (tmp_path / "run.csv").unlink()
+    (tmp_path / "run.tum").unlink()
     again = config_from_text(config.to_toml(), tmp_path / "recordings" / "a.h5")
     assert again.tables == config.tables
     assert again.regions == config.regions

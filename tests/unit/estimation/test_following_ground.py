@@ -10,7 +10,7 @@ from fieldkit.estimation.binner import Binner
 from fieldkit.estimation.following import GroundFollower
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
-from fieldkit.model.samples import Frame, Quality
+from fieldkit.model.samples import EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
 from fieldkit.physics.camera_geometry import Camera, project, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Trajectory, homography_over_level
@@ -148,6 +148,7 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     flagged = [[bool(flag & Quality.MOVED) for flag in entry.region_flags] for entry, _ in closed]
     assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[False, False]] * 2
     assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
-    said = [event.text for _, events in closed for event in events if event.data.get("phase") == "lost"]
+    said = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
     ends = "the trajectory ends: regions are lost, such minutes enter no slope"
-    assert said == ["right left the frame and is lost", ends]
+    assert [text for text in said if "corrected" not in text] == ["right left the frame and is lost", ends]
+    assert said[0] == "the camera moved: regions corrected by 2.5 px"  # half a minute after the first frame
