@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from fieldkit.config.references import campaign_folder
 from fieldkit.config.toml_lines import KeyPath
 from fieldkit.config.validation import Mistake
 from fieldkit.model.errors import ConfigError
@@ -46,7 +47,7 @@ def with_horizons(values: dict[str, Any], path: Path) -> list[Mistake]:
     for place, table in _tables(values):
         if isinstance(name := table.get("horizon"), str):
             try:
-                table["horizon"] = load_horizon(path.parent / name)
+                table["horizon"] = load_horizon(campaign_folder(path) / name)
             except ConfigError as error:
                 mistakes.append(Mistake((*place, "horizon"), error.message))
     return mistakes

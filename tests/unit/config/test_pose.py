@@ -1,12 +1,13 @@
 """The camera's pose in the configuration, and regions on its ground."""
 
+import numpy as np
 import pytest
 
 from fieldkit.config import ConfigMistakesError, config_from_text, load_config
 from fieldkit.config.edit import change_region
 from fieldkit.config.pose import load_pose
 
-pytest.importorskip("rasterio")
+rasterio = pytest.importorskip("rasterio")
 
 SITE = "[site]\nlatitude_deg = 37.7\nlongitude_deg = -105.9\n"
 CAMERA = '[camera]\ndriver = "purethermal"\nwidth_px = 160\nheight_px = 120\n'
@@ -74,6 +75,36 @@ def test_a_dem_is_found_beside_the_file_that_names_it(tmp_path):
     )
     config = loaded(campaign(tmp_path, region=""), 'camera.pose="survey/pose.toml"')
     assert config.pose.at(0).dem == tmp_path / "survey" / "dem.tif"
+
+
+LOOKING_NORTH = DOWN.replace("-90.0", "-20.0").replace("yaw_deg = 0.0", "yaw_deg = 0.0\nroll_deg = 0.0")
+
+
+@pytest.fixture
+def dem(tmp_path):
+    """Cells of 1 m: ground that rises by 0.1 to the north, and a wall of 8 m, 12 m before the camera."""
+    heights = np.repeat(2300.0 + 0.1 * np.arange(60.0)[::-1, np.newaxis], 60, axis=1)
+    heights[47] += 8.0
+    place = rasterio.Affine(1.0, 0.0, 499970.0, 0.0, -1.0, 4172060.0)
+    profile = {"driver": "GTiff", "width": 60, "height": 60, "count": 1, "dtype": "float64"}
+    with rasterio.open(tmp_path / "dem.tif", "w", crs="EPSG:32613", transform=place, **profile) as file:
+        file.write(heights, 1)
+
+
+@pytest.mark.parametrize(
+    ("north", "words"),
+    [(6, ""), (20, "does not see 499999,4172020"), (90, "dem.tif has no height at 499999, 4172090")],
+)
+def test_corners_have_the_heights_of_a_dem_and_are_not_seen_behind_a_wall(tmp_path, dem, north, words):
+    corners = [[499999, 4172000 + north], [500001, 4172000 + north], [500000, 4172001 + north]]
+    pose = LENS.replace("ground_m = 2300.0", 'dem = "dem.tif"') + LOOKING_NORTH
+    file = campaign(tmp_path, pose.replace("60.0", "100.0"), REGION + str(corners))
+    if words:
+        with pytest.raises(ConfigMistakesError, match=words):
+            loaded(file)
+        return
+    (flat,) = loaded(file).regions
+    assert [up for _, _, up in flat.points_m] == pytest.approx([2300.55, 2300.55, 2300.65])
 
 
 @pytest.mark.parametrize(

@@ -149,6 +149,6 @@ def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_f
     assert flagged == [[False, False]] * 2 + [[False, True]] * 6 + [[False, False]] * 2
     assert [bool(entry.flags & Quality.MOVED) for entry, _ in closed] == [False] * 8 + [True] * 2
     said = [event.text for _, events in closed for event in events if event.kind is EventKind.MOVED]
-    ends = "the trajectory ends: regions are lost, such minutes enter no slope"
+    ends = "the trajectory has no pose of this time: regions are lost, such minutes enter no slope"
     assert [text for text in said if "corrected" not in text] == ["right left the frame and is lost", ends]
     assert said[0] == "the camera moved: regions corrected by 2.5 px"  # half a minute after the first frame
