@@ -288,8 +288,9 @@ class Follower:
     @property
     def loss(self) -> str:
         """Why the last frame was not followed, if it was not."""
-        no_pose = self._ground is not None and not self._ground.has_pose
-        return "the trajectory has no pose of this time" if no_pose else "the camera moved too far to be followed"
+        if self._ground is not None and not self._ground.has_pose:
+            return "the trajectory has no pose of this time"
+        return "the camera moved too far to be followed"
 
     def update(self, frame: Frame, camera: CameraStream, columns: NDArray[np.int64]) -> RegionPixels | None:
         """The pixels of the regions in a frame; None where they cannot be found."""

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from fieldkit.calibration.calibration_record import model_warnings, record_warnings
 from fieldkit.config import Config
+from fieldkit.config.trajectory import outside
 from fieldkit.estimation.instruments import Instruments as EstimatorInstruments
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import ConfigError, StorageError
@@ -32,8 +33,8 @@ def preflight(
 ) -> None:
     """Raise `ConfigError` or `StorageError` for what would spoil the session, before it begins.
 
-    `notify` receives warnings: no regions, radiation that cannot be used, probes and
-    limits of what is not there, calibrations that are old or of another instrument.
+    `notify` receives warnings: no regions, radiation that cannot be used, probes and limits of what is not
+    there, a trajectory of another time, calibrations that are old or of another instrument.
     """
     streams = instruments.streams
     _check_regions(config, streams, notify)
@@ -50,6 +51,7 @@ def preflight(
     _check_space(needed, duration_s, instruments.free_bytes(), disk_reserve_bytes(config))
     now_ns = instruments.utc_ns()
     sun_vectors(now_ns, config.site)  # loads astropy's tables now: later it would hold up the recording
+    _check_trajectory(config, now_ns, duration_s or 0.0, notify)
     now = datetime.fromtimestamp(now_ns / SECOND_NS, UTC)
     for key, calibration in config.calibrations().items():
         other = model_warnings(calibration, config.tables.estimator.model) if key == "estimator.scale" else []
@@ -71,6 +73,16 @@ def _check_regions(config: Config, streams: Sequence[StreamInfo], notify: Notify
                 f"region {region.name!r} reaches outside the frame of {cols} x {rows} pixels",
                 fix="fieldkit roi check, then correct its points_px in fieldkit.toml",
             )
+
+
+def _check_trajectory(config: Config, now_ns: int, duration_s: float, notify: Notify) -> None:
+    """Warn if the camera's trajectory does not cover the session."""
+    path = config.estimator_settings().camera_path
+    for time_ns in (now_ns, now_ns + round(duration_s * SECOND_NS)):
+        if path is not None and path.trajectory.at(time_ns) is None:
+            wrong = outside(path.trajectory, time_ns, "the trajectory of camera.pose").message
+            notify(f"{wrong}: regions on the ground are lost then")
+            return
 
 
 def _bytes_per_second(streams: Sequence[StreamInfo], sampling: Sampling) -> float:

@@ -32,10 +32,10 @@ def recorded(folder, minutes, *settings, tables=SIMULATED):
     return done.path
 
 
-def on_the_ground(folder, minutes):
+def on_the_ground(folder, minutes, start_ns=ALAMOSA_NOON_NS):
     """The same beds on the ground, and a trajectory without the shaking, wrong by 0.2 degrees."""
     folder.mkdir()
-    write_trajectory(folder / "run.tum", MOTION, ALAMOSA_NOON_NS, 60.0 * minutes, POSE_ERROR_DEG)
+    write_trajectory(folder / "run.tum", MOTION, start_ns, 60.0 * minutes, POSE_ERROR_DEG)
     regions = [
         {**{key: value for key, value in region.items() if key != "points_px"}, "points_m": corners}
         for region in SIMULATED["region"]
@@ -95,3 +95,15 @@ def test_a_kick_of_40_pixels_is_lost_within_a_minute(tmp_path):
     assert [one.data["phase"] for one in events] == ["lost", "corrected"]
     assert 0 <= events[0].time_ns - kicked_ns <= 60 * 10**9
     assert 0 < sum(bool(one & Quality.MOVED) for one in flags) <= 11
+
+
+@pytest.mark.parametrize(("late_s", "is_reported"), [(0, False), (600, True), (-900, True), (-2400, True)])
+def test_a_trajectory_that_does_not_cover_a_recording_is_reported_before_it(tmp_path, late_s, is_reported):
+    pytest.importorskip("rasterio")
+    tables = on_the_ground(tmp_path / "pose", 20, ALAMOSA_NOON_NS + late_s * 10**9)
+    create_campaign(tmp_path / "pose", tables)
+    warnings = []
+    with prepare(load_config(tmp_path / "pose" / FILE_NAME), duration_s=600.0, notify=warnings.append):
+        pass
+    lost = [one for one in warnings if "regions on the ground are lost then" in one]
+    assert len(lost) == is_reported
