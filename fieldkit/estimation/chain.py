@@ -87,7 +87,10 @@ class SlopeChain:
             regions = [self.schedule.columns[column] for column in active]
             model = "full" if self._settings.model == "learned" else self._settings.model
             found = Estimated(slopes(history.only(active), regions, replace(self._settings, model=model)))
-        return replace(found, slopes=tuple(self._with_reason(one, minute) for one in found.slopes))
+        explained = [self._with_reason(one, minute) for one in found.slopes]
+        if (history.flags & int(Quality.MOVED)).any() and not np.isfinite(history.temperature_k).any():
+            explained = [replace(one, reason=LOST) for one in found.slopes]
+        return replace(found, slopes=tuple(explained))
 
     def _learned(self, history: History) -> Estimated | None:
         """Slopes by what was learned; None without a reference or a target."""
@@ -131,6 +134,9 @@ class SlopeChain:
         if schedule.is_redrawn(column):
             return replace(estimate, reason=f"{estimate.reason}; redrawn: begun anew")
         return estimate
+
+
+LOST = "the regions were lost in all frames: the camera moved too far, or its trajectory has no pose then"
 
 
 class _Group:

@@ -7,11 +7,13 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from fieldkit.estimation.binner import Binner
+from fieldkit.estimation.estimator import Estimator
 from fieldkit.estimation.following import GroundFollower
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.samples import EventKind, Frame, Quality
 from fieldkit.model.site import Region, RegionKind, Site
+from fieldkit.model.slope import SlopeState
 from fieldkit.physics.camera_geometry import Camera, project, quaternion_of_angles
 from fieldkit.physics.trajectory import CameraPath, Trajectory, homography_over_level
 from fieldkit.simulation.motion import Motion
@@ -123,6 +125,25 @@ def test_a_drift_that_the_pose_does_not_know_of_is_corrected_by_whole_pixels():
     assert np.array(found.vertices) - regions[0].vertices == pytest.approx(
         np.tile([7.0, 5.0], (4, 1)), abs=1e-6
     )
+
+
+@pytest.mark.parametrize("model", ["paper", "learned"])
+def test_a_trajectory_of_another_time_is_the_reason_for_no_slope(model):
+    path, regions = known_pose(Motion())
+    poses = path.trajectory
+    other = Trajectory((1, 2), poses.position_m * 2, poses.quaternion * 2)
+    settings = EstimatorSettings(model=model, camera_path=CameraPath(other, path.hfov_deg))
+    flat = Region("flat", RegionKind.REFERENCE, ((10, 80), (40, 80), (40, 110)), 0.0, 0.0)
+    camera = StreamInfo("camera", "brightness_temperature", "K", SHAPE, scale=0.01)
+    estimator = Estimator(Site(37.7, -105.92), [flat, *regions], (camera,), settings)
+    for minute in range(8):
+        time_ns = 1_451_674_800 * SECOND_NS + minute * 60 * SECOND_NS
+        shown = np.full(SHAPE, 30_000 + minute, np.uint16)
+        estimator.add(Frame("camera", time_ns, time_ns, shown, np.empty((0, 160), np.uint16)))
+    (bed,) = estimator.finish()[-1].estimates
+    assert bed.state is SlopeState.NO_DATA
+    assert "the regions were lost in all frames" in bed.reason
+    assert bed.flags & Quality.MOVED
 
 
 def test_minutes_in_which_a_region_is_not_in_the_frame_or_no_pose_is_known_are_flagged():
