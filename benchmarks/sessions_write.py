@@ -104,7 +104,7 @@ def _os_write(path: Path, data: Frames) -> None:
     os.close(descriptor)
 
 
-def _plain_pack(chunk: Frames, _: int) -> memoryview:
+def _plain_pack(chunk: Frames) -> memoryview:
     return chunk.data.cast("B")
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import json
 import struct
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
+from isal.isal_zlib import crc32
 from numpy.typing import NDArray
 
 from fieldkit.model.clock import ClockCheck
@@ -106,7 +106,7 @@ def sample_crc32(sample: Sample, data: memoryview, more: memoryview) -> int:
         sample.mono_ns, sample.time_ns // 1000, sample.device_time, sample.seq, sample.device_seq,
         int(sample.quality), fpa if fpa == fpa else _NAN,  # every NaN is the same NaN
     )  # fmt: skip
-    return zlib.crc32(stamps, zlib.crc32(more, zlib.crc32(data)))
+    return crc32(stamps, crc32(more, crc32(data)))
 
 
 def stored_crc32s(
@@ -119,7 +119,7 @@ def stored_crc32s(
     stamps["fpa_temperature"][np.isnan(stamps["fpa_temperature"])] = _NAN  # every NaN is the same NaN
     packed, size = stamps.tobytes(), _STAMP_COLUMNS.itemsize
     crcs = (
-        zlib.crc32(packed[place * size : (place + 1) * size], zlib.crc32(more.data, zlib.crc32(data.data)))
+        crc32(packed[place * size : (place + 1) * size], crc32(more.data, crc32(data.data)))
         for place, (data, more) in enumerate(bodies)
     )
     return np.fromiter(crcs, np.uint32, len(stamps))

@@ -120,8 +120,8 @@ def _verified(session: SessionReader, stream: str, expected: Iterable[int]) -> i
 
 def _bad(reader: StreamReader, start: int) -> list[int]:
     """Numbers of the samples of a block that do not match their checksum."""
-    block = reader.samples(start, start + _BLOCK)
-    return [sample.seq for sample in block if sample.quality & Quality.BAD_CRC]
+    bad = reader.flags(start, start + _BLOCK) & Quality.BAD_CRC
+    return [start + int(place) for place in np.flatnonzero(bad)]
 
 
 def _span(session: SessionReader, stream: str) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import repeat
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from fieldkit.model.device import StreamInfo
 from fieldkit.model.errors import SessionError
 from fieldkit.model.samples import Frame, Quality, Sample
+from fieldkit.sessions.chunks import is_packed, read_block
 from fieldkit.sessions.layout import (
     FILL_COUNT,
     MOST_BLOCK_BYTES,
@@ -97,6 +99,7 @@ class StreamReader:
         self._stored_frames = self._open_frames() if info.is_camera else []
         self._depth = chunk_shape(info)[0] if info.is_camera else _BLOCK_ROWS
         self._block_rows = max(1, _BLOCK_ROWS // self._depth) * self._depth
+        self._packed = {frames.name for frames in self._stored_frames if is_packed(frames)}
 
     def _open_frames(self) -> list[h5py.Dataset]:
         shapes = {"counts": self.info.shape, "metadata_rows": self.info.metadata_shape}
@@ -239,10 +242,18 @@ class StreamReader:
             block["time_ns"] = exact_time_ns(block["time"], block["mono_ns"], self._anchor_ns)
             for first, until in _spans(begin, last, self._depth):
                 columns = {name: values[first - begin : until - begin] for name, values in block.items()}
-                frames = [self._read(dataset, first, until)[0] for dataset in self.frame_datasets]
+                frames = [self._frames_of_chunk(dataset, first, until) for dataset in self.frame_datasets]
                 bad = stored_crc32s(columns, _bodies(columns, frames)) != columns["crc32"]
                 columns["flags"] = self._flagged(columns["flags"], first, bad)
                 yield _Part(first, columns, frames)
+
+    def _frames_of_chunk(self, dataset: h5py.Dataset, first: int, until: int) -> NDArray[np.uint16]:
+        """Frames within one chunk; those that cannot be read are the fill value."""
+        whole = first % self._depth == 0 and until == min(first + self._depth, len(self))
+        if whole and dataset.name in self._packed and dataset.chunks[0] == self._depth:
+            with suppress(OSError, RuntimeError, ValueError):  # then as far as HDF5 can read it
+                return read_block(dataset, first)[: until - first]
+        return self._read(dataset, first, until)[0]
 
     def _flagged(self, flags: NDArray[np.uint16], start: int, bad: NDArray[np.bool_]) -> NDArray[np.uint16]:
         """Flags of the rows from `start` on with what was found out about them, which is remembered."""

@@ -235,13 +235,13 @@ class SessionWriter:
         self._journal.close()
 
     def _seal(self) -> SealReport:
-        from fieldkit.sessions.recovery import rebuild
-
         end_ns = self._clock.to_utc_ns(self._clock.mono_ns())
         complete = self._finish_file(end_ns)
         with JournalReader(self._folder) as journal:
             if complete:
                 return seal(self.path, journal_crc32s(journal), SEALED)
+        from fieldkit.sessions.recovery import rebuild  # takes half a second, and is hardly ever needed
+
         return rebuild(self.path, SEALED)
 
     def _finish_file(self, end_ns: int) -> bool:
