@@ -28,7 +28,7 @@ from fieldkit.model.slope import SlopeState, is_too_wide
 from fieldkit.physics.energy_balance import SurfaceParameters, irradiance_per_kelvin
 from fieldkit.physics.facet import FloatArray, normal, tilt_azimuth
 
-PIECE = 16_384
+PIECE = 32_768
 DEGREES = np.float32(180.0 / np.pi)
 STEPS = 24
 """Points along the ellipse's edge: its extremes are met within one part in a hundred."""
@@ -194,19 +194,22 @@ class MapSums:
             numbers *= side
         tilt, azimuth, second, chi_square = planes
         chosen, other = level + lift, level - lift
-        tilt[:] = _arc_cosine(chosen)
+        _arc_cosine(chosen, tilt)
+        for component, part in ((north, m[1]), (east, m[0])):
+            component += part * across
         # accurate to 0.01 degree, and forty times as fast as numpy's
-        azimuth[:] = cv2.phase(north + m[1] * across, east + m[0] * across, angleInDegrees=True).ravel()
+        azimuth[:] = cv2.phase(north, east, angleInDegrees=True).ravel()
         pinned = highest * (y1 - x1) ** 2 + middle * (y2 - x2) ** 2
-        chi_square[:] = (np.maximum(left, 0.0) + pinned) / self._freedom
+        np.maximum(left, 0.0, out=left)
+        np.divide(np.add(left, pinned, out=left), self._freedom, out=chi_square)
         self._set_states(chosen, other, chi_square, gain, is_alone, state)
         # the first axis is the sun's mean direction, so along it lies the mean cosine
         _raise_state(state, (y1 if e1[2] > 0.0 else -y1) < LOWEST_COS_INCIDENCE, SlopeState.SHADED)
         _raise_state(state, np.isnan(y1), SlopeState.NO_DATA)
-        second[:] = _arc_cosine(other) + _WITH_SECOND.take(state)
-        unknown = _WITH_TILT.take(state)
-        tilt += unknown
-        azimuth += unknown
+        _arc_cosine(other, second)
+        second += _NAN_UNLESS_NOT_RESOLVED.take(state)
+        unknown = state >= np.uint8(SlopeState.NO_INTERSECTION)  # else all are converted to integers
+        tilt[unknown] = azimuth[unknown] = np.nan  # they lie together
 
     def _resolved(
         self, piece: slice, values: FloatArray, vectors: FloatArray
@@ -232,8 +235,7 @@ class MapSums:
         """States of lit pixels; `gain` is the misfit of the other branch less the chosen one's."""
         # a misfit beyond noise inflates the variance, and with it the significant difference
         significant = NINETY_PERCENT * np.maximum(chi_square, 1.0)
-        state[:] = SlopeState.OK
-        _raise_state(state, ~is_alone & (gain < significant), SlopeState.NOT_RESOLVED)
+        np.multiply(~is_alone & (gain < significant), np.uint8(SlopeState.NOT_RESOLVED), out=state)
         limit = self._limit_cosine
         too_steep = (chosen < limit) | ((other < limit) & (gain < -significant))
         _raise_state(state, too_steep | (chi_square > _alarm(self._freedom)), SlopeState.NO_INTERSECTION)
@@ -247,13 +249,8 @@ def _raise_state(state: NDArray[np.uint8], where: NDArray[np.bool_], value: Slop
     np.maximum(state, where * np.uint8(value), out=state)
 
 
-def _nan_except(states: Container[SlopeState]) -> NDArray[np.float32]:
-    """What to add to an angle, by state: nothing in some states, in the others NaN."""
-    return np.array([0.0 if state in states else np.nan for state in range(len(SlopeState))], np.float32)
-
-
-_WITH_SECOND = _nan_except((SlopeState.NOT_RESOLVED,))
-_WITH_TILT = _nan_except(range(SlopeState.NO_INTERSECTION))
+_NAN_UNLESS_NOT_RESOLVED = np.full(len(SlopeState), np.nan, np.float32)
+_NAN_UNLESS_NOT_RESOLVED[SlopeState.NOT_RESOLVED] = 0.0
 
 
 def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -261,8 +258,11 @@ def _square_sine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(np.maximum(np.float32(1.0) - cosine * cosine, np.float32(3e-6)))
 
 
-def _arc_cosine(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(np.arccos(np.minimum(cosine, np.float32(1.0))) * DEGREES)
+def _arc_cosine(cosine: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+    """In degrees."""
+    np.minimum(cosine, np.float32(1.0), out=out)
+    np.arccos(out, out=out)
+    out *= DEGREES
 
 
 def _alarm(freedom: int) -> float:
