@@ -166,3 +166,18 @@ def _word(text: object) -> str:
     """One word of a value, quoted where systemd would divide it."""
     found = _verbatim(text).replace("\\", "\\\\").replace('"', '\\"')
     return found if re.fullmatch(r"[\w/.,:=@+-]+", found, re.ASCII) else f'"{found}"'
+
+
+def packaged_unit() -> Unit:
+    """The unit in a distribution's package: the campaign in ``/var/lib/fieldkit``, run by the package's user."""
+    return Unit(
+        Path("/var/lib/fieldkit/campaign"),
+        "fieldkit",
+        GROUPS,
+        python="/usr/lib/fieldkit/bin/python3",
+        header="# Of the package fieldkit. fieldkit service install --system writes one for another campaign.",
+    )
+
+
+if __name__ == "__main__":
+    sys.stdout.write(packaged_unit().text())
