@@ -27,6 +27,8 @@ from fieldkit.workflows.service_unit import GROUPS, NAME, Unit, campaign_of, pag
 SYSTEMD_RUNS = Path("/run/systemd/system")
 """Exists where systemd is the init process, see sd_booted(3)."""
 SYSTEM_UNITS = Path("/etc/systemd/system")
+PACKAGED_UNITS = Path("/usr/lib/systemd/system")
+"""Where a distribution's package puts its unit; one of the same name in `SYSTEM_UNITS` replaces it."""
 LINGERING = Path("/var/lib/systemd/linger")
 """A file for each user whose services run without a login."""
 PROPERTIES = ("ActiveState", "SubState", "UnitFileState", "StatusText", "Result", "NRestarts",
@@ -119,7 +121,7 @@ def service_status() -> list[ServiceStatus]:
     """The installed services, the user's and the system's; raises `RefusedError` without systemd."""
     _need_systemd()
     found = [_Manager(system) for system in (False, True)]
-    return [manager.status() for manager in found if manager.campaign() is not None]
+    return [manager.status() for manager in found if manager.effective_unit().exists()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,10 +143,13 @@ class _Manager:
         return " --system" if self.is_system else ""
 
     def campaign(self) -> Path | None:
-        return campaign_of(self._text()) if self.unit.exists() else None
+        """The campaign of the unit that `install_service` wrote, None without one."""
+        return campaign_of(self.unit.read_text(encoding="utf-8")) if self.unit.exists() else None
 
-    def _text(self) -> str:
-        return self.unit.read_text(encoding="utf-8")
+    def effective_unit(self) -> Path:
+        """The unit that systemd uses: a package's, where none was installed."""
+        packaged = PACKAGED_UNITS / NAME
+        return packaged if self.is_system and not self.unit.exists() and packaged.exists() else self.unit
 
     def systemctl(self, *words: str) -> str:
         command = ["systemctl", *([] if self.is_system else ["--user"]), *words]
@@ -168,9 +173,10 @@ class _Manager:
         lines = self.systemctl("show", "--timestamp=unix", wanted, NAME).splitlines()
         shown = dict(line.split("=", 1) for line in lines if "=" in line)
         since = shown.get("StateChangeTimestamp", "").removeprefix("@")
-        text = self._text()
+        unit = self.effective_unit()
+        text = unit.read_text(encoding="utf-8")
         return ServiceStatus(
-            self.unit,
+            unit,
             self.is_system,
             campaign_of(text),
             page_options_of(text),
@@ -228,6 +234,8 @@ def _write(path: Path, text: str) -> None:
 def _installed_elsewhere(system: bool) -> str:
     other = _Manager(system)
     if other.campaign() is None:
+        if _Manager(True).effective_unit().exists():
+            return f"the one of the package is stopped by: sudo systemctl disable --now {NAME}"
         return "fieldkit service install installs one"
     return f"a {other.words} is: fieldkit service remove{other.option}"
 

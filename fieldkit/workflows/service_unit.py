@@ -169,13 +169,13 @@ def _word(text: object) -> str:
 
 
 def packaged_unit() -> Unit:
-    """The unit in a distribution's package: the campaign in ``/var/lib/fieldkit``, run by the package's user."""
+    """The unit in a distribution's package: its campaign is in ``/var/lib/fieldkit``."""
     return Unit(
         Path("/var/lib/fieldkit/campaign"),
         "fieldkit",
         GROUPS,
         python="/usr/lib/fieldkit/bin/python3",
-        header="# Of the package fieldkit. fieldkit service install --system writes one for another campaign.",
+        header="# Of the package fieldkit; for another campaign: fieldkit service install --system",
     )
 
 
