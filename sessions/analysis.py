@@ -114,6 +114,11 @@ def kelvin(
         A frame is damaged, and `damaged` is "raise".
     SessionError
         There is no such camera, or `stream` is needed to choose one.
+
+    Examples
+    --------
+    >>> session.kelvin(0, 2).shape
+    (2, 120, 160)
     """
     info = camera_of(session, stream)
     convert, parts = _to_kelvin(info, calibration), [np.empty((0, *info.shape))]
@@ -159,6 +164,12 @@ def region_series(
     ------
     SessionError
         A region covers no pixel of the frame, or there is no such camera.
+
+    Examples
+    --------
+    >>> series = session.region_series()
+    >>> series.mean_k.shape
+    (60, 4)
     """
     info = camera_of(session, stream)
     schedule = session.region_schedule if regions is None else RegionSchedule.of(regions)
@@ -262,6 +273,12 @@ def to_pandas(session: SessionReader, stream: str) -> pd.DataFrame:
     """The samples of a stream by UTC: the values of a meter; of a camera all but the frames.
 
     Column names end in their unit in brackets; `DataFrame.attrs` has stream, quantity, unit and device.
+
+    Examples
+    --------
+    >>> table = session.to_pandas("thermometer")
+    >>> table.columns.tolist()[:2], len(table)
+    (['T1 [K]', 'T2 [K]'], 1201)
     """
     import pandas as pd
 
@@ -287,6 +304,11 @@ def to_xarray(session: SessionReader, stream: str) -> xr.Dataset:
     `flags` are verified by the checksums when they are read, which reads the whole stream. Raises
     `SessionError` for an interrupted session, which other programs cannot open, and for a stream that lies
     outside the session's file, into which they would follow the link.
+
+    Examples
+    --------
+    >>> session.to_xarray("lux").sizes["time"]
+    1200
     """
     import xarray as xr
 

@@ -194,7 +194,7 @@ class SessionReader:
             self._file.close()
 
     def refresh(self) -> None:
-        """See what a living writer has added since."""
+        """Read what a running recording has added since."""
         for reader in self._readers.values():
             reader.refresh()
         for name, columns in self._columns.items():
@@ -218,7 +218,7 @@ class SessionReader:
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        """The regions as they were drawn last; also those that were removed."""
+        """The regions with their latest outlines, removed ones included."""
         drawn = {record.region.name: record.region for record in self.region_history()}
         return tuple(drawn.values()) or self.header.regions
 
@@ -266,7 +266,7 @@ class SessionReader:
     def samples(self, *streams: str, recorded: bool = False) -> Iterator[Sample]:
         """The samples of the streams named (all if none is), by monotonic time, a block of frames at a time.
 
-        Their `time_ns` is as the active time map corrects it, if there is one and not as `recorded`.
+        Their `time_ns` is corrected by the active time map, unless `recorded` asks for it as stored.
         """
         names = streams or tuple(self.streams)
         if not recorded and (steps := self.time_map()):
@@ -311,7 +311,7 @@ class SessionReader:
         return self._reader(stream).flags()
 
     def readings(self, meter: str, *, recorded: bool = False) -> Readings:
-        """The readings of a meter as arrays, at corrected times or, if so wanted, as `recorded`."""
+        """The readings of a meter as arrays, at corrected times, or with `recorded` at those stored."""
         reader = self._reader(meter)
         found = reader.readings()
         return found if recorded else replace(found, time_ns=self._span_ns(reader))
@@ -374,13 +374,13 @@ class SessionReader:
     # --- tables: everything but samples
 
     def events(self, *, recorded: bool = False) -> list[Event]:
-        """What happened, in the order it was noticed."""
+        """Events of the recording, in the order they were detected."""
         table = self.table("events")
         steps = [] if recorded else self.time_map()
         return [mapped_event(steps, event) for event in entry_rows.events_from(table, self._exact(table))]
 
     def health(self, *, recorded: bool = False) -> list[Health]:
-        """How the recording was doing, second by second."""
+        """Health of the recording, once a second."""
         table = self.table("health")
         steps = [] if recorded else self.time_map()
         streams = tuple(info.name for info in self.header.streams)
@@ -397,7 +397,7 @@ class SessionReader:
         return entry_rows.regions_from(self.table("regions"))
 
     def region_changes(self) -> list[RegionRecord]:
-        """What was changed of the regions during the recording, in order."""
+        """Changes of the regions during the recording, in order."""
         began_ns = self.identity.start_ns
         return [record for record in self.region_history() if record.time_ns > began_ns]
 

@@ -24,7 +24,6 @@ from fieldkit.views.screen import THEMES
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-HERE = Path(__file__).resolve().parent
 COLUMNS = 100
 SHADES = 256
 """Colours of an image file, which needs a third of the bytes of true colour."""
@@ -35,6 +34,8 @@ class DemoDay:
     """A folder in which the campaigns of the images are recorded, each when it is first asked for."""
 
     folder: Path
+    images: Path
+    """Where the images go."""
 
     @cached_property
     def demo(self) -> Path:
@@ -67,6 +68,14 @@ class DemoDay:
         )  # fmt: skip
         return done.stdout
 
+    def write_png(self, source: Path, name: str, width: int) -> None:
+        """An image in few colours and no wider than `width`, so that its file is small."""
+        image = Image.open(source).convert("RGB")
+        if image.width > width:
+            image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+        few = image.quantize(SHADES, dither=Image.Dither.NONE)
+        few.save(self.images / f"{name}.png", optimize=True)
+
 
 def terminal_svg(shown: RenderableType, title: str, rows: int | None = None) -> str:
     """A terminal of `COLUMNS` as SVG, with the reader's own monospaced font."""
@@ -88,14 +97,6 @@ def terminal_svg(shown: RenderableType, title: str, rows: int | None = None) -> 
 def command_svg(command: str, printed: str) -> str:
     """A command after a prompt, and what it printed."""
     return terminal_svg(Text.assemble(f"$ {command}\n", Text.from_ansi(printed.rstrip())), "fieldkit")
-
-
-def write_png(source: Path, name: str, width: int) -> None:
-    """An image in few colours and no wider than `width`, so that its file is small."""
-    image = Image.open(source).convert("RGB")
-    if image.width > width:
-        image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
-    image.quantize(SHADES, dither=Image.Dither.NONE).save(HERE / f"{name}.png", optimize=True)
 
 
 @contextmanager

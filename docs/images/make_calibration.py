@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 
 IMAGES = ("emissivity.svg",)
 TRUTH = ("simulation.foil=b05", "simulation.emissivity=0.85", "simulation.speed=max", "record.burst_frames=3")
@@ -16,4 +16,4 @@ def main(day: DemoDay) -> None:
     sample = ("--sample", "dry-silica-sand", "--for", "3h", "--reflected", "b05")
     day.run("calibrate", "emissivity", "-C", str(day.sandslope), *sample, *settings)
     figure = next((day.sandslope / "calibration").glob("*.svg"))
-    shutil.copyfile(figure, HERE / IMAGES[0])
+    shutil.copyfile(figure, day.images / IMAGES[0])

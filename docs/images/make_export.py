@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pandas as pd
-from demo_day import HERE, DemoDay, command_svg
+from demo_day import DemoDay, command_svg
 from matplotlib.figure import Figure
 
 from fieldkit.model.units import CELSIUS_ZERO_K
@@ -17,12 +17,12 @@ def main(day: DemoDay) -> None:
     out = day.folder / "csv"
     day.run("export", str(day.session), "--to", "csv", "-o", str(out))
     regions = pd.read_csv(next(out.glob("*-camera-regions.csv")))
-    (HERE / "export.svg").write_text(svg(temperatures(regions)), encoding="utf-8")
+    (day.images / "export.svg").write_text(svg(temperatures(regions)), encoding="utf-8")
     short = next((day.sandslope / "recordings").glob("*clear.h5"))
     day.run("export", str(short), "--to", "tiff", "-o", "frames", within=day.sandslope)
     printed = day.run("import", "frames", "--title", "again", within=day.sandslope)
     shown = command_svg("fieldkit import frames --title again", printed.replace(f"{day.sandslope}/", ""))
-    (HERE / "terminal-import.svg").write_text(shown, encoding="utf-8")
+    (day.images / "terminal-import.svg").write_text(shown, encoding="utf-8")
 
 
 def temperatures(table: pd.DataFrame) -> Figure:

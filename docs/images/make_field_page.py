@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 
 from tests.harness import field_page_journey as journey
 from tests.harness.field_page import Watched, chromium, opened, served
@@ -11,17 +11,16 @@ SHOWN = ("drawing", "slopes", "alarm")
 IMAGES = tuple(f"field-page-{stage}.png" for stage in SHOWN)
 
 
-def take(name: str, watched: Watched) -> None:
-    """Keep what the phone shows, if it is one of the pictures wanted."""
-    if name == "slopes":
-        watched.page.locator("#answers button").click()  # what was answered covers the card
-        watched.page.locator("#card-b15").scroll_into_view_if_needed()
-    if name in SHOWN:
-        watched.page.screenshot(path=HERE / f"field-page-{name}.png")
-
-
 def main(day: DemoDay) -> None:
     """Draw two regions, record, be warned, stop."""
+
+    def take(name: str, watched: Watched) -> None:
+        if name == "slopes":
+            watched.page.locator("#answers button").click()  # what was answered covers the card
+            watched.page.locator("#card-b15").scroll_into_view_if_needed()
+        if name in SHOWN:
+            watched.page.screenshot(path=day.images / f"field-page-{name}.png")
+
     with chromium() as browser:
         campaign = journey.empty_campaign(day.folder / "field-page")
         with served(campaign, *journey.SETTINGS) as page:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 
 import fieldkit
 from fieldkit.model.slope import SlopeEstimate
@@ -26,7 +26,7 @@ def main(day: DemoDay) -> None:
     """Draw it from the session and the slopes stored with it."""
     with fieldkit.open_session(day.session) as session:
         figure = home(session)
-    (HERE / IMAGES[0]).write_text(plotting.svg(figure), encoding="utf-8")
+    (day.images / IMAGES[0]).write_text(plotting.svg(figure), encoding="utf-8")
 
 
 def home(session: fieldkit.Session) -> Figure:
@@ -35,7 +35,8 @@ def home(session: fieldkit.Session) -> Figure:
     from matplotlib.figure import Figure
 
     with rc_context(plotting.STYLE):
-        figure = Figure(figsize=(plotting.WIDE_IN, 3.4), layout="constrained")
+        figure = Figure(figsize=(7.6, 3.2), layout="constrained")
+        figure.get_layout_engine().set(wspace=0.08)
         frame, tilts = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     at_ns = int(session.times_ns("camera")[FRAME])
     draw_frame(frame, session, at_ns)

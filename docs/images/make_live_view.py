@@ -8,7 +8,7 @@ from __future__ import annotations
 import heapq
 from pathlib import Path
 
-from demo_day import COLUMNS, HERE, DemoDay, terminal_svg
+from demo_day import COLUMNS, DemoDay, terminal_svg
 from rich.screen import Screen
 
 from fieldkit.model.samples import Frame, Reading
@@ -34,13 +34,13 @@ def latest_of(path: Path) -> Latest:
         for item in heapq.merge(session.samples(), told, key=lambda item: item.mono_ns):
             if item.time_ns > session.start_ns + AFTER_NS:
                 break
-            latest.take(item)
+            latest.update(item)
             for minute in estimator.add(item) if isinstance(item, Frame | Reading) else ():
-                latest.take(minute)
+                latest.update(minute)
     return latest
 
 
 def main(day: DemoDay) -> None:
     """Draw the screen."""
     shown = Screen(screen(latest_of(day.session), COLUMNS, ROWS), style="base")
-    (HERE / IMAGES[0]).write_text(terminal_svg(shown, "fieldkit record", ROWS), encoding="utf-8")
+    (day.images / IMAGES[0]).write_text(terminal_svg(shown, "fieldkit record", ROWS), encoding="utf-8")

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from demo_day import DemoDay, write_png
+from demo_day import DemoDay
 
 IMAGES = ("frame.png", "slope-map.png", "risk-map.png")
-WIDTH = 720
+WIDTH = 640
 
 
 def main(day: DemoDay) -> None:
     """Run the commands that write them."""
     frame = day.folder / "frame.png"
     day.run("live", "-C", str(day.sandslope), "--png", str(frame), "--set", "simulation.speed=max")
-    write_png(frame, "frame", WIDTH)
+    day.write_png(frame, "frame", WIDTH)
     maps = day.folder / "maps/beds"
     hour = next((day.sandslope / "recordings").glob("*clear.h5"))
     day.run("map", str(hour), "-o", str(maps), "--products", "ptilt", "--limit-deg", "10")
-    write_png(maps.with_suffix(".png"), "slope-map", WIDTH)
-    write_png(maps.with_name("beds-ptilt.png"), "risk-map", WIDTH)
+    day.write_png(maps.with_suffix(".png"), "slope-map", WIDTH)
+    day.write_png(maps.with_name("beds-ptilt.png"), "risk-map", WIDTH)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from demo_day import DemoDay, browser_page, write_png
+from demo_day import DemoDay, browser_page
 
 PLAN = ("--site", "35.558675,139.395232,9", "--zone", "Asia/Tokyo", "--on", "2026-12-11")
 FACETS = ("--facet", "5,180", "--facet", "15,180", "--facet", "25,180")
@@ -17,15 +17,15 @@ def main(day: DemoDay) -> None:
     plan = day.folder / "plan.html"
     day.run("plan", *PLAN, *FACETS, "--out", str(plan))
     report = day.session.parents[1] / "reports" / f"{day.session.stem}.html"
-    take(plan, "plan", LAPTOP)
-    take(report, "report", LAPTOP)
-    take(report, "report-phone", PHONE)
+    take(day, plan, "plan", LAPTOP)
+    take(day, report, "report", LAPTOP)
+    take(day, report, "report-phone", PHONE)
 
 
-def take(html: Path, name: str, size: tuple[int, int]) -> None:
+def take(day: DemoDay, html: Path, name: str, size: tuple[int, int]) -> None:
     """The top of a page on a screen of that size."""
     png = html.with_name(f"{name}.png")
     with browser_page(*size) as page:
         page.goto(html.as_uri())
         page.screenshot(path=png)
-    write_png(png, name, size[0])
+    day.write_png(png, name, size[0])

@@ -1,9 +1,9 @@
-"""How often pixels are steeper than a limit, by the stated probability; the page's table has the numbers."""
+"""How often pixels are steeper than a limit, by the stated probability."""
 
 from __future__ import annotations
 
 import numpy as np
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 from matplotlib.figure import Figure
 
 from fieldkit.physics.facet import FloatArray
@@ -15,7 +15,7 @@ PIXELS, LIMIT_DEG = 327_680, 20.0
 EDGES: FloatArray = np.linspace(0.0, 1.0, 11)
 
 
-def main(_day: DemoDay) -> None:
+def main(day: DemoDay) -> None:
     """Draw it, and print the shares."""
     tilt, azimuth = drawn(PIXELS)
     probability = simulated(tilt, azimuth)[1].risk(LIMIT_DEG)[0]
@@ -27,7 +27,7 @@ def main(_day: DemoDay) -> None:
         for values in (probability[known], steeper)
     )
     print("steeper", " ".join(f"{100.0 * share:.1f}" for share in found))
-    (HERE / IMAGES[0]).write_text(svg(diagram(stated, found)), encoding="utf-8")
+    (day.images / IMAGES[0]).write_text(svg(diagram(stated, found)), encoding="utf-8")
 
 
 def diagram(stated: FloatArray, found: FloatArray) -> Figure:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 
 FIGURES = ("05", "06", "07", "08", "09-contours", "10-contours", "12", "13", "14")
 IMAGES = tuple(f"paper-{figure}.svg" for figure in FIGURES)
@@ -15,4 +15,4 @@ def main(day: DemoDay) -> None:
     out = day.folder / "study"
     day.run("study", "--out", str(out))
     for figure, image in zip(FIGURES, IMAGES, strict=True):
-        shutil.copyfile(out / f"figure-{figure}.svg", HERE / image)
+        shutil.copyfile(out / f"figure-{figure}.svg", day.images / image)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from demo_day import HERE, DemoDay, command_svg
+from demo_day import DemoDay, command_svg
 
 SITE = "--site 35.558675,139.395232,9 --zone Asia/Tokyo"
 OF_THE_DEMO = {
@@ -28,7 +28,7 @@ def main(day: DemoDay) -> None:
         for name, command in commands.items():
             printed = day.run(*words_of(command, campaign), within=campaign).replace(f"{campaign}/", "")
             svg = command_svg(f"fieldkit {command}", printed)
-            (HERE / f"terminal-{name}.svg").write_text(svg, encoding="utf-8")
+            (day.images / f"terminal-{name}.svg").write_text(svg, encoding="utf-8")
 
 
 def words_of(command: str, folder: Path) -> list[str]:

@@ -6,7 +6,7 @@ The beds of the demo lie on the packaged day's weather, a board over one of them
 from __future__ import annotations
 
 import numpy as np
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -79,8 +79,8 @@ def sunset_s(scene: SceneSeries) -> float:
     return float(scene.time_s[np.flatnonzero(height > 0.0)[-1]]) - NOON_S
 
 
-def main(_day: DemoDay) -> None:
+def main(day: DemoDay) -> None:
     """Draw both from one scene."""
     scene = afternoon()
     for image, figure in zip(IMAGES, (shade_test(scene), after_sunset(scene)), strict=True):
-        (HERE / image).write_text(svg(figure), encoding="utf-8")
+        (day.images / image).write_text(svg(figure), encoding="utf-8")

@@ -234,7 +234,7 @@ def _drawn(plan: DayPlan, site: Site) -> str:
         }
         upper.plot(hours[usable], plan.sensitivity.temperature_k[index, usable], **line)
         lower.semilogy(hours[plan.rows], [found.tilt_deg[index] for found in plan.bounds], **line)
-    plotting.plain_log_ticks(lower)
+    plotting.plain_log_ticks(lower.yaxis)
     upper.axhspan(-WEAK_K_PER_DEG, WEAK_K_PER_DEG, color="0.88", label="weak")
     upper.set_ylabel("K per ° of tilt")
     lower.set_ylabel(f"tilt, 1 sd of {plan.settings.window_min} min, °")

@@ -23,6 +23,7 @@ from fieldkit.physics.facet import FloatArray
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 WIDTH_IN, WIDE_IN = 4.8, 9.6
@@ -111,13 +112,13 @@ def mark_part(index: int, artists: Iterable[Artist]) -> None:
         artist.set_gid(f"{number}-part-{index}")
 
 
-def plain_log_ticks(axes: Axes) -> None:
-    """Write the ticks of a logarithmic vertical axis as 0.5, 1, 2, not as powers of ten."""
+def plain_log_ticks(axis: Axis) -> None:
+    """Write the ticks of a logarithmic axis as 0.5, 1, 2, not as powers of ten."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _position: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _position: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def clock_ticks(axes: Axes) -> None:

@@ -29,6 +29,7 @@ def errors_over_window(
             )  # fmt: skip
         axes.axhline(guess_deg, color="0.4", linestyle=":", linewidth=0.8, label="all called flat")
         axes.set(xscale="log", yscale="log", ylabel=f"p90, °\nfrom {hour:g} h")
+        plotting.plain_log_ticks(axes.xaxis)
     panels[-1].set_xlabel("window, hours")
     plotting.legend(panels[0])
     figure.suptitle(title)

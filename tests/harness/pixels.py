@@ -1,4 +1,4 @@
-"""Simulated pixels with known slopes, mapped as `fieldkit map` does: for tests and the figure of risk."""
+"""Simulated pixels with known slopes, mapped as by `fieldkit map`: for tests and the figure of risk."""
 
 from __future__ import annotations
 
