@@ -141,4 +141,4 @@ def legend(axes: Axes) -> None:
 
 def _columns(labels: Sequence[str], width_in: float) -> int:
     """As many columns as fit the width at the longest label."""
-    return max(1, int(10 * width_in / (max(map(len, labels)) + 4)))
+    return max(1, int(12 * width_in / (max(map(len, labels)) + 4)))

@@ -1,0 +1,185 @@
+"""Reports, plan and study in Chromium: first screen, phone, dark style, print, values without a script."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner
+
+from fieldkit.cli import main
+from tests.harness.field_page import chromium, opened
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+DESK, PHONE = (1200, 800), (390, 800)
+PAGES = ("session", "weather", "campaign", "plan", "study")
+AT_ONCE = ("-q", "--set", "simulation.speed=max")
+POINTS_OF_LINES = """[...document.querySelectorAll('.drawing g[id*="-axes_"]')].map((axes) => Math.max(0,
+    ...[...axes.querySelectorAll(":scope > g > path")].map((path) => path.getAttribute("d").split("L").length)))"""
+SHOWN = """[...document.querySelectorAll(".readings span")].filter(
+    (one) => getComputedStyle(one).clipPath === "none").map((one) => one.textContent)"""
+HIDDEN_PARTS = """[...document.querySelectorAll("figure:has(.parts) g[id*='-part-']")].filter(
+    (one) => !one.checkVisibility()).map((one) => one.id.replace(/.*(part-)/, "$1"))"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(autouse=True)
+def closed_afterwards(browser: Browser) -> Iterator[None]:
+    yield
+    for context in browser.contexts:
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def pages(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One page of each kind, of simulated sessions; asked for the browser first, which may be missing."""
+    folder = tmp_path_factory.mktemp("pages")
+    beds, weather = folder / "beds", folder / "weather"
+    for campaign in (beds, weather):
+        fieldkit("init", "--simulated", campaign)
+    without_camera(weather / "fieldkit.toml")
+    fieldkit("record", "-C", beds, "--name", "noon", "--for", "25m", *AT_ONCE)
+    fieldkit(
+        "record",
+        "-C",
+        beds,
+        "--name",
+        "cloudy",
+        "--for",
+        "12m",
+        *AT_ONCE,
+        "--set",
+        'simulation.faults=["cloud"]',
+    )
+    fieldkit("record", "-C", weather, "--name", "weather", "--for", "12m", *AT_ONCE)
+    made = {name: folder / f"{name}.html" for name in PAGES}
+    (noon,) = beds.glob("recordings/*noon.h5")
+    (rain,) = weather.glob("recordings/*weather.h5")
+    fieldkit("report", noon, "-o", made["session"])
+    fieldkit("report", rain, "-o", made["weather"])
+    fieldkit("report", *beds.glob("recordings/*.h5"), "-o", made["campaign"])
+    fieldkit("plan", "-C", beds, "--on", "2026-12-11", "--out", made["plan"])
+    fieldkit("study", "--slopes", "50", "--estimator", "unit-norm", "--out", folder / "study")
+    made["study"] = folder / "study" / "study.html"
+    return made
+
+
+def fieldkit(*words: str | Path) -> None:
+    done = CliRunner().invoke(main, list(map(str, words)), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+
+
+def without_camera(config: Path) -> None:
+    """Leave light meter and thermometers: a session of the weather alone."""
+    written = config.read_text(encoding="utf-8")
+    meters = re.sub(r"\[camera\]\n(?:[^\[].*\n)+", "", written[: written.index("[[region]]")])
+    config.write_text(meters, encoding="utf-8")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", PAGES)
+def test_axe_finds_nothing_and_nothing_is_fetched(
+    browser: Browser, pages: dict[str, Path], name: str, scheme: str
+) -> None:
+    watched = opened(browser, pages[name].as_uri(), DESK, color_scheme=scheme)
+    assert watched.violations() == []
+    assert watched.foreign == []
+    assert watched.errors == []
+
+
+@pytest.mark.parametrize("width", [390, 800])
+@pytest.mark.parametrize("name", PAGES)
+def test_no_page_scrolls_sideways(browser: Browser, pages: dict[str, Path], name: str, width: int) -> None:
+    watched = opened(browser, pages[name].as_uri(), (width, 800))
+    assert watched.page.evaluate("document.documentElement.scrollWidth") == width
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE])
+def test_the_first_screen_shows_slopes_frame_and_the_state_of_the_data(
+    browser: Browser, pages: dict[str, Path], size: tuple[int, int]
+) -> None:
+    page = opened(browser, pages["session"].as_uri(), size).page
+    for part in (".slopes tr:last-child", ".picture svg", ".sound li, .sound p"):
+        box = page.locator(part).first.bounding_box()
+        assert box is not None
+        assert box["x"] >= 0
+        assert box["y"] + box["height"] <= size[1], part
+    assert re.search(r"b15\s+[\d.]+\s+±[\d.]+", page.locator(".slopes").inner_text())
+
+
+def test_values_are_shown_by_pointer_and_arrow_keys_without_a_script(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    page = opened(browser, pages["session"].as_uri(), DESK, java_script_enabled=False).page
+    tilts = page.locator(".drawing:has(.readings)").first
+    tilts.scroll_into_view_if_needed()
+    box = tilts.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    (shown,) = page.evaluate(SHOWN)
+    assert re.match(r"12:1\d\nb05 .*°.*\nb15 .*°.*\nb25 .*°", shown)
+    page.mouse.move(1, 1)
+    assert page.evaluate(SHOWN) == []
+    tilts.locator("input").first.focus()
+    for minute in (1, 2):
+        page.keyboard.press("ArrowRight")
+        (shown,) = page.evaluate(SHOWN)
+        assert shown.startswith(f"12:0{minute}")
+
+
+def test_parts_of_a_figure_are_hidden_without_a_script(browser: Browser, pages: dict[str, Path]) -> None:
+    page = opened(browser, pages["session"].as_uri(), DESK, java_script_enabled=False).page
+    assert page.evaluate(HIDDEN_PARTS) == []
+    page.locator("figure", has_text="Surface temperature").get_by_label("b05").uncheck()
+    assert page.evaluate(HIDDEN_PARTS) == ["part-1"]  # flat is part 0
+
+
+def test_every_axis_of_a_session_without_camera_has_its_line(
+    browser: Browser, pages: dict[str, Path]
+) -> None:
+    page = opened(browser, pages["weather"].as_uri(), DESK).page
+    points = page.evaluate(POINTS_OF_LINES)
+    assert len(points) == 3  # probes, illuminance, irradiance
+    assert min(points[1:]) >= 12  # one a minute; probes are marks without a line
+    words = page.locator("main").inner_text()
+    assert "Tilt" not in words
+    assert "frame" not in words
+
+
+@pytest.mark.parametrize("name", ["session", "weather", "campaign"])
+def test_simulated_sessions_say_so(browser: Browser, pages: dict[str, Path], name: str) -> None:
+    page = opened(browser, pages[name].as_uri(), PHONE).page
+    assert page.locator(".simulated").inner_text().startswith("Simulated.")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_print_has_no_lonely_row_or_heading(
+    browser: Browser, pages: dict[str, Path], name: str, tmp_path: Path
+) -> None:
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext here: apt-get install poppler-utils")
+    page = opened(browser, pages[name].as_uri(), DESK, color_scheme="dark").page
+    headings = set(page.locator("h2, h3").all_inner_texts())
+    page.pdf(path=tmp_path / "page.pdf", prefer_css_page_size=True)
+    printed = subprocess.run(
+        ["pdftotext", "-layout", tmp_path / "page.pdf", "-"], capture_output=True, text=True
+    )
+    sheets = [sheet.strip().splitlines() for sheet in printed.stdout.split("\f")[:-1]]
+    assert len(sheets) <= 7
+    for sheet in sheets:
+        lines = [line.strip() for line in sheet if line.strip()]
+        assert len(lines) >= 4, lines
+        assert lines[-1] not in headings
+        assert "Show" not in lines
