@@ -22,8 +22,9 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from fieldkit.disk import BEGIN_BYTES, begin_sync, sync, sync_data
 from fieldkit.model.errors import StorageError
@@ -54,8 +55,7 @@ CREATE TABLE chunk(dataset TEXT, n INTEGER, y INTEGER, x INTEGER, offset INTEGER
 _INSERT_SAMPLE = "INSERT INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
-@dataclass(frozen=True, slots=True)
-class Chunk:
+class Chunk(NamedTuple):
     """Where one compressed chunk of a dataset lies in the session file."""
 
     dataset: str
@@ -245,9 +245,8 @@ class RetainedPart:
 
     def note_chunks(self, chunks: Iterable[Chunk]) -> None:
         """Remember where chunks lie; of one written again, its places before as well."""
-        rows = [astuple(chunk) for chunk in chunks]
         self._database.execute("BEGIN")
-        self._database.executemany("INSERT OR REPLACE INTO chunk VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        self._database.executemany("INSERT OR REPLACE INTO chunk VALUES (?, ?, ?, ?, ?, ?, ?)", chunks)
         self._database.execute("COMMIT")
 
     def retire(self, part: Path) -> None:
