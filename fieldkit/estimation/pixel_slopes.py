@@ -13,7 +13,7 @@ azimuth are found along its edge; where the edge leaves the unit disc, both bran
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
