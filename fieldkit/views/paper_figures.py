@@ -128,7 +128,6 @@ def measured_against_modelled(
             markeredgewidth=0,
             color=plotting.colour(index),
             label=name,
-            rasterized=True,
         )
         plotting.mark_part(index, points)
     values = np.concatenate(everything)
