@@ -63,9 +63,11 @@ class DemoDay:
         environment = {**os.environ, "FORCE_COLOR": "1", "COLUMNS": str(COLUMNS)}
         command = [sys.executable, "-m", "fieldkit", *words]
         done = subprocess.run(
-            command, cwd=within or self.folder, env=environment, check=True, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            command, cwd=within or self.folder, env=environment, check=False, text=True,
+            capture_output=True,
         )  # fmt: skip
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(words)}\n{done.stderr}")
         return done.stdout
 
     def write_png(self, source: Path, name: str, width: int) -> None:

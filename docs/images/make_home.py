@@ -84,8 +84,7 @@ def draw_tilts(axes: Axes, session: fieldkit.Session, at_ns: int) -> None:
     axes.axvline(formatting.of_day_ns(at_ns, session.site) / 3.6e12, color="0.5", linewidth=1.0)
     axes.set(ylim=(0.0, 40.0), ylabel="tilt, °", xlabel=f"local time ({session.site.timezone})")
     axes.set_title("tilt and its 90 % region; dashed: as set up", fontsize=10)
-    axes.xaxis.set_major_locator(_half_hours())
-    axes.xaxis.set_major_formatter(lambda hour, _position: f"{int(hour):02d}:{round(hour % 1 * 60):02d}")
+    axes.set_xticks(range(12, 16), [f"{hour}:00" for hour in range(12, 16)])
 
 
 def estimates(session: fieldkit.Session, region: str, until_ns: int | None = None) -> Sequence[SlopeEstimate]:
@@ -97,9 +96,3 @@ def estimates(session: fieldkit.Session, region: str, until_ns: int | None = Non
         and np.isfinite(one.tilt_deg)
         and (until_ns is None or one.time_ns <= until_ns)
     ]
-
-
-def _half_hours() -> object:
-    from matplotlib.ticker import MultipleLocator
-
-    return MultipleLocator(0.5)
