@@ -181,8 +181,8 @@ class RegionFollower:
 class GroundFollower:
     """Where regions on the ground lie in each frame of a camera whose pose is known.
 
-    The pose places them; the frames, as they would look from where the camera was at first, show how far it
-    is wrong, and whether it is right at all. `has_pose` is whether there was one of the last frame.
+    The pose places them; each frame, as it would look from where an earlier one was taken, shows how far the
+    pose is wrong, and whether it is right at all. `has_pose` is whether there was one of the last frame.
     """
 
     def __init__(self, path: CameraPath) -> None:
@@ -236,11 +236,12 @@ class GroundFollower:
 
 def _overlaps(camera: Camera, view: Camera, height_m: float) -> bool:
     """Whether the camera sees enough of the level ground that a view shows."""
-    rows, cols = camera.shape
-    grid = np.meshgrid(np.linspace(0, cols - 1, 9), np.linspace(0, rows - 1, 9))
-    here = _mapped(homography_over_level(view, camera, height_m), np.stack(grid, axis=-1).reshape(-1, 2))
-    inside = (here >= 0.0) & (here <= np.array([cols - 1, rows - 1]))
-    return bool(inside.all(axis=1).mean() >= LEAST_OVERLAP)
+    last = np.array([camera.shape[1] - 1.0, camera.shape[0] - 1.0])
+    grid = last * np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 9)] * 2), axis=-1).reshape(-1, 2)
+    up = np.column_stack([(grid - 0.5 * last) / view.focal_px, np.ones(len(grid))]) @ view.axes[:, 2]
+    here = _mapped(homography_over_level(view, camera, height_m), grid[up < 0.0])
+    inside = ((here >= 0.0) & (here <= last)).all(axis=1)
+    return bool(inside.sum() >= LEAST_OVERLAP * inside.size)
 
 
 def _from_there(counts: NDArray[np.integer[Any]], back: FloatArray) -> NDArray[Any]:

@@ -1,5 +1,7 @@
 """Regions on the ground in frames of a camera whose pose is known, against the ground that they show."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -86,6 +88,19 @@ def test_a_region_that_is_not_wholly_in_the_frame_has_no_corners_and_a_time_with
     assert left.vertices == ()
     assert follower.update(frame(true[12]), 31 * SECOND_NS, [near], ONE) is None
     assert not follower.has_pose
+
+
+def test_a_kick_is_lost_with_the_horizon_in_the_frame():
+    """By 12 degrees, of a camera that is driven aside by 0.3 m a frame."""
+    places = [(10.0, 18.0 + 0.3 * number, 2.0) for number in range(5)]
+    true = [Camera(place, 90.0, -10.0, 0.0, 50.0, SHAPE) for place in places]
+    turned = tuple(quaternion_of_angles(90.0, -10.0, 0.0))
+    times = tuple(range(0, 5 * SECOND_NS, SECOND_NS))
+    follower = GroundFollower(CameraPath(Trajectory(times, tuple(places), (turned,) * 5), 50.0))
+    bed = region((16.0, 19.0), (18.0, 19.0), (18.0, 21.0))
+    true[4] = replace(true[4], yaw_deg=102.0)
+    found = [follower.update(frame(one), n * SECOND_NS, [bed], ONE) for n, one in enumerate(true)]
+    assert [one is None for one in found] == [False] * 4 + [True]
 
 
 def known_pose(motion: Motion) -> tuple[CameraPath, list[Region]]:
