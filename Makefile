@@ -5,7 +5,9 @@ RUN    := $(VENV)/bin/python
 DIST   := dist
 PIP    := $(RUN) -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test test-slow test-lab mutate lint bench docs images dist sbom clean
+PYTHONS ?= python3.11 python3.12 python3.13 python3.14
+
+.PHONY: demo test test-slow test-lab test-wheel test-lowest test-deb mutate lint bench docs images dist deb sbom clean
 
 demo: $(VENV)/.lab
 	$(RUN) -m fieldkit demo
@@ -18,6 +20,17 @@ test-slow: $(VENV)/.test
 
 test-lab: $(VENV)/.test
 	$(RUN) -m pytest tests/lab --timeout 600
+
+# The wheel in new environments: with each Python that is installed, and with the lowest versions of its libraries.
+test-wheel: dist
+	$(RUN) tests/wheel.py $(PYTHONS)
+
+test-lowest: dist
+	PATH="$(CURDIR)/$(VENV)/bin:$$PATH" $(RUN) tests/wheel.py --lowest python3.11
+
+# Needs root and debootstrap: a new Debian in build/, in which the package is installed, used and purged.
+test-deb: deb
+	packaging/debian/test.sh
 
 mutate: $(VENV)/.test
 	$(RUN) tests/mutate.py $(ROOM)
@@ -49,6 +62,10 @@ dist: $(VENV)/.release
 	diff --recursive $(DIST) build/again
 	$(RUN) -m twine check --strict $(DIST)/*
 	$(VENV)/bin/check-wheel-contents $(DIST)/*.whl
+
+# For the Debian release and the architecture that this runs on.
+deb: dist
+	packaging/debian/build.sh
 
 # What an installation with every extra contains, in CycloneDX.
 sbom: $(VENV)/.release

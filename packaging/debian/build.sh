@@ -6,12 +6,12 @@ cd "$(dirname "$0")/../.."
 here=packaging/debian
 root=build/deb
 home=usr/lib/fieldkit
-: "${SOURCE_DATE_EPOCH:=$(git log -1 --format=%ct)}" "${PIP:=.venv/bin/python -m pip}"
+SOURCE_DATE_EPOCH=$(git log -1 --format=%ct 2>/dev/null || echo 1700000000) # as make dist
 export SOURCE_DATE_EPOCH
 
 rm -rf "$root"
 /usr/bin/python3 -m venv --without-pip "$root/$home"
-$PIP --python "$root/$home/bin/python3" install --quiet --no-compile --constraint constraints.txt \
+.venv/bin/python -m pip --python "$root/$home/bin/python3" install --quiet --no-compile --constraint constraints.txt \
     "$(echo dist/fieldkit-*.whl)[page,gps,alarms]"
 
 # Of the virtual environment the interpreter and fieldkit stay; nothing names the folder it was built in.

@@ -4,7 +4,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 deb=$(realpath "${1:-$(echo dist/fieldkit_*.deb)}")
 base=${DEBIAN_BASE:-build/debian-base}
-suite=$(. /etc/os-release && echo "$VERSION_CODENAME")
+suite=${DEBIAN_SUITE:-$(. /etc/os-release && echo "$VERSION_CODENAME")} # of which the package is made
 
 if [ ! -e "$base/etc/debian_version" ]; then
     packages=systemd,udev,libusb-1.0-0,python3,man-db,adduser

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from fieldkit.cli import main
 from fieldkit.workflows import service
-from fieldkit.workflows.service_unit import NAME
+from fieldkit.workflows.service_unit import NAME, packaged_unit
 
 SYSTEMCTL = """#!/bin/sh
 echo "$@" >> "$SERVICE_TEST/asked"
@@ -61,6 +61,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.setattr(service, "SYSTEMD_RUNS", folder)
     monkeypatch.setattr(service, "SYSTEM_UNITS", tmp_path / "system")
+    monkeypatch.setattr(service, "PACKAGED_UNITS", tmp_path / "none")
     monkeypatch.setattr(service, "LINGERING", tmp_path / "linger")
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     return folder
@@ -190,3 +191,19 @@ def test_without_a_campaign(systemd, tmp_path):
     done = run("install", "-C", tmp_path)
     assert done.exit_code == 3
     assert "no fieldkit.toml" in done.stderr
+
+
+def test_status_shows_the_unit_of_a_package_and_remove_leaves_it(systemd, tmp_path, monkeypatch):
+    packaged = tmp_path / "packaged"
+    packaged.mkdir()
+    (packaged / NAME).write_text(packaged_unit().text())
+    monkeypatch.setattr(service, "PACKAGED_UNITS", packaged)
+    shown = json.loads(run("status", "--json").stdout)["services"]
+    assert [(one["unit"], one["campaign"]) for one in shown] == [
+        (str(packaged / NAME), "/var/lib/fieldkit/campaign")
+    ]
+    monkeypatch.setattr(os, "geteuid", lambda: 0)
+    done = run("remove", "--system")
+    assert done.exit_code == 9
+    assert "sudo systemctl disable --now" in done.stderr
+    assert (packaged / NAME).exists()
