@@ -36,6 +36,7 @@ cd $campaign
 as_fieldkit $(sed -n 1p <<<"$commands")
 as_fieldkit $(sed -n 2p <<<"$commands") >/tmp/page.log 2>&1 &
 page=$!
+touch /tmp/page.log
 for _ in $(seq 60); do grep --quiet 'http://' /tmp/page.log && break; sleep 1; done
 url=$(grep --only-matching --max-count=1 'http://[^ ]*' /tmp/page.log)
 python3 -c 'import sys, urllib.request; print(urllib.request.urlopen(sys.argv[1]).status, sys.argv[1])' "$url"
