@@ -16,6 +16,7 @@ cp -a "$base" "$work/root"
 cp "$deb" "$work/root/root/fieldkit.deb"
 install -m 755 packaging/debian/test_inside.sh "$work/root/root/"
 # A namespace of its own: what is mounted in it is gone when its last process is.
+# shellcheck disable=SC2016 # the inner shell expands $1
 unshare --mount --pid --fork sh -c '
     mount -t proc proc "$1/proc"
     mount --rbind /dev "$1/dev" # simulated instruments answer on pseudo-terminals

@@ -4,8 +4,9 @@ set -euo pipefail
 step() { printf '%s\n' "-- $*"; }
 files() { find / -xdev \( -path /proc -o -path /tmp -o -path /root -o -path /var/log \) -prune -o -print | LC_ALL=C sort; }
 check() { "$@" || { echo "FAILED: $*" >&2; exit 1; }; }
-as_fieldkit() { setpriv --reuid=fieldkit --regid=fieldkit --init-groups env HOME=/var/lib/fieldkit "$@"; }
+as_fieldkit=(setpriv --reuid=fieldkit --regid=fieldkit --init-groups env HOME=/var/lib/fieldkit)
 
+unit=/usr/lib/systemd/system/fieldkit.service
 files >/tmp/before
 getent passwd >/tmp/passwd; getent group | cut -d: -f1 >/tmp/group
 
@@ -18,23 +19,24 @@ step user, rules, unit, man pages, completion
 check [ "$(id --groups --name fieldkit | tr ' ' '\n' | sort | xargs)" = "dialout fieldkit plugdev video" ]
 check [ "$(stat --format '%U %a' /var/lib/fieldkit)" = "fieldkit 750" ]
 check [ -s /usr/lib/udev/rules.d/70-fieldkit.rules ]
-check [ -z "$(systemd-analyze verify /usr/lib/systemd/system/fieldkit.service 2>&1 | tee /dev/stderr)" ]
+check [ -z "$(systemd-analyze verify $unit 2>&1 | tee /dev/stderr)" ]
 check [ "$(systemctl is-enabled fieldkit.service)" = disabled ]
 man --where fieldkit-record
 check [ -s /usr/share/bash-completion/completions/fieldkit ]
 
 step "record as the unit's user, under simulated instruments"
 campaign=/var/lib/fieldkit/campaign
-as_fieldkit fieldkit init --simulated $campaign
-as_fieldkit fieldkit record -C $campaign --for 2m --set simulation.speed=max --name first
+"${as_fieldkit[@]}" fieldkit init --simulated $campaign
+"${as_fieldkit[@]}" fieldkit record -C $campaign --for 2m --set simulation.speed=max --name first
 session=$(echo $campaign/recordings/*first.h5)
-as_fieldkit fieldkit check "$session"
+"${as_fieldkit[@]}" fieldkit check "$session"
 
 step "the unit's commands serve the page"
-commands=$(sed -n 's/^ExecStart\(Pre\)\?=-\?//p' /usr/lib/systemd/system/fieldkit.service)
+read -ra recover <<<"$(sed -n 's/^ExecStartPre=-//p' $unit)"
+read -ra serve <<<"$(sed -n 's/^ExecStart=//p' $unit)"
 cd $campaign
-as_fieldkit $(sed -n 1p <<<"$commands")
-as_fieldkit $(sed -n 2p <<<"$commands") >/tmp/page.log 2>&1 &
+"${as_fieldkit[@]}" "${recover[@]}"
+"${as_fieldkit[@]}" "${serve[@]}" >/tmp/page.log 2>&1 &
 page=$!
 touch /tmp/page.log
 for _ in $(seq 60); do grep --quiet 'http://' /tmp/page.log && break; sleep 1; done

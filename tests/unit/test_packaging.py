@@ -36,13 +36,13 @@ def test_metadata_is_of_this_version_and_these_keywords(name: str):
     assert (stated["version"], stated["keywords"]) == (fieldkit.__version__, project["keywords"])
 
 
-def test_the_citation_is_of_this_version():
+def test_everything_to_be_cited_has_the_version_and_date_of_the_changelog():
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    (date,) = re.findall(rf"(?m)^## {re.escape(fieldkit.__version__)} \((\S+)\)", changelog)
     cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\nversion: {fieldkit.__version__}\n" in cited
-
-
-def test_the_changelog_has_this_version():
-    assert f"\n## {fieldkit.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"\nversion: {fieldkit.__version__}\ndate-released: {date}\n" in cited
+    for name, key in (("codemeta.json", "datePublished"), (".zenodo.json", "publication_date")):
+        assert json.loads((ROOT / name).read_text(encoding="utf-8"))[key] == date
 
 
 def test_every_reference_of_the_paper_is_in_its_bibliography_and_the_other_way_round():
