@@ -174,13 +174,13 @@ def time_figures(data: ReportData) -> Iterator[Figure]:
             readings=readings(drawn, columns, site, lambda minute: _azimuths_at(columns, minute)),
         )
     if any(np.isfinite(values).any() for values in (*columns.temperature_k.values(), columns.contact_k)):
-        drawn = session_figures.temperatures(columns, data.channels, site)
+        drawn, measured = session_figures.temperatures(columns, data.channels, site), _measured(data)
         yield Figure(
             drawn.svg,
             f"Surface temperature: {_temperature_words(columns)}.{clouds}",
-            f"Surface temperatures against local time of {', '.join(_measured(data))}.",
+            f"Surface temperatures against local time of {', '.join(measured)}.",
             wide=True,
-            readings=readings(drawn, columns, site, lambda minute: _temperatures_at(data, minute)),
+            readings=readings(drawn, columns, site, lambda minute: _temperatures_at(measured, minute)),
             parts=[region.name for region in columns.regions],
         )
     if np.isfinite(columns.illuminance_lx).any() or np.isfinite(columns.irradiance_w_m2).any():
@@ -220,8 +220,8 @@ def _temperature_words(columns: Series) -> str:
     return "regions by the camera (lines), contact probes (marks)" if columns.regions else "contact probes"
 
 
-def _temperatures_at(data: ReportData, minute: int) -> Iterator[str]:
-    for name, kelvin in _measured(data).items():
+def _temperatures_at(measured_k: Mapping[str, FloatArray], minute: int) -> Iterator[str]:
+    for name, kelvin in measured_k.items():
         yield f"{name} {formatting.celsius(kelvin[minute], 1)} °C"
 
 
