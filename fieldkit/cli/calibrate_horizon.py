@@ -1,4 +1,4 @@
-"""``fieldkit calibrate horizon``: the horizon of a place from a DEM or from the skyline of a frame."""
+"""``fieldkit calibrate horizon``: a horizon from a DEM, the skyline of a frame, or beds that shade others."""
 
 from __future__ import annotations
 
@@ -27,22 +27,33 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option("--time", "moment", type=MOMENT, help="When, if the camera moves [default: now].")
 @click.option("--frame", metavar="COLSxROWS", help="Size of its frame: 160x120.")
 @click.option(
+    "--regions", is_flag=True, help="Regions with points_m: where each one's neighbours rise above it."
+)
+@click.option(
     "-o", "--out", type=click.Path(dir_okay=False, path_type=Path), default="horizon.csv", show_default=True,
     help="File to write.",
 )  # fmt: skip
 def command(
     dem: Path | None, crs: str | None, at: tuple[float, float] | None, nearest_m: float,
-    skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None, out: Path,
+    skyline: Path | None, pose_file: Path | None, moment: datetime | None, frame: str | None,
+    regions: bool, out: Path,
 ) -> None:  # fmt: skip
-    r"""Find the horizon of a bed from a DEM, or from pixels marked on the skyline of a frame.
+    r"""Find the horizon of a bed from a DEM, from pixels marked on the skyline of a frame, or by other beds.
 
     The file that it writes is named in fieldkit.toml: horizon = "horizon.csv", under [site] or of a region.
-    Needs fieldkit[terrain].
+    With --regions, horizon-REGION.csv is written for each region that another one shades, together with the
+    site's horizon, and named in fieldkit.toml. Needs fieldkit[terrain].
 
     \b
     fieldkit calibrate horizon --dem dem.tif --crs EPSG:32654 --at 354605 3936221
     fieldkit calibrate horizon --skyline clicks.csv --pose pose.toml --frame 160x120
+    fieldkit calibrate horizon --regions
     """
+    if regions:
+        if dem or skyline:
+            raise click.UsageError("--regions stands alone")
+        _of_regions()
+        return
     from fieldkit.config.pose import load_pose
     from fieldkit.workflows.calibrate.horizon import horizon_from_dem, horizon_from_skyline, write_horizon
 
@@ -56,7 +67,7 @@ def command(
             skyline, load_pose(pose_file, utc_ns(moment or datetime.now(UTC))), (int(size[2]), int(size[1]))
         )
     else:
-        raise click.UsageError("give --dem, --crs and --at, or --skyline, --pose and --frame")
+        raise click.UsageError("give --dem, --crs and --at, or --skyline, --pose and --frame, or --regions")
     write_horizon(out, found)
     highest = max(found, key=lambda pair: pair[1])
     if common.options().json:
@@ -65,3 +76,25 @@ def command(
     click.echo(f"highest {highest[1]:.1f}° at azimuth {highest[0]:.0f}°")
     click.echo(f"wrote {out}")
     common.say(f'next: horizon = "{out.name}" in fieldkit.toml, under [site] or of a region')
+
+
+def _of_regions() -> None:
+    from fieldkit.config import find_campaign, load_config
+    from fieldkit.workflows.calibrate.horizon import horizons_of_regions, set_horizons
+
+    file = find_campaign(common.options().directory or Path.cwd())
+    found = horizons_of_regions(load_config(file))
+    files = set_horizons(file, found)
+    if common.options().json:
+        common.print_json(
+            {
+                "files": [str(one) for one in files],
+                "horizons": {name: list(one) for name, one in found.items()},
+            }
+        )
+        return
+    for (name, horizon), path in zip(found.items(), files, strict=True):
+        azimuth, elevation = max(horizon, key=lambda pair: pair[1])
+        click.echo(f"{name}: highest {elevation:.1f}° at azimuth {azimuth:.0f}°, {path.name}")
+    if not found:
+        click.echo("no region rises above another")

@@ -48,6 +48,21 @@ def change_region(file: Path, name: str, changes: Mapping[str, Any]) -> None:
         _write_checked(file, before + tomlkit.dumps(document) + after, index, f"region {name!r}")
 
 
+def set_in_site(file: Path, key: str, value: Any) -> None:
+    """Set a key of ``[site]``; raises `ConfigError` if that is not a table of its own."""
+    with one_at_a_time(file.resolve().parent):
+        text = _read(file)
+        lines, where, entry = toml_lines(text), key_lines(text), f"{assignment(key, value)}\n"
+        if (first := where.get(("site", key))) is not None:
+            lines[first - 1 : _end_of_value(lines, first)] = [entry]
+        elif (header := where.get(("site",))) is not None:
+            lines.insert(header, entry)
+        changed = "".join(lines)
+        if not _is_toml(changed) or tomllib.loads(changed).get("site", {}).get(key) != value:
+            raise ConfigError(f"{file} has no [site] of its own to set {key} in", fix=f"edit {file} by hand")
+        _write(file, changed)
+
+
 def remove_region(file: Path, name: str) -> None:
     """Remove the region `name`; raises `ConfigError` if there is none."""
     with one_at_a_time(file.resolve().parent):
@@ -95,10 +110,16 @@ def _cut(text: str, index: int) -> tuple[str, str, str]:
     """
     own = [line for path, line in key_lines(text).items() if path[:2] == ("region", index)]
     lines = toml_lines(text)
-    first, end = min(own) - 1, max(own)
-    while not _is_toml("".join(lines[max(own) - 1 : end])):  # its last value spans several lines
-        end += 1
+    first, end = min(own) - 1, _end_of_value(lines, max(own))
     return "".join(lines[:first]), "".join(lines[first:end]), "".join(lines[end:])
+
+
+def _end_of_value(lines: list[str], number: int) -> int:
+    """The number of the last line of the assignment that begins in line `number`."""
+    end = number
+    while not _is_toml("".join(lines[number - 1 : end])):
+        end += 1
+    return end
 
 
 def _is_toml(text: str) -> bool:

@@ -27,10 +27,12 @@ from fieldkit.page.sessions import PastSessions
 from fieldkit.page.viewer import Viewer
 from fieldkit.views import formatting, frame_image
 from fieldkit.workflows import regions as campaign_regions
+from fieldkit.workflows.calibrate.horizon import set_skyline
 from fieldkit.workflows.running import (
     SentRequest,
     acknowledge,
     change_regions,
+    is_recorder_present,
     mark_of,
     request_shutter,
     sent,
@@ -98,6 +100,8 @@ class Answers:
                 return await self._by_recorder(request.id, partial(request_shutter, self.config))
             case requests.Acknowledge():
                 return await self._by_recorder(request.id, partial(acknowledge, self.config, request.alarm))
+            case requests.Skyline():
+                return await asyncio.to_thread(self._set_skyline, request)
             case requests.Link():
                 key = await asyncio.to_thread(self.keys.new_link, request.role)
                 return answer(request.id, f"a link that works once, to {request.role}", data={"key": key})
@@ -197,6 +201,25 @@ class Answers:
             if asked is None:
                 return answer(request.id, words)
             return await self._stored(request.id, asked, events)
+
+    # --- the horizon
+
+    def _set_skyline(self, request: requests.Skyline) -> Document:
+        """Make a skyline the site's horizon; a recording keeps the one it began with."""
+        if is_recorder_present(self.config.recordings):
+            raise RefusedError(
+                "a recording keeps the horizon it began with", fix="draw the skyline before or after it"
+            )
+        frame = self.hub.latest.frame
+        if frame is None:
+            raise RefusedError("there is no picture with a skyline yet", fix="wait for a picture")
+        shape = self._frame_k()[0]
+        assert shape is not None
+        horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
+        self.config = load_config(self.config.path, settings=self.conductor.settings)
+        self.conductor.use(self.config)
+        highest = max(elevation for _, elevation in horizon)
+        return answer(request.id, f"the horizon is the skyline, up to {highest:.1f}°")
 
 
 class _Events:

@@ -165,6 +165,13 @@ class RemoveRegion(_Request):
     confirm: Literal[True]
 
 
+class Skyline(_Request):
+    """The skyline as drawn becomes the site's horizon; corners in pixels."""
+
+    do: Literal["skyline"]
+    points: Annotated[list[tuple[Pixel, Pixel]], Field(min_length=2, max_length=64)]
+
+
 class Link(_Request):
     """A one-time link for another browser."""
 
@@ -183,6 +190,7 @@ ForControl = (
     | AddRegion
     | EditRegion
     | RemoveRegion
+    | Skyline
     | Link
 )
 Request = ForAnyone | ForControl

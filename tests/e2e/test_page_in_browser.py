@@ -10,8 +10,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
+from fieldkit.config import load_config
 from tests.harness import field_page_journey as journey
 from tests.harness.field_page import (
     LAPTOP,
@@ -128,6 +130,57 @@ def test_corners_are_tapped_moved_added_and_undone(browser: Browser, page: Serve
     watched.drag((60, 40), (65, 45))  # the inside: all of it
     assert _corners(watched) == [[35, 35], [75, 35], [75, 65]]
     assert watched.errors == []
+
+
+POSE = """[camera.pose]
+crs = "EPSG:32613"
+east_m = 418860.0
+north_m = 4172900.0
+height_m = 2318.0
+yaw_deg = 180.0
+pitch_deg = 0.0
+hfov_deg = 90.0
+range_m = 60.0
+ground_m = 2300.0
+"""
+
+
+def test_a_skyline_is_tapped_and_becomes_the_horizon(browser: Browser, tmp_path: Path) -> None:
+    """80 px of focal length, level and to the south: 40 px up in the middle are the arc tangent of a half."""
+    campaign = journey.empty_campaign(tmp_path / "sandslope")
+    file = campaign / "fieldkit.toml"
+    with served(campaign) as page:
+        watched = opened(browser, page.link())
+        watched.wait_for_picture()
+        watched.page.locator("#draw").tap()
+        watched.page.locator("#skyline-choice").tap()
+        for corner in ((40, 60), (80, 19), (140, 40), (120, 60)):
+            watched.tap(*corner)
+        watched.page.locator("#undo").tap()
+        assert _corners(watched) == [[40, 60], [80, 19], [140, 40]]
+        assert watched.violations() == []
+        watched.page.locator("#save-region").tap()
+        watched.page.locator("#drawing-error", has_text="needs the pose of the camera").wait_for()
+        file.write_text(file.read_text(encoding="utf-8") + POSE, encoding="utf-8")
+    with served(campaign) as page:
+        watched = opened(browser, page.link(), LAPTOP)
+        watched.wait_for_picture()
+        watched.page.locator("#draw").focus()
+        watched.page.keyboard.press("Enter")
+        watched.page.locator("[name=role][value=skyline]").press(" ")
+        stage = watched.page.locator("#stage")
+        for moves in (["ArrowUp", "Shift+ArrowUp"], ["Shift+ArrowRight"]):
+            for move in moves:
+                stage.press(move)
+            stage.press("Enter")
+        corners = _corners(watched)
+        watched.page.locator("#save-region").press("Enter")
+        watched.said("the horizon is the skyline")
+    pairs = load_config(file).estimator_settings().horizon
+    x, y = corners[0]
+    up = np.degrees(np.arctan((59.5 - y) / np.hypot(80.0, x - 79.5)))
+    assert pairs[1] == pytest.approx((180.0 + np.degrees(np.arctan((x - 79.5) / 80.0)), up), abs=0.05)
+    assert len(pairs) == len(corners) + 2
 
 
 def _corners(watched: Watched) -> list[list[int]]:

@@ -1,4 +1,5 @@
 // Drawing a region: a rectangle by dragging, a polygon by tapping, corners moved under a loupe, all of it by keyboard too.
+// A skyline is drawn like an outline that stays open.
 
 const MOVED_PX = 8; // a finger that moves less has tapped
 const EDGE_PX = 16;
@@ -23,6 +24,7 @@ function beginDrawing(region = null) {
   if (!region && role === "reference") form.elements.tilt_deg.value = 0;
   say($("drawing-title"), region ? `Region ${region.name}` : "New region");
   $("remove-region").hidden = region === null;
+  $("skyline-choice").hidden = region !== null;
   $("drawing-error").hidden = true;
   $("answers").replaceChildren();
   changed();
@@ -53,15 +55,26 @@ function showDrawing() {
   document.body.classList.toggle("drawing", draft !== null);
   drawOverlay();
   if (!draft) return;
+  form.classList.toggle("skyline", isSkyline());
   say($("drawing-help"), helpFor(draft));
   $("undo").disabled = draft.history.length === 0;
-  $("close-outline").hidden = draft.closed;
+  $("close-outline").hidden = draft.closed || isSkyline();
   $("close-outline").disabled = draft.vertices.length < 3;
-  $("save-region").hidden = !draft.closed;
+  $("save-region").hidden = !draft.closed && !(isSkyline() && draft.vertices.length > 1);
   if (!draft.closed) showVerdict({ level: "", text: `${draft.vertices.length} corner${draft.vertices.length === 1 ? "" : "s"}` });
 }
 
+const isSkyline = () => form.elements.role.value === "skyline";
+
+/** A skyline is an open line, a region a closed one. */
+function changeRole() {
+  const { draft } = drawing;
+  if (isSkyline() && draft.closed) setVertices(draft.vertices, false);
+  else showDrawing();
+}
+
 function helpFor(draft) {
+  if (isSkyline()) return "Tap along the skyline; drag a point to move it. It becomes the site's horizon.";
   if (draft.closed) return "Drag a corner or the inside; touch an edge to add a corner.";
   if (draft.vertices.length === 0) return "Drag a rectangle, or tap corner by corner.";
   return draft.vertices.length < 3 ? "Tap the next corner." : "Tap the next corner, or the first one to close the outline.";
@@ -98,6 +111,7 @@ const rectangle = ([x0, y0], [x1, y1]) => [[x0, y0], [x1, y0], [x1, y1], [x0, y1
 
 /** Beside or in line with a neighbour's bounding box where one is near: regions must not share pixels. */
 function snapped([x, y]) {
+  if (isSkyline()) return within([x, y]);
   const reach = Math.max(1, SNAP_PX / zoom());
   let [bestX, bestY] = [x, y], [nearX, nearY] = [reach + 0.01, reach + 0.01];
   for (const box of regions.list.filter((one) => one.name !== drawing.draft.original).map(boundsOf)) {
@@ -154,10 +168,18 @@ function drawnRegion() {
 
 async function saveRegion(event) {
   event.preventDefault();
+  if (isSkyline()) return saveSkyline();
   const region = drawnRegion(), { original, closed } = drawing.draft;
   if (!closed) return drawingError("Close the outline first.");
   if (!form.elements.name.value.trim()) return drawingError("Give the region a name.");
   const answer = await request(original ? { do: "edit_region", name: original, region } : { do: "add_region", region });
+  if (!answer.ok) return drawingError([answer.text, answer.fix].filter(Boolean).join(" "));
+  endDrawing();
+  showAnswer(answer);
+}
+
+async function saveSkyline() {
+  const answer = await request({ do: "skyline", points: drawing.draft.vertices });
   if (!answer.ok) return drawingError([answer.text, answer.fix].filter(Boolean).join(" "));
   endDrawing();
   showAnswer(answer);
@@ -212,7 +234,7 @@ const isInside = ([x, y], vertices) => vertices.reduce((inside, [x0, y0], i) => 
 /** What a pointer takes hold of: a corner, an edge (which gains a corner), the whole, or a new corner. */
 function gripAt(event) {
   const { vertices, closed } = drawing.draft, place = placeOf(event), corner = cornerAt(event);
-  if (corner >= 0) return { corner, offset: [vertices[corner][0] - place[0], vertices[corner][1] - place[1]], closes: !closed && corner === 0 && vertices.length > 2 };
+  if (corner >= 0) return { corner, offset: [vertices[corner][0] - place[0], vertices[corner][1] - place[1]], closes: !closed && !isSkyline() && corner === 0 && vertices.length > 2 };
   const edge = closed ? edgeAt(event) : -1;
   if (edge >= 0) {
     vertices.splice(edge + 1, 0, place);
@@ -220,7 +242,7 @@ function gripAt(event) {
   }
   if (closed) return isInside(place, vertices) ? { whole: vertices.map((vertex) => [...vertex]), start: place } : null;
   vertices.push(place);
-  return { corner: vertices.length - 1, offset: [0, 0], isNew: true, rectangleFrom: vertices.length === 1 ? place : null };
+  return { corner: vertices.length - 1, offset: [0, 0], isNew: true, rectangleFrom: vertices.length === 1 && !isSkyline() ? place : null };
 }
 
 function press(event) {
@@ -308,7 +330,7 @@ function changeCorner(event, i, move) {
   const vertices = drawing.draft.vertices.map((vertex) => [...vertex]);
   const next = vertices[(i + 1) % vertices.length];
   if (move) vertices[i] = within([vertices[i][0] + move[0], vertices[i][1] + move[1]]);
-  else if (event.key === "Delete" && vertices.length > 3) vertices.splice(i, 1);
+  else if (event.key === "Delete" && vertices.length > (isSkyline() ? 1 : 3)) vertices.splice(i, 1);
   else if (event.key === "Insert") vertices.splice(i + 1, 0, within([(vertices[i][0] + next[0]) / 2, (vertices[i][1] + next[1]) / 2]));
   else return;
   setVertices(vertices);
@@ -335,6 +357,7 @@ for (const end of ["pointerup", "pointercancel"]) stage.addEventListener(end, re
 stage.addEventListener("keydown", drawByKey, { capture: true });
 form.addEventListener("submit", saveRegion);
 form.addEventListener("input", () => { $("drawing-error").hidden = true; });
+form.addEventListener("change", (event) => { if (event.target.name === "role") changeRole(); });
 $("undo").onclick = undo;
 $("close-outline").onclick = () => setVertices(drawing.draft.vertices, true);
 $("cancel-drawing").onclick = endDrawing;

@@ -1,25 +1,26 @@
-"""The horizon of a place from a DEM, or from the skyline clicked in a frame: pairs for ``fieldkit.toml``."""
+"""The horizon of a place from a DEM, from the skyline clicked in a frame, or by its neighbours."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from fieldkit.config import Config
+from fieldkit.config.edit import change_region, set_in_site
 from fieldkit.config.files import read_text
 from fieldkit.config.horizon import COLUMNS
 from fieldkit.config.pose import Pose
 from fieldkit.disk import replacing
 from fieldkit.model.errors import ConfigError, StorageError
 from fieldkit.physics.camera_geometry import horizon_of_ground, rays
-from fieldkit.physics.facet import FloatArray, tilt_azimuth
-from fieldkit.physics.horizon import Horizon
+from fieldkit.physics.facet import tilt_azimuth
+from fieldkit.physics.horizon import Horizon, higher_horizon, horizon_of_neighbours
 from fieldkit.sessions.formats import geotiff
-
-SKYLINE = ("x_px", "y_px")
 
 
 def horizon_from_dem(
@@ -37,12 +38,23 @@ def horizon_from_dem(
 
 
 def horizon_from_skyline(points: Path, pose: Pose, shape: tuple[int, int]) -> Horizon:
-    """The horizon by pixels on the skyline of a frame (rows, cols), from the camera's place.
+    """The horizon by a CSV file of pixels on the skyline; see `horizon_of_pixels`."""
+    return horizon_of_pixels(_skyline(points), pose, shape, str(points))
 
-    Level left and right of the frame. Raises `ConfigError`.
+
+def horizon_of_pixels(
+    pixels: Sequence[tuple[float, float]], pose: Pose, shape: tuple[int, int], source: str = "skyline"
+) -> Horizon:
+    """The horizon by pixels (x, y) on the skyline of a frame (rows, cols), from the camera's place.
+
+    Level left and right of them. Raises `ConfigError`, which names their source.
     """
+    table = np.array(pixels).reshape(-1, 2)
+    inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
+    if len(table) < 2 or not inside:
+        raise ConfigError(f"{source}: needs two or more pixels, all within the frame", fix="check --frame")
     camera = pose.camera(shape, 0.0)  # yaw is against true north
-    x, y = _skyline(points, shape).T
+    x, y = table.T
     lines = np.stack(
         [map_coordinates(one, [y, x], order=1) for one in np.moveaxis(rays(camera), -1, 0)], axis=-1
     )
@@ -52,6 +64,67 @@ def horizon_from_skyline(points: Path, pose: Pose, shape: tuple[int, int]) -> Ho
     first, last = (pairs[0][0] - 0.1) % 360.0, (pairs[-1][0] + 0.1) % 360.0
     rounded = [(round(at, 2), round(up, 2)) for at, up in pairs]
     return [(round(first, 2), 0.0), *rounded, (round(last, 2), 0.0)]
+
+
+def horizons_of_regions(config: Config) -> dict[str, Horizon]:
+    """The horizon of each region on the ground that another one rises above, with the site's, by name.
+
+    Corners are the tops of beds; a region counts as shaded where any part of it is. Raises `ConfigError`.
+    """
+    beds = {one.name: np.array(one.points_m) for one in config.regions if one.points_m}
+    if config.pose is None or len(beds) < 2:
+        raise ConfigError(
+            "beds that shade each other need two or more regions with corners on the ground",
+            fix="give regions points_m = [[east, north, height], ...], and [camera] a pose",
+        )
+    system = geotiff.projected_crs(config.pose.table.crs)
+    site = config.estimator_settings().horizon
+    found: dict[str, Horizon] = {}
+    for name, bed in beds.items():
+        north_deg = geotiff.true_north_deg(system, *bed[0, :2])
+        others = [other for its_name, other in beds.items() if its_name != name]
+        over = horizon_of_neighbours(bed, others)
+        if max(up for _, up in over) > 0.0:
+            on_site = [(float((at - north_deg) % 360.0), up) for at, up in over]
+            found[name] = _thinned(higher_horizon(on_site, site))
+    return found
+
+
+def set_skyline(
+    config: Config, pixels: Sequence[tuple[float, float]], shape: tuple[int, int], time_ns: int
+) -> Horizon:
+    """Write the skyline of a frame as ``horizon.csv`` and name it as the site's horizon.
+
+    Seen by ``camera.pose`` at a time (UTC nanoseconds). Raises `ConfigError`.
+    """
+    if config.pose is None:
+        raise ConfigError(
+            "a skyline needs the pose of the camera", fix='write pose = "pose.toml" under [camera]'
+        )
+    horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
+    file = config.path.parent / "horizon.csv"
+    write_horizon(file, horizon)
+    set_in_site(config.path, "horizon", file.name)
+    return horizon
+
+
+def set_horizons(file: Path, horizons: Mapping[str, Horizon]) -> list[Path]:
+    """Write ``horizon-REGION.csv`` beside a ``fieldkit.toml`` and name each in its region; the files."""
+    written = []
+    for name, horizon in horizons.items():
+        written.append(file.parent / f"horizon-{name}.csv")
+        write_horizon(written[-1], horizon)
+        change_region(file, name, {"horizon": written[-1].name})
+    return written
+
+
+def _thinned(horizon: Horizon) -> Horizon:
+    """Rounded for a file, without points amid others of the same elevation."""
+    rounded = {round(at, 3) % 360.0: round(up, 2) for at, up in horizon}
+    pairs = sorted(rounded.items())
+    up = np.array([elevation for _, elevation in pairs])
+    turns = (up != np.roll(up, 1)) | (up != np.roll(up, -1))
+    return [pair for pair, is_turn in zip(pairs, turns, strict=True) if is_turn] or pairs[:1]
 
 
 def write_horizon(path: Path, horizon: Horizon) -> None:
@@ -64,17 +137,13 @@ def write_horizon(path: Path, horizon: Horizon) -> None:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-def _skyline(points: Path, shape: tuple[int, int]) -> FloatArray:
-    """Pixels x, y (n, 2)."""
+def _skyline(points: Path) -> list[tuple[float, float]]:
+    """Pixels x, y."""
     rows = list(csv.DictReader(io.StringIO(read_text(points))))
     try:
-        table = np.array([[float(row[name]) for name in SKYLINE] for row in rows]).reshape(-1, 2)
+        return [(float(row["x_px"]), float(row["y_px"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise ConfigError(
             f"{points}: not a table of numbers with the columns x_px, y_px ({error})",
             fix="begin the file with x_px,y_px",
         ) from error
-    inside = (table >= -0.5).all() and (table < np.array(shape[::-1]) - 0.5).all()
-    if len(table) < 2 or not inside:
-        raise ConfigError(f"{points}: needs two or more pixels, all within the frame", fix="check --frame")
-    return table

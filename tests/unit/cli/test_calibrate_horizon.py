@@ -9,7 +9,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from fieldkit.cli import main
+from fieldkit.config import load_config
 from fieldkit.config.horizon import load_horizon
+from fieldkit.physics.horizon import horizon_elevation
 
 rasterio = pytest.importorskip("rasterio")
 POSE = """crs = "EPSG:32654"
@@ -62,3 +64,49 @@ def test_pixels_of_the_skyline_become_azimuths_and_elevations(tmp_path: Path) ->
 
 def test_half_of_the_options_is_an_error(tmp_path: Path) -> None:
     assert "give --dem, --crs and --at" in calibrate(tmp_path, "--crs", "EPSG:32654").output
+
+
+CAMPAIGN = """schema = 1
+[site]
+latitude_deg = 35.5
+longitude_deg = 141.0
+horizon = [[180.0, 1.0], [181.0, 3.0]]
+[camera]
+driver = "purethermal"
+width_px = 160
+height_px = 120
+[camera.pose]
+crs = "EPSG:32654"
+east_m = 500000.0
+north_m = 3936190.0
+height_m = 6.0
+yaw_deg = 0.0
+pitch_deg = -30.0
+hfov_deg = 60.0
+range_m = 100.0
+ground_m = 0.0
+# the lower bed
+[[region]]
+name = "low"
+kind = "reference"
+points_m = [[500000, 3936200, 0.0], [500001, 3936200, 0.0], [500001, 3936201, 0.0], [500000, 3936201, 0.0]]
+[[region]]
+name = "high"
+points_m = [[499998, 3936200, 0.5], [499999, 3936200, 0.5], [499999, 3936201, 0.5], [499998, 3936201, 0.5]]
+"""
+
+
+def test_a_higher_bed_is_the_horizon_of_the_lower_one(tmp_path: Path) -> None:
+    """Half a metre above it, a metre to the west, where the zone's north is true north; and the site's."""
+    file = tmp_path / "fieldkit.toml"
+    file.write_text(CAMPAIGN)
+    done = CliRunner().invoke(main, ["calibrate", "horizon", "-C", str(tmp_path), "--regions"])
+    assert done.exit_code == 0, done.output
+    assert "low: highest 26.6° at azimuth 270°" in done.output
+    assert "# the lower bed" in file.read_text()
+    known = load_config(file).estimator_settings()
+    assert set(known.horizons) == {"low"}
+    expected = [*np.degrees(np.arctan([0.5, 0.5 * np.cos(np.radians(30.0))])), 2.23, 3.0]
+    found = horizon_elevation(known.horizon_of("low"), [270.0, 300.0, 320.0, 181.0])
+    np.testing.assert_allclose(found, expected, atol=0.01)
+    assert "stands alone" in calibrate(tmp_path, "--regions", "--dem", str(file)).output
