@@ -25,7 +25,7 @@ from fieldkit.workflows import origin
 from fieldkit.workflows.service_unit import GROUPS
 
 ROOT = Path(__file__).parents[2]
-CONDA_NAMES = {"astropy": "astropy-base", "opencv-python-headless": "py-opencv"}
+CONDA_NAMES = {"astropy": "astropy-base", "isal": "python-isal", "opencv-python-headless": "py-opencv"}
 """What conda-forge calls packages that have another name there."""
 
 
