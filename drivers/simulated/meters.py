@@ -6,6 +6,7 @@ the other direction, and sharing nothing with them but the line's speed.
 
 from __future__ import annotations
 
+import math
 import struct
 from abc import ABC, abstractmethod
 
@@ -146,16 +147,13 @@ def lutron_overload(unit: str, display: str = "1") -> bytes:
 
 def center_309_record(celsius: ArrayLike) -> bytes:
     """45 bytes of the Center 309 for up to four probes, tenths of °C; NaN and absent probes are open."""
-    probes = np.full(4, np.nan)
-    given = np.atleast_1d(celsius)[:4]
-    probes[: given.size] = given
-    is_open = np.isnan(probes)
+    probes = (*np.atleast_1d(celsius)[:4].tolist(), *[math.nan] * 4)[:4]
     record = bytearray(45)
     # automatic power off (bit 7 of the second status byte) is disabled, as for any long recording
     record[0], record[1], record[2], record[44] = 0x02, 0x80, 0x00, 0x03
-    tenths = np.where(is_open, _OPEN_PROBE, np.rint(10.0 * np.nan_to_num(probes)))
-    struct.pack_into(">4h", record, 7, *tenths.astype(int).tolist())
-    record[39] = int(np.packbits(is_open, bitorder="little")[0])
+    tenths = [_OPEN_PROBE if math.isnan(probe) else round(10.0 * probe) for probe in probes]
+    struct.pack_into(">4h", record, 7, *tenths)
+    record[39] = sum(1 << place for place, probe in enumerate(probes) if math.isnan(probe))
     return bytes(record)
 
 

@@ -1,5 +1,7 @@
 import math
+from hashlib import sha256
 
+import h5py
 import pytest
 
 from fieldkit.config import load_config
@@ -27,6 +29,23 @@ def test_a_session_is_simulated_with_the_beds_that_were_asked_for(tmp_path):
     assert slopes == {"flat": (0.0, 0.0), "gentle": (10.0, 180.0), "west": (20.0, 270.0)}
     assert [len(minute.estimates) for minute in minutes] == [2] * len(minutes)
     assert len(minutes) == 4  # three, and the one begun
+
+
+def test_a_simulated_session_holds_the_bytes_it_always_held(tmp_path):
+    """By stamps, counters, flags and what the meters sent; pixels may differ by a count on another processor.
+
+    The digest is of a session recorded while a thread of the clock's own still moved time. Only a scene,
+    an instrument or a protocol that is meant to be another one changes it; a faster clock or writer does not.
+    """
+    stamps = ("time", "mono_ns", "device_time", "seq", "device_seq", "flags")
+    columns = {"camera": stamps, "lux": (*stamps, "raw"), "thermometer": (*stamps, "raw")}
+    found = sha256()
+    path = simulate(tmp_path / "c", duration="3m", seed=7).path
+    with h5py.File(path) as file:
+        for stream, names in columns.items():
+            for name in names:
+                found.update(file[stream][name][:].tobytes())
+    assert found.hexdigest() == "ef968a9cad989cbeb0d4257d38f86774ed0a61eb74a7941970d5414d27f9d0ae"
 
 
 def test_more_beds_than_fit_the_frame_or_a_second_campaign_in_a_folder_are_refused(tmp_path):
