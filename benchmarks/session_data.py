@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,6 +50,38 @@ def frame(info: StreamInfo, counts: Frames, clock: HostClock) -> Frame:
     """A frame stamped now."""
     now = clock.mono_ns()
     return Frame(info.name, now, clock.to_utc_ns(now), counts, np.empty((0, 0), np.uint16))
+
+
+def write_naively(path: Path, data: Frames, flush_every: int = 0) -> None:
+    """What one writes first: resize, assign, gzip, h5py's own chunks, perhaps a flush each second."""
+    with h5py.File(path, "w") as file:
+        dataset = file.create_dataset(
+            "frames", (0, *data.shape[1:]), "u2", maxshape=(None, *data.shape[1:]), chunks=True,
+            shuffle=True, compression="gzip", compression_opts=1,
+        )  # fmt: skip
+        for number, one in enumerate(data):
+            dataset.resize(number + 1, axis=0)
+            dataset[number] = one
+            if flush_every and (number + 1) % flush_every == 0:
+                file.flush()
+    with path.open("rb") as written:
+        os.fsync(written)
+
+
+def write_mcap(path: Path, data: Frames, compression: str = "NONE") -> None:
+    """One message for each frame, in the chunks that the writer makes by itself, synced."""
+    from mcap.writer import CompressionType, Writer
+
+    with path.open("wb") as file:
+        writer: Any = Writer(file, compression=CompressionType[compression])
+        writer.start()
+        schema_id = writer.register_schema("raw", "", b"")
+        channel = writer.register_channel("camera", "raw", schema_id)
+        for number, one in enumerate(data):
+            writer.add_message(channel, number, one.tobytes(), number)
+        writer.finish()
+        file.flush()
+        os.fsync(file)
 
 
 @contextmanager

@@ -19,7 +19,19 @@ import h5py
 import numpy as np
 
 from benchmarks.result import Result, Row
-from benchmarks.session_data import LARGE, MEDIUM, Camera, Frames, camera, folder, frame, header, noisy_frames
+from benchmarks.session_data import (
+    LARGE,
+    MEDIUM,
+    Camera,
+    Frames,
+    camera,
+    folder,
+    frame,
+    header,
+    noisy_frames,
+    write_mcap,
+    write_naively,
+)
 from benchmarks.sides import share
 from fieldkit.model.clock import HostClock
 from fieldkit.model.device import StreamInfo
@@ -73,7 +85,7 @@ def _sustained() -> list[Result]:
         "chunks": lambda place: _chunks(place / "chunks.h5", info, data),
         "both": lambda place: _session_uncompressed(place / "session.h5", info, data),
     }
-    for name, write in (("mcap", _mcap), ("zarr", _zarr)):
+    for name, write in (("mcap", write_mcap), ("zarr", _zarr)):
         if importlib.util.find_spec(name):
             ways[name] = _into(write, data)
     rates = _rates(ways, data)
@@ -160,21 +172,6 @@ def _session_uncompressed(path: Path, info: StreamInfo, data: Frames) -> None:
         writer._session_lock.release()
 
 
-def _mcap(path: Path, data: Frames) -> None:
-    from mcap.writer import CompressionType, Writer
-
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.NONE)
-        writer.start()
-        schema_id = writer.register_schema("raw", "", b"")
-        channel = writer.register_channel("camera", "raw", schema_id)
-        for number, one in enumerate(data):
-            writer.add_message(channel, number, one.tobytes(), number)
-        writer.finish()
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def _zarr(path: Path, data: Frames) -> None:
     import zarr
 
@@ -185,18 +182,6 @@ def _zarr(path: Path, data: Frames) -> None:
         array[number] = one
     for file in path.rglob("*"):
         _sync(file)
-
-
-def _naive(path: Path, data: Frames) -> None:
-    """What one writes first: resize, assign, gzip, h5py's own chunks."""
-    with h5py.File(path, "w") as file:
-        dataset = file.create_dataset(
-            "frames", (0, *data.shape[1:]), "u2", maxshape=(None, *data.shape[1:]), chunks=True,
-            shuffle=True, compression="gzip", compression_opts=1,
-        )  # fmt: skip
-        for number, one in enumerate(data):
-            dataset.resize(number + 1, axis=0)
-            dataset[number] = one
 
 
 def _compressed(path: Path, info: StreamInfo, data: Frames) -> None:
@@ -217,7 +202,7 @@ def _against_naive(size: Camera, row: Row) -> Result:
     rounds = [
         (
             _rate(lambda place: _compressed(place / "a.h5", info, many), many),
-            _rate(lambda place: _naive(place / "a.h5", few), few),
+            _rate(lambda place: write_naively(place / "a.h5", few), few),
         )
         for _ in range(3)
     ]
