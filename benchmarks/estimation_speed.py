@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -139,8 +139,8 @@ def _timed(samples: Sequence[Sample], settings: EstimatorSettings) -> float:
     return time.process_time() - begin
 
 
-def maps(row: Row, shape: tuple[int, int]) -> Result:
-    """A frame added and a map solved, ten times a round: the median of rounds."""
+def map_sums(shape: tuple[int, int]) -> Callable[[], object]:
+    """Work that adds one more frame to an hour's sums and solves the map."""
     random = np.random.default_rng(3)
     facets = normal(random.uniform(0, 30, shape), random.uniform(0, 360, shape))
     sums = MapSums(shape, PAPER, 0.05)
@@ -149,12 +149,21 @@ def maps(row: Row, shape: tuple[int, int]) -> Result:
         warm = surface_temperature(800.0 * np.maximum(facets @ sun, 0.0), 400.0, 303.15, PAPER)
         flat = float(surface_temperature(800.0 * sun[2], 400.0, 303.15, PAPER))
         sums.add(warm, flat, sun, 800.0, VERTICAL)
-    rates = []
+
+    def add_and_solve() -> object:
+        sums.add(warm, flat, sun, 800.0, VERTICAL)
+        return sums.solve()
+
+    return add_and_solve
+
+
+def maps(row: Row, shape: tuple[int, int]) -> Result:
+    """Ten maps a round: the median of rounds."""
+    add_and_solve, rates = map_sums(shape), []
     for _ in range(MAP_ROUNDS):
         began = time.process_time()
         for _ in range(10):
-            sums.add(warm, flat, sun, 800.0, VERTICAL)
-            sums.solve()
+            add_and_solve()
         rates.append(10.0 / (time.process_time() - began))
     note = f"{min(rates):.3g} to {max(rates):.3g}; a general optimiser takes 0.45 ms a pixel, 150 s a map"
     return row.measured(statistics.median(rates), note)

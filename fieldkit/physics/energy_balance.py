@@ -257,11 +257,16 @@ def balance_temperature(
     supply = np.asarray(supply_w_m2, np.float64)
     supply = np.where(supply >= 0.0, supply, np.nan)
     linear, quartic = np.asarray(linear_loss_w_m2_k, np.float64), np.multiply(emissivity, STEFAN_BOLTZMANN)
-    begin = (supply / quartic) ** 0.25 if guess_k is None else np.where(supply >= 0.0, guess_k, np.nan)
+    if guess_k is None:
+        # the temperature at which either loss alone would give off as much
+        begin = np.minimum((supply / quartic) ** 0.25, supply / np.maximum(linear, 1e-200))
+    else:
+        begin = np.where(supply >= 0.0, guess_k, np.nan)
     temperature = begin + np.zeros_like(linear)
-    for _ in range(60):  # five are enough near the answer, sixty from anywhere
-        slope = 4.0 * quartic * temperature**3 + linear
-        step = (quartic * temperature**4 + linear * temperature - supply) / np.where(slope > 0, slope, 1.0)
+    for _ in range(60):  # three are enough near the answer, sixty from anywhere
+        cubic = quartic * temperature * temperature * temperature  # a power takes ten times as long
+        slope = 4.0 * cubic + linear
+        step = ((cubic + linear) * temperature - supply) / np.where(slope > 0, slope, 1.0)
         temperature = temperature - step
         if not np.any(np.abs(step) > 1e-10):
             break

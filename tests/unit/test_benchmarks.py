@@ -28,7 +28,7 @@ def rows_of_the_page():
 
 def declared_rows():
     return {
-        (name, row.id): (row.title, row.included, f"{row.goal} {row.unit}" if row.goal else "")
+        (name, row.id): (row.title, row.included, f"{row.goal} {row.unit}".strip() if row.goal else "")
         for name in modules()
         for row in declared(import_module(f"benchmarks.{name}"))
     }
