@@ -2,7 +2,7 @@
 # Run by test.sh as root in a new Debian: install, use, remove, purge.
 set -euo pipefail
 step() { printf '%s\n' "-- $*"; }
-files() { find / -xdev \( -path /proc -o -path /tmp -o -path /root -o -path /var/log \) -prune -o -print | LC_ALL=C sort; }
+files() { find / -xdev \( -path /proc -o -path /run -o -path /dev -o -path /tmp -o -path /root -o -path /var/log \) -prune -o -print | LC_ALL=C sort; }
 check() { "$@" || { echo "FAILED: $*" >&2; exit 1; }; }
 as_fieldkit=(setpriv --reuid=fieldkit --regid=fieldkit --init-groups env HOME=/var/lib/fieldkit)
 
@@ -45,6 +45,9 @@ python3 -c 'import sys, urllib.request; print(urllib.request.urlopen(sys.argv[1]
 kill -TERM $page
 wait $page || true
 cd /
+running() { find /proc -maxdepth 1 -user fieldkit -exec sh -c 'tr "\0" " " <"$1/cmdline"' - {} \; 2>/dev/null; }
+for _ in $(seq 20); do [ -n "$(running)" ] || break; sleep 1; done
+check [ -z "$(running | tee /dev/stderr)" ]
 
 step install again over itself
 dpkg --install /root/fieldkit.deb
