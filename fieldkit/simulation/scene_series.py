@@ -372,7 +372,8 @@ def _stepped(
     grey = np.array([facet.emissivity_broadband for facet in facets])
     stacks = [facet.stack for facet in facets]
     lengths_s = np.round(np.diff(time_s), 6).tolist()
-    steps = {step_s: SlabStep.of(stacks, step_s) for step_s in set(lengths_s)}
+    different = stacks[:1] if len(set(stacks)) == 1 else stacks  # thousands of pixels share one
+    steps = {step_s: SlabStep.of(different, step_s) for step_s in set(lengths_s)}
     surface = np.empty_like(absorbed)
     surface[:, 0] = balance_temperature(absorbed[:, 0] + exchange[0] * air_k[0], exchange[0], grey)
     nodes = 1 + sum(slab.layers for slab in stacks[0])

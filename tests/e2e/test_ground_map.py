@@ -15,21 +15,21 @@ from benchmarks import ground_map  # noqa: E402 - it needs rasterio
 
 
 @pytest.fixture(scope="module")
-def hour(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign with 40 minutes before a DEM of 100 x 100 cells, mapped."""
-    folder = tmp_path_factory.mktemp("hour") / "terrain"
-    ground_map.recorded(folder, "40m", ground_map.dem(100, 0.6)).close()
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with 20 minutes before a DEM of 100 x 100 cells, mapped."""
+    folder = tmp_path_factory.mktemp("ground") / "terrain"
+    ground_map.recorded(folder, "20m", ground_map.dem(100, 0.6)).close()
     ground_map.mapped(folder)
     return folder
 
 
-def test_the_crater_lies_where_it_is(hour: Path) -> None:
-    found = ground_map.GroundMap.read(hour / "ground.tif", 0.0)
+def test_the_crater_lies_where_it_is(campaign: Path) -> None:
+    found = ground_map.GroundMap.read(campaign / "ground.tif", 0.0)
     assert found.places_off_m() <= 0.5 * found.cell_m
 
 
-def test_rasterio_and_gdal_see_the_reference_system_with_north_up(hour: Path) -> None:
-    with rasterio.open(hour / "ground.tif") as file:
+def test_rasterio_and_gdal_see_the_reference_system_with_north_up(campaign: Path) -> None:
+    with rasterio.open(campaign / "ground.tif") as file:
         assert file.crs.to_epsg() == 32613
         assert file.transform.a == -file.transform.e > 0.0
         east, north = ground_map.CRATER_M
@@ -37,7 +37,9 @@ def test_rasterio_and_gdal_see_the_reference_system_with_north_up(hour: Path) ->
         assert file.bounds.bottom < north < file.bounds.top
     if shutil.which("gdalinfo") is None:
         pytest.skip("gdalinfo is not installed (Debian: gdal-bin)")
-    told = subprocess.run(["gdalinfo", "-json", str(hour / "ground.tif")], check=True, stdout=subprocess.PIPE)
+    told = subprocess.run(
+        ["gdalinfo", "-json", str(campaign / "ground.tif")], check=True, stdout=subprocess.PIPE
+    )
     document = json.loads(told.stdout)
     assert 'ID["EPSG",32613]]' in document["coordinateSystem"]["wkt"]
     assert document["geoTransform"][2] == document["geoTransform"][4] == 0.0
@@ -45,17 +47,17 @@ def test_rasterio_and_gdal_see_the_reference_system_with_north_up(hour: Path) ->
     assert document["bands"][0]["description"] == "slope"
 
 
-def test_a_strict_reader_of_ros_2_finds_the_same_slopes(hour: Path) -> None:
+def test_a_strict_reader_of_ros_2_finds_the_same_slopes(campaign: Path) -> None:
     """With ROS's own definitions of all types that it has."""
     rosbags_types = pytest.importorskip("rosbags.typesys")
     make_reader = pytest.importorskip("mcap.reader").make_reader
     store = rosbags_types.get_typestore(rosbags_types.Stores.ROS2_JAZZY)
-    with (hour / "ground.mcap").open("rb") as file:
+    with (campaign / "ground.mcap").open("rb") as file:
         (schema, _, message), *_ = make_reader(file, validate_crcs=True).iter_messages(topics=["/grid_map"])
     stored = rosbags_types.get_types_from_msg(schema.data.decode(), schema.name)
     store.register({name: one for name, one in stored.items() if name not in store.fielddefs})
     grid = store.deserialize_cdr(message.data, schema.name)
-    with rasterio.open(hour / "ground.tif") as file:
+    with rasterio.open(campaign / "ground.tif") as file:
         slope = file.read(1)
     found = grid.data[grid.layers.index("slope")].data
     assert np.sort(found[np.isfinite(found)]).tolist() == np.sort(slope[np.isfinite(slope)]).tolist()

@@ -92,6 +92,8 @@ def test_axe_finds_nothing(browser: Browser, page: Served, size: tuple[int, int]
     watched.page.locator("#verdict-text", has_text="px").wait_for()
     assert watched.violations() == []
     assert watched.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    watched.page.locator("#skyline-choice").click()
+    assert watched.violations() == []
     watched.page.locator("#cancel-drawing").click()
     for button in ("#start", "#list-sessions"):
         watched.page.locator(button).click()
@@ -158,7 +160,6 @@ def test_a_skyline_is_tapped_and_becomes_the_horizon(browser: Browser, tmp_path:
             watched.tap(*corner)
         watched.page.locator("#undo").tap()
         assert _corners(watched) == [[40, 60], [80, 19], [140, 40]]
-        assert watched.violations() == []
         watched.page.locator("#save-region").tap()
         watched.page.locator("#drawing-error", has_text="needs the pose of the camera").wait_for()
         file.write_text(file.read_text(encoding="utf-8") + POSE, encoding="utf-8")

@@ -39,7 +39,7 @@ def test_a_value_of_several_lines_is_replaced(tmp_path: Path) -> None:
 
 def test_a_site_without_a_table_is_left_to_its_owner(tmp_path: Path) -> None:
     file = tmp_path / "fieldkit.toml"
-    text = 'schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n'
+    text = "schema = 1\nsite = { latitude_deg = 35.5, longitude_deg = 139.4 }\n"
     file.write_text(text)
     with pytest.raises(ConfigError, match="of its own to set horizon in"):
         set_in_site(file, "horizon", "horizon.csv")

@@ -1,0 +1,62 @@
+"""Draw the figure of a map on synthetic terrain: hillshade, true and found tilt, error.
+
+    python docs/images/make_ground_map.py
+
+Records the session of `benchmarks.ground_map`, which takes a minute; the figure is written beside this file.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import LightSource
+from matplotlib.figure import Figure
+
+from benchmarks.ground_map import GroundMap, dem, height_m, mapped, recorded
+
+SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = 205.0, 25.0
+"""Of the middle of the afternoon."""
+
+
+def figure(found: GroundMap) -> Figure:
+    """Four panels, north up."""
+    light = LightSource(SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG)
+    seen = np.isfinite(found.layers["slope"])
+    shade = light.hillshade(height_m(found.east_m, found.north_m), dx=found.cell_m, dy=found.cell_m)
+    panels = {
+        "hillshade, afternoon": (shade, "gray", (0.0, 1.0)),
+        "true tilt, °": (np.where(seen, found.tilt_deg, np.nan), "viridis", (0.0, 30.0)),
+        "tilt found, °": (found.layers["slope"], "viridis", (0.0, 30.0)),
+        "found less true, °": (found.layers["slope"] - found.tilt_deg, "RdBu_r", (-5.0, 5.0)),
+    }
+    drawn = Figure(figsize=(10.0, 8.4), layout="constrained")
+    for axes, (title, (values, colours, (low, high))) in zip(
+        drawn.subplots(2, 2).flat, panels.items(), strict=True
+    ):
+        side_m = found.cell_m * np.array(values.shape[::-1])
+        image = axes.imshow(values, cmap=colours, vmin=low, vmax=high, extent=(0, side_m[0], 0, side_m[1]))
+        axes.set_title(title)
+        axes.set_xlabel("east, m")
+        axes.set_ylabel("north, m")
+        if colours != "gray":
+            drawn.colorbar(image, ax=axes, shrink=0.8)
+    return drawn
+
+
+def draw(folder: Path) -> None:
+    """The figure of a recorded campaign."""
+    found = GroundMap.read(mapped(folder), 0.0)
+    figure(found).savefig(Path(__file__).with_name("ground-map.png"), dpi=80)
+
+
+def main() -> None:
+    """Record, map, draw."""
+    with tempfile.TemporaryDirectory() as parent:
+        recorded(Path(parent, "terrain"), "3h", dem()).close()
+        draw(Path(parent, "terrain"))
+
+
+if __name__ == "__main__":
+    main()
