@@ -200,6 +200,8 @@ def test_requests_reach_the_recording_and_its_events_answer(tmp_path: Path) -> N
         assert (answer["ok"], "shares" in answer["text"]) == (False, True), answer
         answer = browser.request(do="remove_region", name="corner", confirm=True)
         assert (answer["ok"], "corner removed" in answer["text"]) == (True, True), answer
+        answer = browser.request(do="skyline", points=[[1, 20], [18, 10]])
+        assert (answer["ok"], "keeps the horizon" in answer["text"]) == (False, True), answer
         assert browser.request(do="stop", confirm=True)["ok"]
         phase(browser, "no-instruments")  # its process has ended, too
     (path,) = (folder / "recordings").glob("*.h5")

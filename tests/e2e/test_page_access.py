@@ -222,6 +222,7 @@ CONTROL_ONLY = (
     {"do": "shutter"},
     {"do": "acknowledge", "alarm": "x"},
     {"do": "remove_region", "name": "b15", "confirm": True},
+    {"do": "skyline", "points": [[1, 20], [30, 2]]},
     {"do": "link", "role": "control"},
 )
 

@@ -29,6 +29,7 @@ GOOD: list[dict[str, Any]] = [
     {"do": "add_region", "region": {**REGION, "tilt_deg": 15, "azimuth_deg": None}},
     {"do": "edit_region", "name": "b15", "region": REGION},
     {"do": "remove_region", "name": "b15", "confirm": True},
+    {"do": "skyline", "points": [[1, 20], [30, 2.5]]},
     {"do": "link", "role": "view"},
 ]
 json_values = st.recursive(
