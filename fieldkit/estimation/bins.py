@@ -466,6 +466,10 @@ class History:
     def __len__(self) -> int:
         return self.minute.size
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Every array by its name; ``History(**arrays)`` is the same history."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
     def since(self, first: int) -> History:
         """The rows from index `first` on."""
         return History(*(getattr(self, field.name)[first:] for field in fields(self)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from fieldkit.estimation.binner import Binner, Closed
@@ -143,28 +143,33 @@ class Estimator:
 
     def minute(self, closed: Closed) -> Minute:
         """Slopes at the end of a bin; every bin is to be given once, in order."""
-        entry, events = closed
-        self._bins.append(entry)
-        schedule = self._chain.schedule = self.schedule
+        self._bins.append(closed[0])
+        self._chain.schedule = self.schedule
         estimated = self._chain.at(self.history)
-        zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
-        held = entry if schedule.is_constant else entry.only(schedule.at(entry.minute))
-        names = [region.name for region in schedule.regions_at(entry.minute)]
-        return Minute(
-            entry.time_ns,
-            estimated.slopes,
-            dict(zip(names, held.temperature_k.tolist(), strict=True)),
-            dict(zip(names, held.spread_k.tolist(), strict=True)),
-            dict(zip(names, held.pixels.tolist(), strict=True)),
-            entry.illuminance_lx,
-            entry.dni_w_m2,
-            self.irradiance_model,
-            zenith,
-            azimuth,
-            entry.contact_k,
-            entry.flags,
-            events,
-            entry.dhi_w_m2,
-            entry.longwave_down_w_m2,
-            estimated.learnt,
-        )
+        measured = measured_minute(closed, self.schedule, self.irradiance_model)
+        return replace(measured, estimates=estimated.slopes, learnt=estimated.learnt)
+
+
+def measured_minute(closed: Closed, schedule: RegionSchedule, irradiance_model: str) -> Minute:
+    """A minute without its slopes."""
+    entry, events = closed
+    zenith, azimuth = (float(angle) for angle in tilt_azimuth(entry.sun))
+    held = entry if schedule.is_constant else entry.only(schedule.at(entry.minute))
+    names = [region.name for region in schedule.regions_at(entry.minute)]
+    return Minute(
+        entry.time_ns,
+        (),
+        dict(zip(names, held.temperature_k.tolist(), strict=True)),
+        dict(zip(names, held.spread_k.tolist(), strict=True)),
+        dict(zip(names, held.pixels.tolist(), strict=True)),
+        entry.illuminance_lx,
+        entry.dni_w_m2,
+        irradiance_model,
+        zenith,
+        azimuth,
+        entry.contact_k,
+        entry.flags,
+        events,
+        entry.dhi_w_m2,
+        entry.longwave_down_w_m2,
+    )

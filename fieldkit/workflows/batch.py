@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -328,8 +328,7 @@ class _RunScheduler:
 
     def _minutes_read(self, groups: Sequence[list[Run]], made: Sequence[History]) -> list[Outcome]:
         for group, history in zip(groups, made, strict=True):
-            arrays = {column.name: getattr(history, column.name) for column in fields(history)}
-            self._cache.store(group[0].bins_key, arrays)
+            self._cache.store(group[0].bins_key, history.arrays())
             self._estimate(history, group)
         return []
 

@@ -13,12 +13,13 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldkit.estimation.binner import Binner
-from fieldkit.estimation.bins import History, MinuteBin
+from fieldkit.estimation.binner import Binner, Closed
+from fieldkit.estimation.bins import History
 from fieldkit.estimation.chain import slope_series
 from fieldkit.estimation.settings import EstimatorSettings
 from fieldkit.model.region_schedule import Regions, RegionSchedule
 from fieldkit.model.site import Site
+from fieldkit.sessions.reader import SessionReader
 from fieldkit.workflows.session_estimates import Estimates
 from fieldkit.workflows.sources import SessionOrFile, marks_of, reading
 
@@ -33,13 +34,18 @@ def read_minutes(
     with reading(session) as opened:
         streams = tuple(opened.streams.values())
         binners = [Binner(site, regions, streams, settings) for site, settings in wanted]
-        closed: list[list[MinuteBin]] = [[] for _ in binners]
-        for sample in chain(marks_of(opened), opened.samples()):
-            for binner, bins in zip(binners, closed, strict=True):
-                bins.extend(entry for entry, _ in binner.add(sample))
-    for binner, bins in zip(binners, closed, strict=True):
-        bins.extend(entry for entry, _ in binner.finish())
-    return [History.of(bins) for bins in closed]
+        return [History.of([entry for entry, _ in closed]) for closed in closed_minutes(opened, binners)]
+
+
+def closed_minutes(session: SessionReader, binners: Sequence[Binner]) -> list[list[Closed]]:
+    """What each binner makes of a session's samples, in one pass over them."""
+    closed: list[list[Closed]] = [[] for _ in binners]
+    for sample in chain(marks_of(session), session.samples()):
+        for binner, minutes in zip(binners, closed, strict=True):
+            minutes.extend(binner.add(sample))
+    for binner, minutes in zip(binners, closed, strict=True):
+        minutes.extend(binner.finish())
+    return closed
 
 
 def estimate(history: History, regions: Regions, settings: EstimatorSettings) -> Estimates:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fieldkit.estimation.estimator import Minute
 from fieldkit.model.errors import FieldkitError, RefusedError
 from fieldkit.model.slope import SlopeEstimate
 from fieldkit.sessions import check as file_check
@@ -16,8 +15,8 @@ from fieldkit.sessions.clock_correction import apply_time_map, propose_time_map
 from fieldkit.sessions.reader import SessionReader, open_session
 from fieldkit.sessions.time_map import TimeStep
 from fieldkit.views import html
-from fieldkit.workflows.estimate import estimator_for, minutes_of
 from fieldkit.workflows.horizon_check import horizon_findings
+from fieldkit.workflows.known_minutes import KnownMinutes
 from fieldkit.workflows.sources import SessionOrFile, config_for, path_of
 
 if TYPE_CHECKING:
@@ -84,7 +83,7 @@ def _estimate_findings(session: SessionReader) -> list[Finding]:
     if not stored or session.time_map():
         return []
     try:
-        minutes = _minutes_again(session)
+        minutes = _known_minutes(session).minutes()
     except FieldkitError as error:
         return [Finding("warn", "slopes", f"could not be computed again: {error.message}", error.fix or "")]
     computed = {_key(one): one for minute in minutes for one in minute.estimates}
@@ -100,11 +99,10 @@ def _estimate_findings(session: SessionReader) -> list[Finding]:
     ]
 
 
-def _minutes_again(session: SessionReader) -> list[Minute]:
+def _known_minutes(session: SessionReader) -> KnownMinutes:
     # streams that were imported later had no part in what the recording estimated
     recorded = tuple(info for info in session.streams.values() if info.driver != "import")
-    estimator = estimator_for(session, config_for(session), streams=recorded)
-    return list(minutes_of(session, estimator))
+    return KnownMinutes(session, config_for(session), streams=recorded)
 
 
 def _key(estimate: SlopeEstimate) -> tuple[int, str]:

@@ -1,18 +1,17 @@
-"""Reports: sessions estimated afresh and written as one HTML file, or printed to PDF."""
+"""Reports: sessions estimated and written as one HTML file, or printed to PDF."""
 
 from __future__ import annotations
 
 import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
-from fieldkit.estimation.chain import slope_series
 from fieldkit.model.errors import ConfigError, FieldkitError, StorageError
 from fieldkit.model.samples import is_usable
 from fieldkit.sessions.reader import SessionReader, open_session
@@ -21,7 +20,7 @@ from fieldkit.views.report.assessment import assess
 from fieldkit.views.report.pdf import require_weasyprint, write_pdf
 from fieldkit.views.report.recording import is_simulated
 from fieldkit.views.report.series import series
-from fieldkit.workflows.estimate import estimator_for, minutes_of
+from fieldkit.workflows.known_minutes import KnownMinutes
 from fieldkit.workflows.provenance import command_line
 from fieldkit.workflows.sources import (
     SessionOrFile,
@@ -33,7 +32,7 @@ from fieldkit.workflows.sources import (
 )
 
 if TYPE_CHECKING:
-    from fieldkit.estimation.estimator import Estimator, Minute
+    from fieldkit.estimation.estimator import Minute
     from fieldkit.estimation.settings import Model
     from fieldkit.estimation.statistics import SdKind
     from fieldkit.model.samples import Frame
@@ -151,20 +150,19 @@ def _report_session(
     out = out or default_path(path)
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
-        estimator = estimator_for(session, config, present=options.present)
-        minutes = list(minutes_of(session, estimator))
-        notify_damage(session, notify)
+        known = KnownMinutes(session, config, present=options.present)
+        notify_damage(session, notify, known.damaged)
         with _writing(out):
             write_report(
                 out,
                 session,
-                minutes,
-                settings=estimator.settings,
-                site=estimator.site,
-                regions=estimator.schedule.latest,
+                known.minutes(),
+                settings=known.settings,
+                site=known.site,
+                regions=known.schedule.latest,
                 sd=options.sd,
                 frame=middle_frame(session),
-                others=by_other_models(minutes, estimator),
+                others=by_other_models(known),
                 command_line=command_line(),
                 config_toml=config.to_toml(),
             )
@@ -192,13 +190,13 @@ def _report_sessions(
 
 
 def report_part(path: Path, options: ReportOptions = DEFAULTS) -> Part:
-    """A session estimated afresh, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
+    """A session, estimated, as a part of a report of several. Raises `SessionError`, `ConfigError`."""
     with open_session(path) as session:
         config = config_for(session, options.settings, present=options.present)
-        estimator = estimator_for(session, config, present=options.present)
-        columns = series(list(minutes_of(session, estimator)), estimator.schedule.latest)
+        known = KnownMinutes(session, config, present=options.present)
+        columns = series(known.minutes(), known.schedule.latest)
         warnings = assess(columns, list(session.events()), session.state).warnings
-        return Part(path, estimator.site, columns, estimator.settings, warnings, is_simulated(session))
+        return Part(path, known.site, columns, known.settings, warnings, is_simulated(session))
 
 
 @contextmanager
@@ -233,16 +231,6 @@ def middle_frame(session: SessionReader) -> Frame | None:
     return next((frame for frame in frames if is_usable(frame.quality)), None)
 
 
-def by_other_models(minutes: Sequence[Minute], estimator: Estimator) -> dict[str, list[Minute]]:
-    """The same minutes with slopes by the other `COMPARED` models, from the bins already made."""
-    history = estimator.history
-    found: dict[str, list[Minute]] = {}
-    for model in COMPARED:
-        if model != estimator.settings.model:
-            settings = replace(estimator.settings, model=model)
-            series = slope_series(history, estimator.schedule, settings)
-            found[model] = [
-                replace(minute, estimates=one.slopes, learnt=one.learnt)
-                for minute, one in zip(minutes, series, strict=True)
-            ]
-    return found
+def by_other_models(known: KnownMinutes) -> dict[str, list[Minute]]:
+    """The same minutes with slopes by the other `COMPARED` models."""
+    return {model: known.minutes(model) for model in COMPARED if model != known.settings.model}

@@ -64,9 +64,14 @@ def marks_of(session: SessionReader) -> list[Event]:
     return [event for event in session.events() if event.kind is EventKind.MARK]
 
 
-def notify_damage(session: SessionReader, notify: Callable[[str], None]) -> None:
-    """Report which samples, of those read so far, do not match their checksum: no result includes them."""
-    for name, count in session.damaged.items():
+def notify_damage(
+    session: SessionReader, notify: Callable[[str], None], damaged: Mapping[str, int] | None = None
+) -> None:
+    """Report how many samples of each stream do not match their checksum: no result includes them.
+
+    `damaged` are those of an earlier reading; else those that were read so far.
+    """
+    for name, count in (session.damaged if damaged is None else damaged).items():
         what = f"{count} of {session.count(name)} samples of {name} do not match their checksum"
         notify(f"{session.path}: {what} and are excluded; fieldkit check lists what is damaged")
 
