@@ -231,11 +231,15 @@ def _trend(values: FloatArray, first: int) -> FloatArray:
     """
     trend = np.full_like(values, np.nan)
     parabolas = np.vander(np.linspace(-1.0, 1.0, len(values) - first), 3)
-    for column, window in enumerate(values[first:].T):
-        known = np.isfinite(window)
+    window = values[first:]
+    is_known = np.isfinite(window)
+    # columns with the same gaps, nearly always all of them, are fitted together
+    gaps, kind = np.unique(is_known, axis=1, return_inverse=True)
+    for place, known in enumerate(gaps.T):
         if known.any():
-            fitted = np.linalg.lstsq(parabolas[known], window[known])[0]
-            trend[first:, column] = parabolas @ fitted
+            columns = np.flatnonzero(kind.ravel() == place)
+            fitted = np.linalg.lstsq(parabolas[known], window[np.ix_(known, columns)])[0]
+            trend[first:, columns] = parabolas @ fitted
     return trend
 
 

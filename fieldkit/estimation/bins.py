@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -366,23 +367,23 @@ class OpenBin:
         return sorted(self.readings.get(stream, []), key=lambda r: (r.time_ns, r.values, r.quality))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RegionColumns:
     """The regions as columns of a history: which are references, which are targets."""
 
     regions: tuple[Region, ...]
 
-    @property
+    @cached_property
     def references(self) -> NDArray[np.int64]:
         """Columns of the references."""
         return self._columns(RegionKind.REFERENCE)
 
-    @property
+    @cached_property
     def targets(self) -> NDArray[np.int64]:
         """Columns of the targets."""
         return self._columns(RegionKind.TARGET)
 
-    @property
+    @cached_property
     def reference_normals(self) -> FloatArray:
         """Unit normals of the references, (r, 3); one without a tilt is level."""
         references = [self.regions[column] for column in self.references]

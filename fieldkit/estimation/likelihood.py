@@ -32,15 +32,78 @@ STUDENT_FREEDOM = 8.0
 """Degrees of freedom of the Student-t residuals: heavy tails, at 2 % loss of efficiency without outliers."""
 POSTERIOR_DROP = 18.0
 """Misfit above the least at which a normal's share of the posterior (1e-4) is neglected."""
-MisfitOf = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Normals of m slopes around the poles of `axes` (m, 3, 3), whose last column is the mean sun.
+
+    At every height over the plane square to the pole, `height` (m, k), and every turn about it, `turn`
+    (m, l), in radians.
+    """
+
+    axes: FloatArray
+    height: FloatArray
+    turn: FloatArray
+
+    @property
+    def level(self) -> FloatArray:
+        """Distances from the pole's axis (m, k)."""
+        return np.sqrt(np.maximum(1.0 - self.height**2, 0.0))
+
+    @property
+    def ring(self) -> FloatArray:
+        """Directions square to the pole (m, l, 3)."""
+        return np.stack([np.cos(self.turn), np.sin(self.turn)], axis=-1) @ np.swapaxes(self.axes, 1, 2)[:, :2]
+
+    def normals(self) -> FloatArray:
+        """All of them (m, k, l, 3)."""
+        around = self.level[:, :, np.newaxis, np.newaxis] * self.ring[:, np.newaxis]
+        return np.asarray(
+            around + (self.height[..., np.newaxis] * self.axes[:, np.newaxis, :, 2])[:, :, np.newaxis]
+        )
+
+    def linear(self, b: FloatArray) -> FloatArray:
+        """``n . b`` (m, k, l) for vectors (m, 3)."""
+        along = _dot(self.ring, b[:, np.newaxis])
+        up = self.height * _dot(self.axes[:, :, 2], b)[:, np.newaxis]
+        return _products((self.level, along), (up, np.ones_like(along)))
+
+    def quadratic(self, H: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+        """``n'Hn - 2 b'n + c`` (m, k, l), for matrices (m, 3, 3), vectors (m, 3) and numbers (m,)."""
+        ring, pole, height, level = self.ring, self.axes[:, :, 2], self.height, self.level
+        pulled = (pole[:, np.newaxis] @ H)[:, 0]
+        constant = height**2 * _dot(pole, pulled)[:, np.newaxis] + c[:, np.newaxis]
+        constant -= 2.0 * height * _dot(pole, b)[:, np.newaxis]
+        around = _dot(ring @ H, ring)
+        return _products(
+            (level**2, around),
+            (level * height, 2.0 * _dot(ring, pulled[:, np.newaxis])),
+            (level, -2.0 * _dot(ring, b[:, np.newaxis])),
+            (constant, np.ones_like(around)),
+        )
+
+
+def _dot(one: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray((one * other) @ np.ones(3))
+
+
+def _products(*pairs: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Sum of the outer products (m, k, l) of pairs (m, k) and (m, l)."""
+    heights, turns = zip(*pairs, strict=True)
+    return np.asarray(np.stack(heights, axis=2) @ np.stack(turns, axis=1))
+
+
+OnGrid = Callable[[Grid], FloatArray]
+"""Misfits (m, k, l) of the normals of a grid."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProfileMisfit:
     """Misfit of normals with the scale profiled out, whose standard uncertainty is `scale_sd`.
 
-    `misfit` already includes the additive effects (`with_systematics`); `reference` (3,) is the normal that
-    differences refer to.
+    `misfit`, of one slope or many, already includes the additive effects (`with_systematics`); `reference`
+    (3,) is the normal that differences refer to.
     """
 
     misfit: Misfit
@@ -52,19 +115,41 @@ class ProfileMisfit:
         if self.scale_sd <= 0.0:
             return self.misfit(normals)
         away = normals - self.reference
-        pull = self.misfit.b - self.reference @ self.misfit.H
+        turned = (away[..., np.newaxis, :] @ self.misfit.H)[..., 0, :]
         weight = 1.0 / self.scale_sd**2
-        curvature = ((away @ self.misfit.H) * away) @ np.ones(3) + weight
-        gradient = away @ pull + weight
-        return np.asarray(self.misfit(self.reference) + weight - gradient**2 / curvature)
+        gradient = np.sum(away * self._pull, axis=-1) + weight
+        return self._at_best_scale(np.sum(turned * away, axis=-1), gradient, self.misfit(self.reference))
+
+    def on_grid(self, grid: Grid) -> FloatArray:
+        """The same of the normals of a grid, for many slopes."""
+        H, b, c = self.misfit.H, self.misfit.b, self.misfit.c
+        if self.scale_sd <= 0.0:
+            return grid.quadratic(H, b, c)
+        weight, towards = 1.0 / self.scale_sd**2, self.reference @ H
+        curvature = grid.quadratic(H, towards, towards @ self.reference)
+        gradient = grid.linear(self._pull) + (weight - self._pull @ self.reference)[:, np.newaxis, np.newaxis]
+        at_reference = self.misfit(self.reference)[:, np.newaxis, np.newaxis]
+        return self._at_best_scale(curvature, gradient, at_reference)
+
+    @property
+    def _pull(self) -> FloatArray:
+        return np.asarray(self.misfit.b - self.reference @ self.misfit.H)
+
+    def _at_best_scale(
+        self, curvature: FloatArray, gradient: FloatArray, at_reference: FloatArray
+    ) -> FloatArray:
+        weight = 1.0 / self.scale_sd**2
+        return np.asarray(at_reference + weight - gradient**2 / (curvature + weight))
 
     def linearised(self, at: FloatArray) -> FloatArray:
-        """Information matrix (3, 3) near one normal, after the scale has taken its part."""
+        """Information matrix (..., 3, 3) near one normal of each slope (..., 3), after the scale's part."""
         if self.scale_sd <= 0.0:
             return self.misfit.H
-        spread = self.misfit.H @ (at - self.reference)
-        curvature = (at - self.reference) @ spread + 1.0 / self.scale_sd**2
-        return np.asarray(self.misfit.H - np.outer(spread, spread) / curvature)
+        away = at - self.reference
+        spread = np.asarray((away[..., np.newaxis, :] @ self.misfit.H)[..., 0, :])
+        curvature = np.sum(away * spread, axis=-1) + 1.0 / self.scale_sd**2
+        part = spread[..., :, np.newaxis] * spread[..., np.newaxis, :]
+        return np.asarray(self.misfit.H - part / curvature[..., np.newaxis, np.newaxis])
 
 
 def with_systematics(
@@ -77,17 +162,18 @@ def with_systematics(
     design
         Design vectors, shape (n, 3). [-]
     y
-        Measured cosines of incidence, (n,). [-]
+        Measured cosines of incidence, (n,), or (m, n) for m slopes. [-]
     weights
-        Inverse variances of `y`, (n,); zero excludes a row. [-]
+        Inverse variances of `y`, of its shape; zero excludes a row. [-]
     systematics
-        Change of `y` for one standard uncertainty of each effect, (p, n); zeros change nothing. [-]
+        Change of `y` for one standard uncertainty of each effect, (p, ...); zeros change nothing. [-]
     """
-    table = np.column_stack([design, y, *systematics])
-    gram = (table * weights[:, np.newaxis]).T @ table
+    table = np.stack([*np.broadcast_arrays(*design.T, y), *systematics], axis=-1)
+    gram = np.swapaxes(table * weights[..., np.newaxis], -1, -2) @ table
     priors = np.eye(len(systematics))  # every effect is in units of its own uncertainty
-    gram = gram[:4, :4] - gram[:4, 4:] @ np.linalg.solve(gram[4:, 4:] + priors, gram[4:, :4])
-    return Misfit(gram[:3, :3], gram[:3, 3], gram[3, 3], np.asarray(np.count_nonzero(weights)))
+    inner, outer = gram[..., 4:, 4:] + priors, gram[..., 4:, :4]
+    gram = gram[..., :4, :4] - gram[..., :4, 4:] @ np.linalg.solve(inner, outer)
+    return Misfit(gram[..., :3, :3], gram[..., :3, 3], gram[..., 3, 3], np.count_nonzero(weights, axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,166 +192,208 @@ class LikelihoodRegion:
 
 
 @dataclass(frozen=True, slots=True)
-class Patch:
-    """Grid of normals (k, 3) of equal `solid_angle` [sr] over one likelihood region, with misfits (k,)."""
+class Patches:
+    """Grids over likelihood regions, with misfits (m, k, l); cells have equal solid angles (m,) in sr."""
 
-    normals: FloatArray
+    grid: Grid
     misfit: FloatArray
-    solid_angle: float
+    solid_angle: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class _Box:
-    """Ranges of the height over the plane square to the mean sun, and of the rotation about it, rad."""
+class _Boxes:
+    """Ranges (m, 2) of the height over the plane square to the mean sun, and of the turn about it, rad."""
 
-    height: tuple[float, float]
-    rotation: tuple[float, float]
+    axes: FloatArray
+    height: FloatArray
+    turn: FloatArray
 
-    def grid(self, axes: FloatArray, heights: int, rotations: int) -> FloatArray:
-        """Normals (heights, turns, 3) at the centres of equal cells."""
-        height = _centres(self.height, heights)[:, np.newaxis]
-        rotation = _centres(self.rotation, rotations)[np.newaxis, :]
-        level = np.sqrt(np.maximum(1.0 - height**2, 0.0))
-        parts = [
-            level * np.cos(rotation),
-            level * np.sin(rotation),
-            np.broadcast_to(height, (heights, rotations)),
-        ]
-        return np.stack(parts, axis=-1) @ axes.T
+    def grid(self, heights: int, turns: int) -> Grid:
+        """The centres of equal cells."""
+        return Grid(self.axes, _centres(self.height, heights), _centres(self.turn, turns))
 
-    def cell(self, heights: int, rotations: int) -> float:
-        """Solid angle of a cell: equal everywhere, since height and rotation preserve area (Archimedes)."""
-        return (self.height[1] - self.height[0]) / heights * (self.rotation[1] - self.rotation[0]) / rotations
+    def cell(self, heights: int, turns: int) -> FloatArray:
+        """Solid angle of a cell: equal everywhere, since height and turn preserve area (Archimedes)."""
+        return np.asarray(np.ptp(self.height, axis=1) / heights * np.ptp(self.turn, axis=1) / turns)
+
+    def closer(self, inside: NDArray[np.bool_]) -> _Boxes:
+        """The part of each box that contains its region (m, heights, turns), with a margin of a cell."""
+        height = _closer(self.height, np.asarray(inside.any(axis=2)))
+        return _Boxes(self.axes, height, _closer(self.turn, np.asarray(inside.any(axis=1))))
 
 
-def _centres(span: tuple[float, float], cells: int) -> FloatArray:
-    return np.asarray(span[0] + (span[1] - span[0]) * (np.arange(cells) + 0.5) / cells)
+def _centres(spans: FloatArray, cells: int) -> FloatArray:
+    width = spans[:, 1:] - spans[:, :1]
+    return np.asarray(spans[:, :1] + width * (np.arange(cells) + 0.5) / cells)
 
 
-def patch(
-    misfit: MisfitOf,
+def _closer(spans: FloatArray, lines: NDArray[np.bool_]) -> FloatArray:
+    cells = lines.shape[1]
+    step = (spans[:, 1] - spans[:, 0]) / cells
+    first, last = np.argmax(lines, axis=1), cells - 1 - np.argmax(lines[:, ::-1], axis=1)
+    low = np.maximum(spans[:, 0] + (first - 1) * step, spans[:, 0])
+    high = np.minimum(spans[:, 0] + (last + 2) * step, spans[:, 1])
+    return np.where(lines.any(axis=1, keepdims=True), np.stack([low, high], axis=1), spans)
+
+
+def patches(
+    misfit: OnGrid,
     information: FloatArray,
     best: FloatArray,
+    bound: FloatArray,
     drop: float,
     *,
     heights: int = 17,
-    rotations: int = 81,
-) -> Patch:
-    """Grid over the connected region ``q <= q(best) + drop`` around `best`.
+    turns: int = 81,
+) -> Patches:
+    """Grids over the connected regions ``q <= bound`` around `best`, of many slopes at once.
 
     Parameters
     ----------
     misfit
-        Misfit of normals (..., 3).
+        Misfits of the normals of a grid.
     information
-        Information matrix (3, 3): sets the axes and the first size only; the grid grows until the region lies
-        inside, then shrinks to it.
+        Information matrices (m, 3, 3): set the axes and the first size only; a grid grows until the region
+        lies inside, then shrinks to it.
     best
-        Unit normal of least misfit, (3,).
-    drop
-        Misfit above the least that bounds the region: a chi-square quantile.
-    heights, rotations
-        Cells of the grid along its two axes.
+        Unit normals of least misfit, (m, 3).
+    bound, drop
+        Misfits that bound the regions (m,), and how far above the least these are: a chi-square quantile.
+    heights, turns
+        Cells of a grid along its two axes.
     """
     values, vectors = np.linalg.eigh(information)
-    axes = vectors * np.where(vectors.T @ best < 0.0, -1.0, 1.0)
-    height, rotation = float(best @ axes[:, 2]), float(np.arctan2(best @ axes[:, 1], best @ axes[:, 0]))
-    level = np.sqrt(max(1.0 - height**2, 1e-12))
+    local = (best[:, np.newaxis] @ vectors)[:, 0]
+    flip = np.where(local < 0.0, -1.0, 1.0)
+    axes, local = vectors * flip[:, np.newaxis], local * flip
+    height, turn = local[:, 2], np.arctan2(local[:, 1], local[:, 0])
+    level = np.sqrt(np.maximum(1.0 - height**2, 1e-12))
     half = np.sqrt(drop / np.maximum(values, 1e-300))
-    high, wide = float(min(1.2 * half[2], 1.0)), float(min(1.2 * half[1] / level, np.pi))
-    floor = float(misfit(best))
+    high, wide = np.minimum(1.2 * half[:, 2], 1.0), np.minimum(1.2 * half[:, 1] / level, np.pi)
     for _ in range(24):
-        box = _Box((max(height - high, -1.0), min(height + high, 1.0)), (rotation - wide, rotation + wide))
-        inside = misfit(box.grid(axes, 13, 33)) <= floor + drop
-        up = _touches(np.any(inside, axis=1), box.height[0] > -1.0, box.height[1] < 1.0)
-        around = _touches(np.any(inside, axis=0), wide < np.pi, wide < np.pi)
-        if not (up or around):
+        ends = np.clip(np.stack([height - high, height + high], axis=1), -1.0, 1.0)
+        boxes = _Boxes(axes, ends, np.stack([turn - wide, turn + wide], axis=1))
+        inside = misfit(boxes.grid(13, 33)) <= bound[:, np.newaxis, np.newaxis]
+        up = _touch(inside, 2, ends[:, 0] > -1.0, ends[:, 1] < 1.0)
+        around = _touch(inside, 1, wide < np.pi, wide < np.pi)
+        if not (up | around).any():
             break
-        high, wide = (2.0 * high if up else high), (min(2.0 * wide, np.pi) if around else wide)
-    box = _closer(box, inside)
-    grid = box.grid(axes, heights, rotations)
-    return Patch(grid.reshape(-1, 3), misfit(grid).ravel(), box.cell(heights, rotations))
+        high = np.where(up, 2.0 * high, high)
+        wide = np.where(around, np.minimum(2.0 * wide, np.pi), wide)
+    boxes = boxes.closer(inside)
+    grid = boxes.grid(heights, turns)
+    return Patches(grid, misfit(grid), boxes.cell(heights, turns))
 
 
-def _touches(line: NDArray[np.bool_], low: bool, high: bool) -> bool:
-    return bool((low and line[0]) or (high and line[-1]))
+def _touch(
+    inside: NDArray[np.bool_], axis: int, low: NDArray[np.bool_], high: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Whether regions (m, heights, turns) reach an end of their box that may move, along the other axis."""
+    lines = np.asarray(inside.any(axis=axis))
+    return np.asarray((low & lines[:, 0]) | (high & lines[:, -1]))
 
 
-def _closer(box: _Box, inside: NDArray[np.bool_]) -> _Box:
-    """The part of the box that contains the region, with a margin of one cell."""
-    if not inside.any():
-        return box
-    spans = []
-    for span, line in ((box.height, inside.any(axis=1)), (box.rotation, inside.any(axis=0))):
-        step = (span[1] - span[0]) / line.size
-        hits = np.flatnonzero(line)
-        low, high = span[0] + (hits[0] - 1) * step, span[0] + (hits[-1] + 2) * step
-        spans.append((max(low, span[0]), min(high, span[1])))
-    return _Box(spans[0], spans[1])
+def regions(
+    misfit: ProfileMisfit, information: FloatArray, best: FloatArray, drop: float, tilt_limit_deg: float
+) -> list[LikelihoodRegion]:
+    """Projections of the likelihood regions around `best` on tilt and azimuth, within the tilt limit.
 
-
-def region(
-    misfit: MisfitOf, information: FloatArray, best: FloatArray, drop: float, tilt_limit_deg: float
-) -> LikelihoodRegion:
-    """Projections of the likelihood region around `best` on tilt and azimuth, within the tilt limit.
-
-    Parameters as of `patch`; `tilt_limit_deg` in degrees.
+    Parameters
+    ----------
+    misfit
+        Of m slopes.
+    information, best, drop
+        As of `patches`.
+    tilt_limit_deg
+        Largest tilt. [degrees]
     """
-    found = patch(misfit, information, best, drop)
-    least = float(misfit(best))
-    inside = found.misfit <= least + drop
-    flat = float(misfit(VERTICAL)) <= least + drop and _near(VERTICAL, best, found, inside)
-    return project(np.vstack([found.normals[inside], best]), best, flat, tilt_limit_deg)
+    bound = misfit(best) + drop
+    found = patches(misfit.on_grid, information, best, bound, drop)
+    slope, height, turn = np.nonzero(found.misfit <= bound[:, np.newaxis, np.newaxis])
+    normals = found.grid.normals()[slope, height, turn]
+    is_flat = misfit(np.broadcast_to(VERTICAL, best.shape)) <= bound
+    for one in np.flatnonzero(is_flat):
+        is_flat[one] = _near(VERTICAL, best[one], normals[slope == one])
+    # every region with its best normal, which may be the only one
+    owner = np.concatenate([slope, np.arange(len(best))])
+    order = np.argsort(owner, kind="stable")
+    every = np.concatenate([normals, best])[order]
+    return project(every, np.searchsorted(owner[order], np.arange(len(best))), best, is_flat, tilt_limit_deg)
 
 
-def _near(vertical: FloatArray, best: FloatArray, found: Patch, inside: NDArray[np.bool_]) -> bool:
-    """Whether the vertical belongs to this region and not to that of the other branch."""
-    reach = float(np.max(angle_between_deg(found.normals[inside], best), initial=0.0))
+def _near(vertical: FloatArray, best: FloatArray, normals: FloatArray) -> bool:
+    """Whether the vertical belongs to this region, of normals (k, 3), and not to that of the other branch."""
+    reach = float(np.max(angle_between_deg(normals, best), initial=0.0))
     return bool(angle_between_deg(vertical, best) <= reach + 0.5)
 
 
-def project(normals: FloatArray, best: FloatArray, flat: bool, tilt_limit_deg: float) -> LikelihoodRegion:
-    """Ranges of tilt and azimuth of normals (k, 3), cut at the tilt limit."""
+def project(
+    normals: FloatArray,
+    starts: NDArray[np.int64],
+    best: FloatArray,
+    flat: NDArray[np.bool_],
+    tilt_limit_deg: float,
+) -> list[LikelihoodRegion]:
+    """Ranges of tilt and azimuth of regions, cut at the tilt limit.
+
+    Parameters
+    ----------
+    normals, starts
+        Normals (k, 3), one region's after the other's, and where each region's begin (m,).
+    best, flat
+        Best normals (m, 3); whether a region contains the vertical (m,).
+    tilt_limit_deg
+        Largest tilt. [degrees]
+    """
     tilts, azimuths = tilt_azimuth(normals)
+    centre = tilt_azimuth(best)[1]
+    counts = np.diff(np.append(starts, len(normals)))
+    turned = (azimuths - np.repeat(centre, counts) + 180.0) % 360.0 - 180.0
     allowed = tilts <= tilt_limit_deg
-    if not allowed.any():
-        return LikelihoodRegion(*(float("nan"),) * 4, flat)
-    tilts, azimuths = tilts[allowed], azimuths[allowed]
-    centre = float(tilt_azimuth(best)[1])
-    if flat:
-        return LikelihoodRegion(0.0, float(tilts.max()), centre - 180.0, centre + 180.0, True)
-    turned = (azimuths - centre + 180.0) % 360.0 - 180.0
-    return LikelihoodRegion(
-        float(tilts.min()),
-        float(tilts.max()),
-        centre + float(turned.min()),
-        centre + float(turned.max()),
-        False,
+    lows = [np.minimum.reduceat(np.where(allowed, values, np.inf), starts) for values in (tilts, turned)]
+    highs = [np.maximum.reduceat(np.where(allowed, values, -np.inf), starts) for values in (tilts, turned)]
+    lows[0], lows[1] = np.where(flat, 0.0, lows[0]), centre + np.where(flat, -180.0, lows[1])
+    highs[1] = centre + np.where(flat, 180.0, highs[1])
+    bounds = np.stack([lows[0], highs[0], lows[1], highs[1]], axis=1)
+    bounds[~np.logical_or.reduceat(allowed, starts)] = np.nan
+    rows = zip(*bounds.T.tolist(), flat.tolist(), strict=True)
+    return [LikelihoodRegion(*row) for row in rows]
+
+
+def regions_known_azimuth(
+    misfit: ProfileMisfit, azimuth_deg: FloatArray, best: FloatArray, drop: float, tilt_limit_deg: float
+) -> list[LikelihoodRegion]:
+    """The connected intervals of tilts around `best`, each along its azimuth; parameters as of `regions`."""
+    tilts, tilt = np.linspace(0.0, tilt_limit_deg, TILTS), tilt_azimuth(best)[0][:, np.newaxis]
+    facing, across = normal(90.0, azimuth_deg), normal(90.0, azimuth_deg + 90.0)
+    axes = np.stack([facing, across, np.broadcast_to(VERTICAL, facing.shape)], axis=2)
+    height = np.broadcast_to(np.cos(np.radians(tilts)), (len(best), TILTS))
+    excess = (
+        misfit.on_grid(Grid(axes, height, np.zeros((len(best), 1))))[..., 0] - misfit(best)[:, np.newaxis]
     )
+    root = np.sqrt(np.maximum(excess, 0.0) / drop)
+    low = _ends(tilt, tilts[::-1], root[:, ::-1], tilts[::-1] < tilt)
+    high = _ends(tilt, tilts, root, tilts > tilt)
+    return [
+        LikelihoodRegion(float(one), float(other), azimuth, azimuth, bool(one == 0.0))
+        for one, other, azimuth in zip(low, high, (azimuth_deg % 360.0).tolist(), strict=True)
+    ]
 
 
-def region_known_azimuth(
-    misfit: MisfitOf, azimuth_deg: float, best: FloatArray, drop: float, tilt_limit_deg: float
-) -> LikelihoodRegion:
-    """The connected interval of tilts around `best` along one azimuth, degrees; parameters as of `region`."""
-    tilts, tilt = np.linspace(0.0, tilt_limit_deg, TILTS), float(tilt_azimuth(best)[0])
-    excess = np.maximum(misfit(normal(tilts, azimuth_deg)) - float(misfit(best)), 0.0) / drop
-    below, above = tilts < tilt, tilts > tilt
-    low = _end(tilt, tilts[below][::-1], excess[below][::-1])
-    high = _end(tilt, tilts[above], excess[above])
-    azimuth = azimuth_deg % 360.0
-    return LikelihoodRegion(low, high, azimuth, azimuth, low == 0.0)
+def _ends(start: FloatArray, tilts: FloatArray, root: FloatArray, beyond: NDArray[np.bool_]) -> FloatArray:
+    """Tilts at which the root of the excess misfit, 0 at `start` (m, 1), first exceeds 1; else the last.
 
-
-def _end(start: float, tilts: FloatArray, excess: FloatArray) -> float:
-    """Tilt at which the excess misfit, 0 at `start`, first exceeds 1 along `tilts` (k,); else the last."""
+    `root` and `beyond`, the tilts on this side of the start, are (m, k) over `tilts` (k,).
+    """
     # a misfit grows as a parabola, so its root is interpolated: the region may be narrower than one step
-    tilts, root = np.append(start, tilts), np.append(0.0, np.sqrt(excess))
-    outside = np.flatnonzero(root > 1.0)
-    if not outside.size:
-        return float(tilts[-1])
-    pair = slice(outside[0] - 1, outside[0] + 1)
-    return float(np.interp(1.0, root[pair], tilts[pair]))
+    outside = beyond & (root > 1.0)
+    slopes, first = np.arange(len(root)), np.argmax(outside, axis=1)
+    is_next = ~beyond[slopes, first - 1] | (first == 0)
+    before = np.where(is_next, start[:, 0], tilts[first - 1])
+    value, value_before = root[slopes, first], np.where(is_next, 0.0, root[slopes, first - 1])
+    share = (1.0 - value_before) / np.where(outside.any(axis=1), value - value_before, 1.0)
+    last = np.where(beyond.any(axis=1), tilts[-1], start[:, 0])
+    return np.where(outside.any(axis=1), before + share * (tilts[first] - before), last)
 
 
 _ROUNDS = 30
@@ -314,14 +442,14 @@ def posterior(design: FloatArray, y: FloatArray, weights: FloatArray, tilt_limit
         return np.asarray((STUDENT_FREEDOM + 1.0) * np.sum(np.log1p(squares / STUDENT_FREEDOM), axis=-1))
 
     starts = [branches.first] if branches.merged else [branches.first, branches.second]
-    patches = [
-        patch(misfit, information, start, POSTERIOR_DROP, heights=21, rotations=121) for start in starts
-    ]
-    floor = min(float(found.misfit.min()) for found in patches)
+    every, normals = np.broadcast_to(information, (len(starts), 3, 3)), np.stack(starts)
+    bound = misfit(normals) + POSTERIOR_DROP
+    found = patches(
+        lambda grid: misfit(grid.normals()), every, normals, bound, POSTERIOR_DROP, heights=21, turns=121
+    )
+    floor = float(found.misfit.min())
     sides = [np.zeros(3) if branches.merged else across * np.sign(start @ across) for start in starts]
-    moments = [
-        _moments(found, floor, tilt_limit_deg, side) for found, side in zip(patches, sides, strict=True)
-    ]
+    moments = [_moments(found, branch, floor, tilt_limit_deg, side) for branch, side in enumerate(sides)]
     masses = [mass for mass, _ in moments]
     total = sum(masses)
     if total == 0.0:
@@ -344,13 +472,16 @@ def _reweighted(design: FloatArray, y: FloatArray, weights: FloatArray) -> tuple
     return robust, branches
 
 
-def _moments(found: Patch, floor: float, tilt_limit_deg: float, side: FloatArray) -> tuple[float, FloatArray]:
+def _moments(
+    found: Patches, branch: int, floor: float, tilt_limit_deg: float, side: FloatArray
+) -> tuple[float, FloatArray]:
     """Mass and mean normal of the part of a patch within the tilt limit and on its own side of the fold."""
-    tilts = tilt_azimuth(found.normals)[0]
-    allowed = (tilts <= tilt_limit_deg) & (found.normals @ side >= 0.0)
+    normals = found.grid.normals()[branch].reshape(-1, 3)
+    tilts = tilt_azimuth(normals)[0]
+    allowed = (tilts <= tilt_limit_deg) & (normals @ side >= 0.0)
     prior = 1.0 / np.sin(np.radians(np.maximum(tilts, _LEAST_TILT_DEG)))
-    mass = np.where(allowed, prior * np.exp(-0.5 * (found.misfit - floor)), 0.0)
-    mean = mass @ found.normals
+    mass = np.where(allowed, prior * np.exp(-0.5 * (found.misfit[branch].ravel() - floor)), 0.0)
+    mean = mass @ normals
     length = float(np.linalg.norm(mean))
-    total = float(mass.sum()) * found.solid_angle
+    total = float(mass.sum() * found.solid_angle[branch])
     return total, mean / length if length > 0.0 else np.full(3, np.nan)

@@ -1,4 +1,4 @@
-"""From rows to the slope of one target by one of three methods, with its state and its likelihood regions.
+"""From rows to the slopes of targets by one of three methods, with their states and likelihood regions.
 
 Unit-norm least squares is the default, contour scoring is the paper's method, the posterior is the robust
 one. They differ in the best normal; the likelihood regions are computed alike for all, once for noise alone
@@ -7,12 +7,16 @@ and once with the stated systematic uncertainties of scale, offset and stored he
 The noise level comes from second differences, which a slope, a drift or the hour of day cannot mimic. A small
 chi-square does not mean a small error: a smooth model error fits a smooth wrong slope, and only the stated
 systematic uncertainties cover that.
+
+Targets are solved side by side: with a hundred of them one call on arrays costs hardly more than with one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,11 +28,10 @@ from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     NINETY_PERCENT_ONE,
     LikelihoodRegion,
-    MisfitOf,
     ProfileMisfit,
     posterior,
-    region,
-    region_known_azimuth,
+    regions,
+    regions_known_azimuth,
     with_systematics,
 )
 from fieldkit.estimation.normal import LOWEST_COS_INCIDENCE, Misfit, choose, solve, solve_known_azimuth
@@ -63,108 +66,150 @@ class Solution:
     explained: bool = True
 
 
-def solution(
-    rows: Rows, index: int, weights: FloatArray, bed: Region, settings: EstimatorSettings
-) -> Solution:
-    """Slope of one target from its rows.
+def solutions(
+    rows: Rows,
+    indices: Sequence[int],
+    weights: FloatArray,
+    beds: Sequence[Region],
+    settings: EstimatorSettings,
+) -> list[Solution]:
+    """Slopes of targets from their rows.
 
     Parameters
     ----------
     rows
         Least-squares rows of all targets.
-    index
-        The target's column in `rows`.
+    indices
+        The targets' columns in `rows`, m of them.
     weights
-        Inverse variances, shape (n,); zero excludes a row. At least three rows (two with a known azimuth).
-    bed
-        The target, for its azimuth where `settings.azimuth` is ``known``.
+        Inverse variances, shape (m, n); zero excludes a row. At least three rows of each target (two with a
+        known azimuth).
+    beds
+        The targets, for their azimuths where `settings.azimuth` is ``known``.
     settings
         Method, tilt limit, noise and systematic uncertainties.
     """
-    known = settings.azimuth == "known" and np.isfinite(bed.azimuth_deg)
-    problem = _Problem(rows, index, weights, bed.azimuth_deg if known else None, settings)
+    azimuths = np.array([bed.azimuth_deg for bed in beds], np.float64)
+    is_known = np.isfinite(azimuths) & (settings.azimuth == "known")
+    found: dict[int, Solution] = {}
+    for places in (np.flatnonzero(is_known), np.flatnonzero(~is_known)):
+        if places.size:
+            along = azimuths[places] if is_known[places[0]] else None
+            columns = np.asarray(indices)[places]
+            problem = _Problem(rows, columns, weights[places], along, settings)
+            found |= dict(zip(places.tolist(), _solved(problem), strict=True))
+    return [found[place] for place in range(len(beds))]
+
+
+def _solved(problem: _Problem) -> list[Solution]:
     fit = _least_squares(problem)
-    lit = problem.used & (np.nan_to_num(rows.design) @ fit.best >= LOWEST_COS_INCIDENCE)
-    if 3 <= lit.sum() < problem.used.sum():
-        problem = replace(problem, weights=np.where(lit, weights, 0.0))
+    lit = problem.used & (fit.best @ problem.design.T >= LOWEST_COS_INCIDENCE)
+    counts = lit.sum(axis=1)
+    is_partly_dark = (counts >= 3) & (counts < problem.used.sum(axis=1))
+    if is_partly_dark.any():
+        dark = is_partly_dark[:, np.newaxis] & ~lit
+        problem = replace(problem, weights=np.where(dark, 0.0, problem.weights))
         fit = _least_squares(problem)
-    ratio = noise_ratio(problem.standardised(fit.best))
-    if ratio > 1.0:
-        problem = replace(problem, weights=problem.weights / ratio)
+    ratio = _noise_ratios(problem, fit)
+    if (ratio > 1.0).any():
+        problem = replace(problem, weights=problem.weights / ratio[:, np.newaxis])
         fit = _least_squares(problem)
-    best, score, problem = _best_normal(problem, fit)
-    if problem.settings.method == "posterior":
-        fit = _least_squares(problem)
-    if best is None:
-        nowhere = _nowhere(problem, fit, f"no slope lies on enough contours: {score}")
-        return replace(nowhere, explained=False)
-    return _judged(problem, fit, best)
+    if problem.settings.method == "unit-norm" or problem.azimuth_deg is not None:
+        return _judged(problem, fit, fit.best)
+    return [_by_other_method(problem.only(place)) for place in range(len(problem.indices))]
 
 
-@dataclass(frozen=True, slots=True)
+def _noise_ratios(problem: _Problem, fit: _Fit) -> FloatArray:
+    """`noise_ratio` of each target's residuals."""
+    residuals = (problem.y - fit.best @ problem.design.T) * np.sqrt(problem.weights)
+    return np.array([noise_ratio(one[used]) for one, used in zip(residuals, problem.used, strict=True)])
+
+
+def _by_other_method(problem: _Problem) -> Solution:
+    """One target by contours or posterior."""
+    if problem.settings.method == "contours":
+        best, score = _scored(problem)
+        fit = _least_squares(problem)
+        if best is None:
+            nowhere = _nowhere(problem, fit, 0, f"no slope lies on enough contours: {score}")
+            return replace(nowhere, explained=False)
+        return _judged(problem, fit, best[np.newaxis])[0]
+    used = problem.used[0]
+    found = posterior(
+        problem.design[used], problem.y[0, used], problem.weights[0, used], problem.settings.tilt_limit_deg
+    )
+    weights = np.zeros_like(problem.weights)
+    weights[0, used] = found.weights
+    problem = replace(problem, weights=weights)
+    return _judged(problem, _least_squares(problem), found.mean[np.newaxis])[0]
+
+
+@dataclass(frozen=True)
 class _Problem:
-    """Rows of one target, their weights (n,), the azimuth where it is known, and the settings."""
+    """Rows of m targets, their weights (m, n), the azimuths (m,) where they are known, and the settings."""
 
     rows: Rows
-    index: int
+    indices: NDArray[np.int64]
     weights: FloatArray
-    azimuth_deg: float | None
+    azimuth_deg: FloatArray | None
     settings: EstimatorSettings
 
-    @property
+    def only(self, place: int) -> _Problem:
+        """One of the targets."""
+        one = slice(place, place + 1)
+        azimuth = None if self.azimuth_deg is None else self.azimuth_deg[one]
+        return replace(self, indices=self.indices[one], weights=self.weights[one], azimuth_deg=azimuth)
+
+    @cached_property
     def used(self) -> NDArray[np.bool_]:
-        """Rows that are used."""
+        """Rows of each target that are used (m, n)."""
         return self.weights > 0.0
 
-    @property
+    @cached_property
     def design(self) -> FloatArray:
-        """Design vectors of the rows that are used."""
-        return np.asarray(self.rows.design[self.used])
+        """Design vectors (n, 3); zeros where no target has a row."""
+        return np.nan_to_num(self.rows.design)
 
-    @property
+    @cached_property
     def y(self) -> FloatArray:
-        """Measured cosines of the rows that are used."""
-        return np.asarray(self.rows.y[self.used, self.index])
+        """Measured cosines (m, n), zeros where a row is not used."""
+        return np.where(self.used, self.rows.y.T[self.indices], 0.0)
 
-    @property
+    @cached_property
     def misfit(self) -> Misfit:
         """Noise alone."""
-        return Misfit.of_rows(self.design, self.y, self.weights[self.used])
+        return Misfit.of_rows(self.design, self.y, self.weights)
 
-    @property
+    @cached_property
     def profile_misfit(self) -> ProfileMisfit:
         """Noise and the stated systematic uncertainties."""
-        settings, used = self.settings, self.used
-        systematics = self.rows.systematics[:, used, self.index]
-        summed = with_systematics(self.design, self.y, self.weights[used], systematics)
+        settings = self.settings
+        systematics = np.where(self.used, np.swapaxes(self.rows.systematics, 1, 2)[:, self.indices], 0.0)
+        summed = with_systematics(self.design, self.y, self.weights, systematics)
         neglected = PAPER_SCALE_SD if settings.model == "paper" else 0.0
         scale_sd = math.hypot(settings.scale_sd, settings.factor_sd, neglected)
         return ProfileMisfit(summed, self.rows.reference, scale_sd)
 
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom: rows less fitted angles."""
-        return int(self.used.sum()) - (2 if self.azimuth_deg is None else 1)
+    @cached_property
+    def freedom(self) -> NDArray[np.int64]:
+        """Degrees of freedom (m,): rows less fitted angles."""
+        return np.asarray(self.used.sum(axis=1) - (2 if self.azimuth_deg is None else 1))
 
     @property
     def drop(self) -> float:
         """Misfit above the least that bounds the 90 % region."""
         return NINETY_PERCENT if self.azimuth_deg is None else NINETY_PERCENT_ONE
 
-    def standardised(self, best: FloatArray) -> FloatArray:
-        """Residuals of a normal, in standard deviations."""
-        return np.asarray((self.y - self.design @ best) * np.sqrt(self.weights[self.used]))
-
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Least squares: the preferred normal, the other branch within the limit or None, their misfits."""
+    """Least squares: preferred normals (m, 3), other branches within the limit or NaN, their misfits (m,)."""
 
     best: FloatArray
-    other: FloatArray | None
-    misfit: float
-    other_misfit: float
-    steeper_misfit: float  # of the better branch if both exceed the limit; else that of best
+    other: FloatArray
+    misfit: FloatArray
+    other_misfit: FloatArray
+    steeper_misfit: FloatArray  # of the better branch if both exceed the limit; else that of best
 
 
 def _least_squares(problem: _Problem) -> _Fit:
@@ -173,105 +218,111 @@ def _least_squares(problem: _Problem) -> _Fit:
         return _along_azimuth(misfit, problem.azimuth_deg, limit)
     branches = solve(misfit)
     choice = choose(misfit, branches, limit)
-    other = None if np.isnan(choice.other).any() else choice.other
-    least = min(float(branches.first_misfit), float(choice.misfit))
-    steeper = float(choice.misfit) if other is not None else least
-    return _Fit(choice.best, other, float(choice.misfit), float(choice.other_misfit), steeper)
+    is_single = np.isnan(choice.other).any(axis=1)
+    least = np.minimum(branches.first_misfit, choice.misfit)
+    steeper = np.where(is_single, least, choice.misfit)
+    return _Fit(choice.best, choice.other, choice.misfit, choice.other_misfit, steeper)
 
 
-def _along_azimuth(misfit: Misfit, azimuth_deg: float, limit: float) -> _Fit:
-    """Along a known azimuth; if two tilts fit, the flatter one is preferred."""
+def _along_azimuth(misfit: Misfit, azimuth_deg: FloatArray, limit: float) -> _Fit:
+    """Along known azimuths; if two tilts fit, the flatter one is preferred."""
     tilt, other = solve_known_azimuth(misfit, azimuth_deg, limit)
-    best, second = normal([tilt, other], azimuth_deg)
-    values = misfit(np.stack([best, second]))
-    if np.isnan(other):
-        return _Fit(best, None, float(values[0]), float("nan"), float(values[0]))
-    if other < tilt and values[1] - values[0] < NINETY_PERCENT_ONE:
-        best, second, values = second, best, values[::-1]
-    return _Fit(best, second, float(values[0]), float(values[1]), float(values[0]))
-
-
-def _best_normal(problem: _Problem, fit: _Fit) -> tuple[FloatArray | None, str, _Problem]:
-    """The method's best normal (None with the contour score in words), and the weights it used."""
-    settings = problem.settings
-    if settings.method == "unit-norm" or problem.azimuth_deg is not None:
-        return fit.best, "", problem
-    if settings.method == "contours":
-        return *_scored(problem), problem
-    used = problem.used
-    found = posterior(problem.design, problem.y, problem.weights[used], settings.tilt_limit_deg)
-    weights = np.zeros_like(problem.weights)
-    weights[used] = found.weights
-    return found.mean, "", replace(problem, weights=weights)
+    best, second = normal(tilt, azimuth_deg), normal(other, azimuth_deg)
+    value, second_value = misfit(best), misfit(second)
+    swap = (other < tilt) & (second_value - value < NINETY_PERCENT_ONE)
+    swapped = swap[:, np.newaxis]
+    best, second = np.where(swapped, second, best), np.where(swapped, best, second)
+    value, second_value = np.where(swap, second_value, value), np.where(swap, value, second_value)
+    return _Fit(best, second, value, second_value, value)
 
 
 def _scored(problem: _Problem) -> tuple[FloatArray | None, str]:
-    """Contour scoring of the cosine of incidence, with a tolerance of its own for every minute bin."""
-    settings, used, reference = problem.settings, problem.used, problem.rows.reference
-    table = RadiationTable(slope_grid(settings.tilt_limit_deg), problem.design, reference)
-    tolerance = 2.0 * problem.rows.sigma[used, problem.index]
+    """Contour scoring of the cosine of incidence, with a tolerance of its own for every minute bin.
+
+    None with the score in words where no normal lies on enough contours.
+    """
+    settings, used, reference = problem.settings, problem.used[0], problem.rows.reference
+    design = problem.design[used]
+    table = RadiationTable(slope_grid(settings.tilt_limit_deg), design, reference)
+    tolerance = 2.0 * problem.rows.sigma[used, problem.indices[0]]
     if settings.contour_tolerance_w_m2 is not None:
         tolerance = settings.contour_tolerance_w_m2 * problem.rows.per_w_m2[used]
-    difference = problem.y - problem.design @ reference
+    difference = problem.y[0, used] - design @ reference
     winners = table.winner(difference, tolerance, settings.contour_threshold)
     if np.isnan(winners.normals).any():
         return None, f"at most {winners.best[0]} of {used.sum()} minutes agree"
     return winners.normals[0], ""
 
 
-def _nowhere(problem: _Problem, fit: _Fit, reason: str) -> Solution:
-    chi_square = fit.misfit / problem.freedom
-    used = int(problem.used.sum())
+def _nowhere(problem: _Problem, fit: _Fit, place: int, reason: str) -> Solution:
+    chi_square = float(fit.misfit[place]) / int(problem.freedom[place])
+    used = int(problem.used[place].sum())
     return Solution(SlopeState.NO_INTERSECTION, reason, None, None, NOWHERE, NOWHERE, chi_square, used)
 
 
-def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> Solution:
-    """State and regions of a method's best normal."""
-    if fit.misfit - fit.steeper_misfit > problem.drop:
-        limit = problem.settings.tilt_limit_deg
-        return _nowhere(problem, fit, f"what fits best is steeper than the limit of {limit:g}°")
-    misfit, profiled = problem.misfit, problem.profile_misfit
-    alarm = chi_square_limit(problem.freedom)
-    chi_square = max(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
-    is_bad = float(profiled(fit.best)) / problem.freedom > alarm
+def _judged(problem: _Problem, fit: _Fit, best: FloatArray) -> list[Solution]:
+    """States and regions of a method's best normals (m, 3)."""
+    alarm = np.array([chi_square_limit(freedom) for freedom in problem.freedom.tolist()])
+    chi_square = np.maximum(fit.misfit, 0.0) / problem.freedom  # rounding may make it negative
+    at_fit = problem.profile_misfit(fit.best)
+    is_bad = at_fit / problem.freedom > alarm
     # a misfit beyond noise inflates the variance, so that the regions are as wide as the residuals
-    inflation = chi_square if chi_square > alarm else 1.0
-    if inflation > 1.0:
-        widened = replace(problem, weights=problem.weights / inflation)
-        misfit, profiled = widened.misfit, widened.profile_misfit
-    noise = _region(problem, misfit, misfit.H, best)
-    whole = _region(problem, profiled, profiled.linearised(best), best)
-    second = fit.other if fit.other_misfit - fit.misfit < problem.drop * inflation else None
-    state, reason = SlopeState.OK, ""
-    if is_bad:
-        state, reason = SlopeState.NO_INTERSECTION, _misfit_reason(problem, chi_square)
-    elif second is not None:
+    inflation = np.where(chi_square > alarm, chi_square, 1.0)
+    widened = replace(problem, weights=problem.weights / inflation[:, np.newaxis])
+    profiled = widened.profile_misfit
+    noise_alone = ProfileMisfit(widened.misfit, profiled.reference, 0.0)
+    noise, whole = _regions(problem, noise_alone, best), _regions(problem, profiled, best)
+    is_second = fit.other_misfit - fit.misfit < problem.drop * inflation
+    is_too_steep = fit.misfit - fit.steeper_misfit > problem.drop
+    limit = problem.settings.tilt_limit_deg
+    found = []
+    for place, normal_ in enumerate(best):
+        if is_too_steep[place]:
+            found.append(
+                _nowhere(problem, fit, place, f"what fits best is steeper than the limit of {limit:g}°")
+            )
+            continue
+        second = fit.other[place] if is_second[place] else None
+        state, reason = SlopeState.NO_INTERSECTION, ""
+        if is_bad[place]:
+            reason = _misfit_reason(problem, place, float(chi_square[place]))
+        else:
+            state, reason = _state(normal_, second, whole[place])
+        used = int(problem.used[place].sum())
+        explained = not is_bad[place]
+        regions_ = (whole[place], noise[place])
+        found.append(
+            Solution(state, reason, normal_, second, *regions_, float(chi_square[place]), used, explained)
+        )
+    return found
+
+
+def _state(best: FloatArray, second: FloatArray | None, whole: LikelihoodRegion) -> tuple[SlopeState, str]:
+    """State of a slope that explains the minutes, with the reason."""
+    if second is not None:
         tilt, azimuth = tilt_azimuth(second)
-        state, reason = SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
-    elif is_too_wide(tilt_azimuth(best)[0], whole.tilt_low_deg, whole.tilt_high_deg):
+        return SlopeState.NOT_RESOLVED, f"tilt {tilt:.1f}°, azimuth {azimuth:.0f}° fits as well"
+    if is_too_wide(float(tilt_azimuth(best)[0]), whole.tilt_low_deg, whole.tilt_high_deg):
         low, high = whole.tilt_low_deg, whole.tilt_high_deg
-        state, reason = SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
-    elif whole.vertical:
-        state, reason = SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
-    used = int(problem.used.sum())
-    return Solution(state, reason, best, second, whole, noise, chi_square, used, explained=not is_bad)
+        return SlopeState.UNCERTAIN, f"anything from {low:.1f}° to {high:.1f}° fits (90 %)"
+    if whole.vertical:
+        return SlopeState.FLAT, f"flat within {whole.tilt_high_deg:.1f}°"
+    return SlopeState.OK, ""
 
 
-def _misfit_reason(problem: _Problem, chi_square: float) -> str:
+def _misfit_reason(problem: _Problem, place: int, chi_square: float) -> str:
     """The likely cause of a misfit, in words."""
-    brightest = float(problem.y.max())
+    brightest = float(problem.y[place, problem.used[place]].max())
     if brightest > 1.0:
         return f"warmer than any slope explains (cosine {brightest:.2f}): scale, offset or emissivity is off"
     return f"the minutes agree on no slope (chi-square {chi_square:.1f}): cloud, shade, wind or a drift"
 
 
-def _region(
-    problem: _Problem, misfit: MisfitOf, information: FloatArray, best: FloatArray
-) -> LikelihoodRegion:
+def _regions(problem: _Problem, misfit: ProfileMisfit, best: FloatArray) -> list[LikelihoodRegion]:
     limit = problem.settings.tilt_limit_deg
     if problem.azimuth_deg is not None:
-        return region_known_azimuth(misfit, problem.azimuth_deg, best, problem.drop, limit)
-    return region(misfit, information, best, problem.drop, limit)
+        return regions_known_azimuth(misfit, problem.azimuth_deg, best, problem.drop, limit)
+    return regions(misfit, misfit.linearised(best), best, problem.drop, limit)
 
 
 def noise_ratio(residuals: ArrayLike) -> float:
@@ -299,6 +350,7 @@ def noise_ratio(residuals: ArrayLike) -> float:
     return ratio if ratio > float(chdtri(freedom, 0.05)) / freedom else 1.0
 
 
+@cache
 def chi_square_limit(freedom: int) -> float:
     """Reduced chi-square that noise alone exceeds in one window of a hundred; `freedom` >= 1."""
     return float(chdtri(freedom, ALARM_PROBABILITY)) / freedom

@@ -64,12 +64,13 @@ class Misfit:
         if common is not None:
             H = (u * common[:, np.newaxis]).T @ u
         else:
-            H = np.einsum("mk,ki,kj->mij", used, u, u, optimize=True)
+            # slope by slope the same sums as of one slope alone: short windows show the last digits
+            H = np.swapaxes(used[..., np.newaxis] * u, -1, -2) @ u
         y = np.where(unknown, 0.0, y)
         weighted = used * y
         return cls(
             H,
-            weighted @ u,
+            (weighted[..., np.newaxis, :] @ u)[..., 0, :],
             np.sum(weighted * y, axis=-1),
             np.asarray(np.sum(used > 0.0, axis=-1)),
         )
@@ -281,49 +282,59 @@ def _on_limit(
     return best, least
 
 
-def solve_known_azimuth(misfit: Misfit, azimuth_deg: float, tilt_limit_deg: float) -> tuple[float, float]:
-    """Tilts of least misfit along one azimuth: the best, and the other local minimum or NaN; degrees.
+def solve_known_azimuth(
+    misfit: Misfit, azimuth_deg: ArrayLike, tilt_limit_deg: float
+) -> tuple[FloatArray, FloatArray]:
+    """Tilts of least misfit, each along one azimuth: the best, and the other local minimum or NaN; degrees.
 
     Parameters
     ----------
     misfit
-        Misfit of one slope.
+        Misfit of m slopes.
     azimuth_deg
-        Azimuth of the normal, from north, clockwise. [degrees]
+        Azimuths of the normals (m,), from north, clockwise. [degrees]
     tilt_limit_deg
         Largest tilt; an end of the range counts as a minimum where the misfit falls towards it. [degrees]
     """
     azimuth = np.radians(azimuth_deg)
-    facing = np.array([[np.sin(azimuth), np.cos(azimuth), 0.0], [0.0, 0.0, 1.0]])
-    H, b = facing @ misfit.H @ facing.T, facing @ misfit.b
+    level = np.zeros_like(azimuth)
+    facing = np.stack([np.sin(azimuth), np.cos(azimuth), level, level, level, level + 1.0], axis=-1)
+    facing = facing.reshape(-1, 2, 3)
+    H, b = facing @ misfit.H @ np.swapaxes(facing, 1, 2), _times(facing, misfit.b)
     limit = float(np.radians(tilt_limit_deg))
     tilts = np.linspace(0.0, limit, 721)
-    values = np.concatenate([[np.inf], _along(H, b, tilts), [np.inf]])
-    lows = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] < values[2:]))
-    found = [_polish_tilt(H, b, float(tilts[low]), limit) for low in lows]
-    found.sort(key=lambda tilt: float(_along(H, b, np.asarray(tilt))))
-    return float(np.degrees(found[0])), float(np.degrees(found[1])) if len(found) > 1 else float("nan")
+    # coefficients first from here on: those of one slope are a column
+    H, b = H.transpose(1, 2, 0)[..., np.newaxis], b.T[..., np.newaxis]
+    values = np.pad(_along(H, b, tilts), ((0, 0), (1, 1)), constant_values=np.inf)
+    slope, low = np.nonzero((values[:, 1:-1] <= values[:, :-2]) & (values[:, 1:-1] < values[:, 2:]))
+    H, b = H[:, :, slope, 0], b[:, slope, 0]
+    found = _polish_tilts(H, b, tilts[low], limit)
+    order = np.lexsort((_along(H, b, found), slope))
+    first = np.searchsorted(slope, np.arange(azimuth.size))
+    minima = np.append(np.degrees(found[order]), np.nan)
+    has_other = np.bincount(slope, minlength=azimuth.size) > 1
+    return minima[first], minima[np.where(has_other, first + 1, -1)]
 
 
 def _along(H: FloatArray, b: FloatArray, tilt: FloatArray) -> FloatArray:
-    """Misfit less its constant along one azimuth; H (2, 2) and b (2,) in its direction and the vertical."""
+    """Misfit less its constant along azimuths; H (2, 2, ...), b (2, ...) in their direction and upwards."""
     sine, cosine = np.sin(tilt), np.cos(tilt)
     quadratic = H[0, 0] * sine**2 + 2.0 * H[0, 1] * sine * cosine + H[1, 1] * cosine**2
     return np.asarray(quadratic - 2.0 * (b[0] * sine + b[1] * cosine))
 
 
-def _polish_tilt(H: FloatArray, b: FloatArray, tilt: float, limit: float) -> float:
+def _polish_tilts(H: FloatArray, b: FloatArray, tilts: FloatArray, limit: float) -> FloatArray:
     for _ in range(8):
-        sine, cosine = np.sin(tilt), np.cos(tilt)
-        double, twice = np.sin(2.0 * tilt), np.cos(2.0 * tilt)
+        sine, cosine = np.sin(tilts), np.cos(tilts)
+        double, twice = np.sin(2.0 * tilts), np.cos(2.0 * tilts)
         slope = (H[0, 0] - H[1, 1]) * double + 2.0 * H[0, 1] * twice - 2.0 * (b[0] * cosine - b[1] * sine)
         bend = (
             2.0 * (H[0, 0] - H[1, 1]) * twice - 4.0 * H[0, 1] * double + 2.0 * (b[0] * sine + b[1] * cosine)
         )
-        if bend <= 0.0:
-            break
-        tilt = float(np.clip(tilt - slope / bend, 0.0, limit))
-    return tilt
+        is_bowl = bend > 0.0
+        step = np.where(is_bowl, slope / np.where(is_bowl, bend, 1.0), 0.0)
+        tilts = np.clip(tilts - step, 0.0, limit)
+    return np.asarray(tilts)
 
 
 def mirror(normals: ArrayLike, H: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from fieldkit.estimation.balance import Rows, least_squares_rows
 from fieldkit.estimation.bins import History, RegionColumns
-from fieldkit.estimation.methods import Solution, kelvin_per_degree, solution, sunlit
+from fieldkit.estimation.methods import Solution, kelvin_per_degree, solutions, sunlit
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve, tangents
 from fieldkit.estimation.region_temperatures import remove_offsets, shifted_temperatures
 from fieldkit.estimation.settings import EstimatorSettings
@@ -69,7 +69,7 @@ def slopes(
     if settings.model == "paper" and last and clouded[-1]:
         return _held_clouded(history, columns, ~clouded, settings)
     window = Window(history, last, columns, settings)
-    estimates = window.flag_drift([window.estimate(index) for index in range(columns.targets.size)])
+    estimates = window.flag_drift(window.estimates(range(columns.targets.size)))
     return tuple(
         _held_shaded(history, columns, index, settings) if one.flags & Quality.SHADED else one
         for index, one in enumerate(estimates)
@@ -84,8 +84,7 @@ def _held_clouded(
     now, flags = int(history.time_ns[-1]), Quality(int(history.flags[-1]))
     ago = (now - history.time_ns[last - 1]) / 60e9 if last else 0.0
     held = []
-    for index in range(columns.targets.size):
-        estimate = window.estimate(index)
+    for estimate in window.estimates(range(columns.targets.size)):
         estimate = replace(estimate, time_ns=now, flags=estimate.flags | flags)
         if estimate.state in SOLVED:
             reason = f"the light is unsteady; estimate of {ago:.0f} min ago"
@@ -99,9 +98,9 @@ def _held_shaded(
 ) -> SlopeEstimate:
     """The last estimate before this region alone, or the reference, was shaded."""
     column = columns.targets[index]
-    lit = ~shaded_rows(history, columns, column)
+    lit = ~shaded_rows(history, columns, columns.targets[[index]])[:, 0]
     last = int(np.flatnonzero(lit)[-1]) + 1 if lit.any() else 0
-    held = Window(history, last, columns, settings).estimate(index)
+    (held,) = Window(history, last, columns, settings).estimates([index])
     return replace(
         held,
         time_ns=int(history.time_ns[-1]),
@@ -111,10 +110,10 @@ def _held_shaded(
     )
 
 
-def shaded_rows(history: History, columns: RegionColumns, column: np.int64) -> NDArray[np.bool_]:
-    """Minutes (n,) in which a target or a reference is shaded alone: they cannot be compared."""
-    flags = history.region_flags[:, [int(column), *columns.references.tolist()]]
-    return np.asarray(((flags & Quality.SHADED) != 0).any(axis=1))
+def shaded_rows(history: History, columns: RegionColumns, targets: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Minutes (n, m) in which a target or a reference is shaded alone: they cannot be compared."""
+    shaded = (history.region_flags & int(Quality.SHADED)) != 0
+    return np.asarray(shaded[:, targets] | shaded[:, columns.references].any(axis=1, keepdims=True))
 
 
 def _shade_reason(history: History, column: np.int64) -> str:
@@ -143,17 +142,38 @@ class Window:
             shifted = shifted_temperatures(corrected.temperature_k, columns.regions, settings)
             self.rows = least_squares_rows(corrected, self.first, columns, settings, shifted)
 
-    def estimate(self, index: int) -> SlopeEstimate:
-        """Slope of the target `index`."""
+    def estimates(self, indices: Sequence[int]) -> list[SlopeEstimate]:
+        """Slopes of some of the targets."""
+        blanks = {index: self._blank(index) for index in indices}
+        found = {index: blank for index, (blank, _) in blanks.items()}
+        solved = [index for index, (_, is_solvable) in blanks.items() if is_solvable]
+        if not solved or self.rows is None:
+            return list(found.values())
+        beds = [self.columns.regions[self.columns.targets[index]] for index in solved]
+        unexplained = []
+        for index, one in zip(
+            solved, solutions(self.rows, solved, self._weights.T[solved], beds, self.settings), strict=True
+        ):
+            column = self.columns.targets[index]
+            found[index] = _filled(found[index], one, self.rows, index, self._known_azimuth(column))
+            if not one.explained:
+                unexplained.append(index)
+        if unexplained and self.shorter is not None:
+            later = zip(unexplained, self.shorter.estimates(unexplained), strict=True)
+            nothing = (SlopeState.TOO_FEW, SlopeState.NO_DATA)
+            found |= {index: one for index, one in later if one.state not in nothing}
+        return list(found.values())
+
+    def _blank(self, index: int) -> tuple[SlopeEstimate, bool]:
+        """The estimate of a target without a slope, and whether it can be solved."""
         region = self.columns.regions[self.columns.targets[index]]
         blank = SlopeEstimate(0, region.name, SlopeState.NO_DATA, model=_label(self.settings))
         if self.rows is None:
-            return replace(
-                blank, reason="no minutes yet" if self.columns.references.size else "no reference region"
-            )
+            reason = "no minutes yet" if self.columns.references.size else "no reference region"
+            return replace(blank, reason=reason), False
         column = self.columns.targets[index]
         flags = Quality(int(self.past.flags[-1] | self.past.region_flags[-1, column]))
-        if self._shaded(column)[-1]:
+        if self._shaded[-1, index]:
             flags |= Quality.SHADED
         blank = replace(
             blank,
@@ -161,18 +181,12 @@ class Window:
             window_start_ns=int(self.past.time_ns[self.first]),
             flags=flags,
         )
-        used = self._used(self.rows, index)
-        if (unsolvable := self._unsolvable(column, used)) is not None:
+        n_bins = int(self._counts[index])
+        if (unsolvable := self._unsolvable(index, n_bins)) is not None:
             state, reason = unsolvable
             low = Quality.LOW_SUN if state == SlopeState.LOW_SUN else Quality.GOOD
-            return replace(blank, state=state, reason=reason, flags=flags | low, n_bins=int(used.sum()))
-        weights = self._weights(self.rows, index, used)
-        found = solution(self.rows, index, weights, region, self.settings)
-        if not found.explained and self.shorter is not None:
-            later = self.shorter.estimate(index)
-            if later.state not in (SlopeState.TOO_FEW, SlopeState.NO_DATA):
-                return later
-        return _filled(blank, found, self.rows, index, self._known_azimuth(column))
+            return replace(blank, state=state, reason=reason, flags=flags | low, n_bins=n_bins), False
+        return blank, True
 
     @cached_property
     def shorter(self) -> Window | None:
@@ -197,14 +211,22 @@ class Window:
             one.state is not SlopeState.NO_INTERSECTION and one.window_start_ns <= start for one in estimates
         ):
             return estimates
-        weights = [self._weights(self.rows, i, self._used(self.rows, i)) for i in range(len(estimates))]
         limit = self.settings.tilt_limit_deg
-        drifts = drifts_k(self.rows, np.column_stack(weights), minute[self.first :], limit)
+        drifts = drifts_k(self.rows, self._weights, minute[self.first :], limit)
         return [_drifting(one, float(kelvin)) for one, kelvin in zip(estimates, drifts, strict=True)]
 
-    def _used(self, rows: Rows, index: int) -> NDArray[np.bool_]:
-        y, sigma = rows.y[:, index], rows.sigma[:, index]
-        return np.asarray(np.isfinite(y) & self._high_sun() & self._above_horizon(index) & sunlit(y, sigma))
+    @cached_property
+    def _used(self) -> NDArray[np.bool_]:
+        """Rows of each target that can be used (n, targets)."""
+        if self.rows is None:
+            return np.zeros((0, self.columns.targets.size), np.bool_)
+        y, sigma = self.rows.y, self.rows.sigma
+        lit = np.column_stack([self._above_horizon(index) for index in range(y.shape[1])])
+        return np.asarray(np.isfinite(y) & self._high_sun[:, np.newaxis] & lit & sunlit(y, sigma))
+
+    @cached_property
+    def _counts(self) -> NDArray[np.int64]:
+        return np.asarray(self._used.sum(axis=0))
 
     def _above_horizon(self, index: int) -> NDArray[np.bool_]:
         """Minutes (n,) in which no horizon of the target or of a reference hides any of the sun.
@@ -221,42 +243,59 @@ class Window:
         hidden_at = np.maximum.accumulate(np.where(lit, minute[0] - WARMING_MINUTES, minute))
         return np.asarray(minute - hidden_at >= WARMING_MINUTES)[self.first :]
 
+    @cached_property
     def _high_sun(self) -> NDArray[np.bool_]:
         low = np.sin(np.radians(self.settings.low_sun_deg))
         return np.asarray(self.past.sun[self.first :, 2] >= low)
 
-    def _weights(self, rows: Rows, index: int, used: NDArray[np.bool_]) -> FloatArray:
-        weights = np.where(used, 1.0 / np.where(used, rows.sigma[:, index], 1.0) ** 2, 0.0)
-        downweighted = self._shaded(self.columns.targets[index])[self.first :]
+    @cached_property
+    def _weights(self) -> FloatArray:
+        """Inverse variances (n, targets); zero where a row is not used."""
+        if self.rows is None:
+            return np.zeros(self._used.shape)
+        weights = np.where(self._used, 1.0 / np.where(self._used, self.rows.sigma, 1.0) ** 2, 0.0)
+        downweighted = self._shaded[self.first :]
         if self.settings.model == "paper":
-            downweighted |= (self.past.flags[self.first :] & Quality.CLOUD) != 0
+            clouded = (self.past.flags[self.first :] & Quality.CLOUD) != 0
+            downweighted = downweighted | clouded[:, np.newaxis]
         return np.where(downweighted, DISTURBED_WEIGHT * weights, weights)
 
-    def _unsolvable(self, column: np.int64, used: NDArray[np.bool_]) -> tuple[SlopeState, str] | None:
+    def _unsolvable(self, index: int, n_bins: int) -> tuple[SlopeState, str] | None:
         """State and reason where no slope can be estimated at all, else None."""
-        window = self.past.since(self.first)
-        if not self._high_sun()[-1]:
-            elevation = math.degrees(math.asin(window.sun[-1, 2]))
+        column = self.columns.targets[index]
+        if not self._high_sun[-1]:
+            elevation = math.degrees(math.asin(self.past.sun[-1, 2]))
             return (
                 SlopeState.LOW_SUN,
                 f"the sun is at {elevation:.1f}°, below {self.settings.low_sun_deg:g}°",
             )
-        for what, values in (
-            ("no frames of this region", window.temperature_k[:, column]),
-            ("no frames of the reference", window.temperature_k[:, self.columns.references]),
-            ("no irradiance", window.dni_w_m2),
+        for what, is_known in (
+            ("no frames of this region", self._seen[column]),
+            ("no frames of the reference", self._seen[self.columns.references].any()),
+            ("no irradiance", self._has_light),
         ):
-            if not np.isfinite(values).any():
+            if not is_known:
                 return SlopeState.NO_DATA, f"{what} in the window"
         needed = max(self._fewest(column), self.settings.min_minutes)
-        if used.sum() < needed:
-            return SlopeState.TOO_FEW, f"{used.sum()} of {needed} minutes so far"
-        if self._shaded(column)[-1]:
+        if n_bins < needed:
+            return SlopeState.TOO_FEW, f"{n_bins} of {needed} minutes so far"
+        if self._shaded[-1, index]:
             return SlopeState.SHADED, _shade_reason(self.past, column)
         return None
 
-    def _shaded(self, column: np.int64) -> NDArray[np.bool_]:
-        return shaded_rows(self.past, self.columns, column)
+    @cached_property
+    def _seen(self) -> NDArray[np.bool_]:
+        """Regions that have a temperature in the window."""
+        return np.asarray(np.isfinite(self.past.temperature_k[self.first :]).any(axis=0))
+
+    @cached_property
+    def _has_light(self) -> bool:
+        return bool(np.isfinite(self.past.dni_w_m2[self.first :]).any())
+
+    @cached_property
+    def _shaded(self) -> NDArray[np.bool_]:
+        """Minutes (n, targets) in which a target or a reference is shaded alone."""
+        return shaded_rows(self.past, self.columns, self.columns.targets)
 
     def _fewest(self, column: np.int64) -> int:
         """One minute bin more than unknown angles, so that a misfit can show."""

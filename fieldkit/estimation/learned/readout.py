@@ -109,7 +109,8 @@ def _free_region(
     upright = VERTICAL @ plane - weights @ points @ plane
     is_flat = bool(upright @ np.linalg.inv(covariance) @ upright <= bound)
     # a normal beyond the limit bounds itself
-    return project(np.vstack([outline, best]), best, is_flat, max(limit, float(tilt_azimuth(best)[0])))
+    limit, start = max(limit, float(tilt_azimuth(best)[0])), np.zeros(1, np.int64)
+    return project(np.vstack([outline, best]), start, best[np.newaxis], np.array([is_flat]), limit)[0]
 
 
 def quantiles(values: FloatArray, weights: FloatArray, shares: tuple[float, ...]) -> list[float]:

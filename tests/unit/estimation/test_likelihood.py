@@ -5,11 +5,13 @@ from scipy.stats import chi2
 from fieldkit.estimation.likelihood import (
     NINETY_PERCENT,
     NINETY_PERCENT_ONE,
+    Grid,
+    LikelihoodRegion,
     ProfileMisfit,
-    patch,
+    patches,
     posterior,
-    region,
-    region_known_azimuth,
+    regions,
+    regions_known_azimuth,
     with_systematics,
 )
 from fieldkit.estimation.normal import Misfit, choose, cramer_rao, solve
@@ -25,10 +27,27 @@ def window(start: str, minutes: int) -> np.ndarray:
     return sun_vectors(first + np.arange(minutes) * 60_000_000_000, SITE)
 
 
+def of_one(misfit: Misfit) -> ProfileMisfit:
+    """The misfit of a single slope, noise alone, as that of many."""
+    H, b, c = misfit.H[np.newaxis], misfit.b[np.newaxis], np.array([misfit.c])
+    return ProfileMisfit(Misfit(H, b, c, np.array([misfit.count])), VERTICAL, 0.0)
+
+
+def region(misfit: Misfit, best: np.ndarray, drop: float, limit_deg: float) -> LikelihoodRegion:
+    return regions(of_one(misfit), misfit.H[np.newaxis], best[np.newaxis], drop, limit_deg)[0]
+
+
+def region_known_azimuth(
+    misfit: Misfit, azimuth_deg: float, best: np.ndarray, drop: float, limit_deg: float
+) -> LikelihoodRegion:
+    azimuths = np.array([azimuth_deg])
+    return regions_known_azimuth(of_one(misfit), azimuths, best[np.newaxis], drop, limit_deg)[0]
+
+
 def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
     sun, truth = window("2017-08-30T00:00", 181), normal(10.0, 180.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, NINETY_PERCENT, 45.0)
     covariance = cramer_rao(misfit.H, truth)
     tilt = np.degrees(np.sqrt(NINETY_PERCENT * covariance[0, 0]))
     azimuth = np.degrees(np.sqrt(NINETY_PERCENT * covariance[1, 1])) / np.sin(np.radians(10.0))
@@ -41,7 +60,7 @@ def test_region_of_a_long_window_is_the_cramer_rao_ellipse():
 def test_region_across_north_is_unwrapped(azimuth):
     sun, truth = window("2017-08-30T03:00", 61), normal(15.0, azimuth)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, NINETY_PERCENT, 45.0)
     assert found.azimuth_low_deg < azimuth < found.azimuth_high_deg
     assert found.azimuth_high_deg - found.azimuth_low_deg < 30.0
 
@@ -49,7 +68,7 @@ def test_region_across_north_is_unwrapped(azimuth):
 def test_every_normal_outside_the_projections_is_outside_the_region():
     sun, truth = window("2017-08-30T03:00", 21), normal(9.3, 77.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.006**2)
-    found = region(misfit, misfit.H, truth, NINETY_PERCENT, 45.0)
+    found = region(misfit, truth, NINETY_PERCENT, 45.0)
     tilts, azimuths = np.meshgrid(np.linspace(0, 45, 900), np.linspace(-100, 250, 1400))
     inside = misfit(normal(tilts, azimuths)) <= NINETY_PERCENT
     # the strip is thinner than this raster, so the raster can only find less
@@ -61,10 +80,24 @@ def test_every_normal_outside_the_projections_is_outside_the_region():
 def test_patch_mass_is_the_gaussian_integral():
     sun, truth = window("2017-08-30T00:00", 181), normal(12.0, 135.0)
     misfit = Misfit.of_rows(sun, sun @ truth, 1 / 0.005**2)
-    found = patch(misfit, misfit.H, truth, 18.0, heights=41, rotations=121)
-    mass = np.exp(-0.5 * found.misfit).sum() * found.solid_angle
+    one, at = of_one(misfit), truth[np.newaxis]
+    found = patches(one.on_grid, misfit.H[np.newaxis], at, one(at) + 18.0, 18.0, heights=41, turns=121)
+    mass = np.exp(-0.5 * found.misfit[0]).sum() * found.solid_angle[0]
     expected = 2.0 * np.pi * np.sqrt(np.linalg.det(cramer_rao(misfit.H, truth)))
     assert mass == pytest.approx(expected, rel=0.02)
+
+
+def test_misfits_of_a_grid_are_those_of_its_normals():
+    random = np.random.default_rng(8)
+    sun, truths = window("2017-08-30T03:00", 61), normal([8.0, 21.0], [90.0, 200.0])
+    effects = random.uniform(-0.01, 0.01, (3, 2, 61))
+    summed = with_systematics(sun, truths @ sun.T, random.uniform(1e4, 4e4, (2, 61)), effects)
+    axes = np.linalg.qr(random.standard_normal((2, 3, 3)))[0]
+    grid = Grid(axes, random.uniform(-1.0, 1.0, (2, 5)), random.uniform(-np.pi, np.pi, (2, 7)))
+    for scale_sd in (0.0, 0.1):
+        profiled = ProfileMisfit(summed, normal(3.0, 40.0), scale_sd)
+        expected = [[profiled(grid.normals()[:, k, i]) for i in range(7)] for k in range(5)]
+        np.testing.assert_allclose(profiled.on_grid(grid), np.moveaxis(expected, 2, 0), rtol=1e-9)
 
 
 def test_additive_doubt_equals_fitting_it_with_its_price():

@@ -186,11 +186,10 @@ def test_unknown_slopes_stay_unknown_among_known_ones():
 
 def test_known_azimuth_gives_the_tilt_and_the_other_root():
     sun = window("2017-08-30T03:00", 21)
-    tilt, other = solve_known_azimuth(Misfit.of_rows(sun, sun @ normal(10.0, 180.0)), 180.0, 45.0)
-    assert tilt == pytest.approx(10.0, abs=1e-6)
-    assert 40.0 < other < 45.0
-    tilt, other = solve_known_azimuth(Misfit.of_rows(sun, sun @ VERTICAL), 180.0, 45.0)
-    assert tilt == pytest.approx(0.0, abs=1e-6)
+    y = np.stack([normal(10.0, 180.0), VERTICAL]) @ sun.T
+    tilts, others = solve_known_azimuth(Misfit.of_rows(sun, y), np.array([180.0, 180.0]), 45.0)
+    assert tilts == pytest.approx([10.0, 0.0], abs=1e-6)
+    assert 40.0 < others[0] < 45.0
 
 
 # --- the more probable of two slopes that fit; the prior is uniform in tilt, 1 / sin(tilt) per solid angle
