@@ -32,7 +32,7 @@ def stored():
 
 def words(image: Path) -> list[str]:
     """The words of an SVG image without its numbers, which move with every change of an estimator."""
-    text = re.findall(r">([^<>]*[a-z][^<>]*)</", image.read_text(encoding="utf-8"))
+    text = re.findall(r"<text[^>]*>([^<]*[a-z][^<]*)</text>", image.read_text(encoding="utf-8"))
     return [re.sub(r"[\d.,: ]+", "#", line) for line in text]
 
 
