@@ -247,10 +247,13 @@ class SimulatedClock:
 
     def _one_step(self) -> None:
         """The earliest of: bytes at an instrument, bytes for a driver, a call, a deadline."""
+        self._hold()
+        if self._closed:
+            return
         with self._lock:
             waited_for = [waiter.fd for waiter in self._waiters.values() if waiter.fd is not None]
             ready = _readable((*self._watches, *waited_for))
-        if self._deliver_requests(ready) or self._release_readable(ready) or self._is_held():
+        if ready and (self._deliver_requests(ready) or self._release_readable(ready)):
             return
         with self._lock:
             next_ns = min((waiter.deadline_ns for waiter in self._waiters.values()), default=math.inf)
@@ -261,6 +264,11 @@ class SimulatedClock:
         self._now = max(self._now, round(next_ns))
         if not self._run_call():
             self._release_due()
+
+    def _hold(self) -> None:
+        """Wait while a thread that `hold_until` declares is busy."""
+        while not (all(settled(_CLOSED_AGAIN_S) for settled in self._holds) or self._closed):
+            pass
 
     def _deliver_requests(self, ready: set[int]) -> bool:
         """Let instruments read what has arrived at their end; whether anything had."""
@@ -279,14 +287,6 @@ class SimulatedClock:
             if ended:
                 self._release(min(ended)[1], is_readable=True)
         return bool(ended)
-
-    def _is_held(self) -> bool:
-        """Wait while a thread is busy; whether one was."""
-        unsettled = [settled for settled in self._holds if not settled(0.0)]
-        for settled in unsettled:
-            while not (settled(_CLOSED_AGAIN_S) or self._closed):
-                pass
-        return bool(unsettled)
 
     def _may_move_to(self, next_ns: float) -> bool:
         """Whether real time has reached it; if not, let a little pass."""
