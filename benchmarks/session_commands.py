@@ -1,0 +1,67 @@
+"""``fieldkit check`` and ``fieldkit report`` of a recorded afternoon as whole commands, first and again."""
+
+from __future__ import annotations
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.result import Result, Row
+
+ROUNDS = 3
+WHOLE = "whole command, three beds, learned model: interpreter, reading, slopes; processor time"
+CHECK = Row("check", "`fieldkit check` of 3 h, nothing cached", "<= 2", "s", WHOLE)
+CHECK_AGAIN = Row("check-again", "the same of a session that was estimated before", "<= 2", "s", WHOLE)
+REPORT = Row("report", "`fieldkit report` of 3 h, nothing cached", "<= 4", "s", f"{WHOLE}; figures")
+REPORT_AGAIN = Row(
+    "report-again", "the same of a session that was estimated before", "<= 4", "s", f"{WHOLE}; figures"
+)
+
+
+def _fieldkit(*words: str, cache: Path) -> tuple[float, float]:
+    """Processor and wall time of a command, seconds."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(
+        [sys.executable, "-m", "fieldkit", *words],
+        check=True,
+        capture_output=True,
+        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return cpu, time.perf_counter() - began
+
+
+def _recorded(folder: Path) -> Path:
+    """Three hours on simulated instruments."""
+    _fieldkit("init", "--simulated", str(folder), cache=folder)
+    _fieldkit("record", "-C", str(folder), "--for", "3h", "-q", "--set", "simulation.speed=max", cache=folder)
+    (path,) = (folder / "recordings").glob("*.h5")
+    return path
+
+
+def _rows(first: Row, again: Row, *words: str) -> list[Result]:
+    rounds = []
+    for _ in range(ROUNDS):
+        with tempfile.TemporaryDirectory() as cache:
+            rounds.append([_fieldkit(*words, cache=Path(cache)) for _ in range(2)])
+    found = []
+    for row, times in zip((first, again), zip(*rounds, strict=True), strict=True):
+        cpu, wall = zip(*times, strict=True)
+        clock = f"{statistics.median(wall):.2f} s on the clock"
+        note = f"{min(cpu):.2f} to {max(cpu):.2f} in {ROUNDS} rounds; {clock}"
+        found.append(row.measured(statistics.median(cpu), note))
+    return found
+
+
+def run() -> list[Result]:
+    """All rows; a minute or two."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(_recorded(Path(folder) / "campaign"))
+        report = ("report", path, "-o", str(Path(folder) / "report.html"))
+        return _rows(CHECK, CHECK_AGAIN, "check", path) + _rows(REPORT, REPORT_AGAIN, *report)
