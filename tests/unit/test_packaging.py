@@ -58,7 +58,7 @@ def test_the_conda_recipe_has_this_version_and_these_dependencies():
     needs = [one.partition(">=") for one in project["project"]["dependencies"]]
     named = {f"{CONDA_NAMES.get(name, name)} >={version}" for name, _, version in needs}
     assert recipe["package"]["version"] == fieldkit.__version__
-    assert set(recipe["requirements"]["run"]) == {"python >=3.11", "libusb", *named}
+    assert set(recipe["requirements"]["run"]) == {"python >=3.11", "libusb", "hdf5 >=2.0", *named}
     built_with = {one.replace(">=", " >=") for one in project["build-system"]["requires"]}
     assert set(recipe["requirements"]["host"]) == {"python >=3.11", "pip", *built_with}
 
