@@ -1,8 +1,6 @@
-"""Draw the figure of a map on synthetic terrain: hillshade, true and found tilt, error.
+"""The figure of a map on synthetic terrain, hillshade, true and found tilt, error: a minute.
 
-    python docs/images/make_ground_map.py
-
-Records the session of `benchmarks.ground_map`, which takes a minute; the figure is written beside this file.
+It shows the session that `benchmarks.ground_map` records.
 """
 
 from __future__ import annotations
@@ -11,11 +9,14 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from demo_day import DemoDay
 from matplotlib.colors import LightSource
 from matplotlib.figure import Figure
 
 from benchmarks.ground_map import GroundMap, dem, height_m, mapped, recorded
 
+IMAGES = ("ground-map.png",)
+WIDTH_PX = 800
 SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = 205.0, 25.0
 """Of the middle of the afternoon."""
 
@@ -45,18 +46,11 @@ def figure(found: GroundMap) -> Figure:
     return drawn
 
 
-def draw(folder: Path) -> None:
-    """The figure of a recorded campaign."""
-    found = GroundMap.read(mapped(folder), 0.0)
-    figure(found).savefig(Path(__file__).with_name("ground-map.png"), dpi=80)
-
-
-def main() -> None:
+def main(day: DemoDay) -> None:
     """Record, map, draw."""
     with tempfile.TemporaryDirectory() as parent:
-        recorded(Path(parent, "terrain"), "3h", dem()).close()
-        draw(Path(parent, "terrain"))
-
-
-if __name__ == "__main__":
-    main()
+        folder = Path(parent, "terrain")
+        recorded(folder, "3h", dem()).close()
+        drawn = Path(parent, IMAGES[0])
+        figure(GroundMap.read(mapped(folder), 0.0)).savefig(drawn, dpi=80)
+        day.write_png(drawn, drawn.stem, WIDTH_PX)

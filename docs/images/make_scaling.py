@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from demo_day import HERE, DemoDay
+from demo_day import DemoDay
 from matplotlib.figure import Figure
 
 from benchmarks.scaling import Growth, growths
@@ -14,12 +14,12 @@ from fieldkit.views.plotting import colour, dashes, legend, marker, panels, svg
 IMAGES = ("scaling.svg",)
 
 
-def main(_day: DemoDay) -> None:
+def main(day: DemoDay) -> None:
     """Measure, draw, and print the exponents."""
     found = list(growths())
     for growth in found:
         print(f"{growth.row.id} {growth.exponent:.2f}")
-    (HERE / IMAGES[0]).write_text(svg(diagram(found)), encoding="utf-8")
+    (day.images / IMAGES[0]).write_text(svg(diagram(found)), encoding="utf-8")
 
 
 def diagram(found: Sequence[Growth]) -> Figure:
