@@ -19,6 +19,7 @@ import time
 import tty
 from collections.abc import Callable
 
+from fieldkit.model.errors import DeviceAccessError
 from fieldkit.simulation.simulated_clock import SimulatedClock
 
 log: logging.Logger = logging.getLogger(__name__)
@@ -28,11 +29,11 @@ _ARRIVES_S = 1.0
 
 
 class PseudoTerminal:
-    """Opened at once; closing it is pulling the plug."""
+    """Opened at once; closing it is pulling the plug. Raises `DeviceAccessError`."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self._clock = clock
-        self._master, self._slave = os.openpty()
+        self._master, self._slave = _both_ends()
         tty.setraw(self._slave)  # before the driver opens it, nothing may echo
         os.set_blocking(self._master, False)
         self.path: str = os.ttyname(self._slave)
@@ -90,3 +91,13 @@ class PseudoTerminal:
             return _MOST_UNREAD + 1
         (count,) = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4))
         return int(count)
+
+
+def _both_ends() -> tuple[int, int]:
+    try:
+        return os.openpty()
+    except OSError as error:  # some containers have none
+        raise DeviceAccessError(
+            f"cannot open a pseudo-terminal for a simulated instrument: {error.strerror}",
+            fix="in a container or a chroot, mount /dev/pts: mount -t devpts devpts /dev/pts",
+        ) from error

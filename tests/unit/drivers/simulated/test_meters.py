@@ -1,4 +1,6 @@
 import math
+import os
+import resource
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +12,10 @@ from fieldkit.drivers import registry
 from fieldkit.drivers.meters import center, lutron
 from fieldkit.drivers.simulated import SimulatedField
 from fieldkit.drivers.simulated.meters import center_309_record, garbled, lutron_record
+from fieldkit.drivers.simulated.pseudo_terminal import PseudoTerminal
 from fieldkit.model.air import of_air
 from fieldkit.model.device import DeviceSettings
-from fieldkit.model.errors import DeviceLostError
+from fieldkit.model.errors import DeviceAccessError, DeviceLostError
 from fieldkit.model.units import SECOND_NS
 from fieldkit.simulation import Fault, FaultKind, sand_slopes
 from fieldkit.simulation.simulated_clock import SimulatedClock
@@ -189,3 +192,16 @@ def test_garbled_bytes_are_rejected_and_good_ones_come_back(settings):
     assert counts["before"] >= 55 / every_s
     assert 0 < counts["during"] < 0.6 * 120 / every_s
     assert counts["after"] >= 115 / every_s
+
+
+def test_a_system_without_pseudo_terminals_is_named_with_its_fix():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = os.dup(0)
+    os.close(free)
+    clock = SimulatedClock(0)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, hard))
+    try:
+        with pytest.raises(DeviceAccessError, match=r"(?s)pseudo-terminal.*/dev/pts"):
+            PseudoTerminal(clock)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
