@@ -107,7 +107,7 @@ def test_every_setting_of_the_estimator_can_be_configured(config):
     )
     default = EstimatorSettings()
     alike = [f.name for f in fields(given) if getattr(given, f.name) == getattr(default, f.name)]
-    assert alike == ["horizon", "body"]  # they come with the site
+    assert alike == ["horizon", "body", "camera_path"]  # they come with the site and the camera
 
 
 def test_site_and_regions_speak_the_language_of_the_other_rooms(config):

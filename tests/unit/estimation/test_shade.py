@@ -171,10 +171,8 @@ def test_while_the_reference_is_shaded_every_slope_is_held(yard):
     assert {one.reason for one in held} == {"the reference is shaded"}
     assert held[0].tilt_deg == minutes[9].estimates[0].tilt_deg
     columns = RegionColumns(tuple(yard.beds))
-    assert np.flatnonzero(shaded_rows(History.of(estimator.bins), columns, columns.targets[0])).tolist() == [
-        10,
-        11,
-    ]
+    shaded = shaded_rows(History.of(estimator.bins), columns, columns.targets[:1])
+    assert np.flatnonzero(shaded[:, 0]).tolist() == [10, 11]
 
 
 def test_a_mark_about_an_unknown_region_changes_nothing(yard):

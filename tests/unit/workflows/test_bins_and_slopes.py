@@ -13,6 +13,7 @@ from fieldkit.model.errors import SessionError
 from fieldkit.physics.energy_balance import SurfaceParameters
 from fieldkit.physics.irradiance import IrradianceModel
 from fieldkit.physics.slab import Slab
+from fieldkit.physics.trajectory import CameraPath, Trajectory
 from fieldkit.sessions.reader import open_session
 from fieldkit.workflows.batch import bin_settings
 from fieldkit.workflows.bins_and_slopes import estimate, read_minutes
@@ -57,6 +58,7 @@ OTHER = {
     "diffuse_fraction": 0.4,
     "prior": Prior(gain_sd=0.2),
     "body": "mars",
+    "camera_path": CameraPath(Trajectory((0,), ((0.0, 0.0, 2.0),), ((0.0, 0.0, 0.0, 1.0),)), 50.0, (), 0.0),
 }
 """For every setting another value; those of contours and of the full model bring these along."""
 
