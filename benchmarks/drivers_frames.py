@@ -2,7 +2,7 @@
 
 Both sides go in turn around a ring of frames that differ, more than a core's cache holds. The other side is
 flirpy itself for its telemetry and its files, where it is installed; what its user then does is written as
-a user writes it. Software for the P2 Pro and the HT-301 is no package: its steps are written anew here. The
+a user writes it. No package reads the P2 Pro or the HT-301: their programs' steps are written anew here. The
 other side gives neither flags nor statistics.
 """
 

@@ -212,7 +212,9 @@ class Answers:
             )
         frame = self.hub.latest.frame
         if frame is None:
-            raise RefusedError("there is no picture with a skyline yet", fix="wait for a picture")
+            raise RefusedError(
+                "no frame has been received yet", fix="wait for the first frame, then draw the skyline"
+            )
         shape = self._frame_k()[0]
         assert shape is not None
         horizon = set_skyline(self.config, request.points, (shape[0], shape[1]), frame.time_ns)
