@@ -93,7 +93,7 @@ def horizons_of_regions(config: Config) -> dict[str, Horizon]:
 def set_skyline(
     config: Config, pixels: Sequence[tuple[float, float]], shape: tuple[int, int], time_ns: int
 ) -> Horizon:
-    """Write the skyline of a frame as ``horizon.csv`` and name it as the site's horizon.
+    """Write the skyline of a frame as ``skyline.csv`` and name it as the site's horizon.
 
     Seen by ``camera.pose`` at a time (UTC nanoseconds). Raises `ConfigError`.
     """
@@ -102,7 +102,7 @@ def set_skyline(
             "a skyline needs the pose of the camera", fix='write pose = "pose.toml" under [camera]'
         )
     horizon = horizon_of_pixels(pixels, config.pose.at(time_ns), shape)
-    file = config.path.parent / "horizon.csv"
+    file = config.path.parent / "skyline.csv"  # its own: a surveyed horizon.csv stays
     write_horizon(file, horizon)
     set_in_site(config.path, "horizon", file.name)
     return horizon
